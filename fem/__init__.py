@@ -1,0 +1,1 @@
+"""Mechanics of flesh around a rigid pit: forward model, modulus, closed forms."""

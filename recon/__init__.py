@@ -1,0 +1,1 @@
+"""Photos to a scaled, watertight fruit mesh with its pit."""

@@ -1,0 +1,1 @@
+"""Records to CSV and HTML that people read."""

@@ -1,0 +1,1 @@
+"""Synthetic fruit with known answers, by a solver other than fem."""

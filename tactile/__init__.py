@@ -1,0 +1,1 @@
+"""Gel frames to displacement and force on the fruit."""
