@@ -1,0 +1,135 @@
+"""What the reports are told: frozen records of one batch, its fruits, grasps and curves.
+
+The records hold finished figures and ready words; nothing here or behind them computes a result.
+Units are in the names; ``None`` (or an empty tuple) says that a figure is not known. Every standard
+deviation is one sigma. Times are aware datetimes in UTC.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import date, datetime
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspEstimate:
+    """The modulus one grasp gave, by strain-energy ratio and by least squares, and how well it fits."""
+
+    grasp: str
+    E_energy_MPa: float | None = None
+    E_energy_sd_MPa: float | None = None
+    E_least_squares_MPa: float | None = None
+    E_least_squares_sd_MPa: float | None = None
+    residual_um: float | None = None
+    """Root mean square of measured less fitted surface displacement, micrometres."""
+    peak_force_N: float | None = None
+    travel_mm: float | None = None
+    """How far the jaws (or the indenter) moved from first touch to the end of loading."""
+    frames_used: int | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ForceCurve:
+    """Force of one pad against travel since first touch: as recorded, and as the fitted model has it."""
+
+    grasp: str
+    pad: str
+    travel_mm: Float[np.ndarray, " t"]
+    force_N: Float[np.ndarray, " t"]
+    model_force_N: Float[np.ndarray, " t"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShoreCorrelation:
+    """How the graded moduli agree with Shore OO readings of the same fruits.
+
+    ``p`` is the two-sided p-value of the Spearman rank correlation under "no relation".
+    """
+
+    n: int
+    spearman: float
+    pearson: float
+    p: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitEntry:
+    """All that a report says of one fruit, graded or not.
+
+    A graded fruit has ``ok`` true and ``E_MPa`` set. One that is not has ``outcome``, the short code of
+    what stopped it, ``reason``, the sentence, and whatever was known before it stopped.
+    """
+
+    fruit_id: str
+    ok: bool
+    outcome: str
+    """Short code: ``graded``, ``too-few-views``, ``never-touches``, ..."""
+    reason: str = ""
+    """One sentence: what was found, what was expected."""
+    advice: str = ""
+    """What to do next; where empty, the page says what it knows of the outcome's code."""
+    rank: int | None = None
+    """1 is the softest; None where there is no modulus."""
+    E_MPa: float | None = None
+    E_sd_MPa: float | None = None
+    maturity: str | None = None
+    maturity_probability: float | None = None
+    p_softer_than_next: float | None = None
+    height_mm: float | None = None
+    volume_mm3: float | None = None
+    grasps: int = 0
+    shore_oo: float | None = None
+    mismatch: str | None = None
+    """What the mechanical model is found to leave out, as a name of the effect vocabulary."""
+    warnings: tuple[str, ...] = ()
+    photo_jpeg: bytes | None = None
+    mesh_png: bytes | None = None
+    estimates: tuple[GraspEstimate, ...] = ()
+    curves: tuple[ForceCurve, ...] = ()
+    facts: tuple[tuple[str, str], ...] = ()
+    """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    """Stage name to seconds of wall time, in the order the stages ran."""
+    peak_memory_MiB: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchEntry:
+    """All that a report says of one batch: its fruits in any order, and where the figures come from."""
+
+    name: str
+    category: str
+    fruits: tuple[FruitEntry, ...]
+    started_utc: datetime
+    finished_utc: datetime
+    exit_status: int
+    cultivar: str | None = None
+    lot: str | None = None
+    harvest_date: date | None = None
+    pulp_temperature_C: float | None = None
+    classes: tuple[tuple[str, float | None], ...] = ()
+    """(name, highest modulus of the class in MPa), softest first; the last has no limit."""
+    settings: tuple[tuple[str, str], ...] = ()
+    versions: tuple[tuple[str, str], ...] = ()
+    inputs: tuple[tuple[str, str], ...] = ()
+    """(path inside the batch folder, SHA-256 in hex)."""
+    shore: ShoreCorrelation | None = None
+
+
+def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
+    """The fruits in reading order: by rank, those without a rank last, ties by fruit_id.
+
+    >>> from reports.entries import FruitEntry, ranked
+    >>> hard = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=2)
+    >>> lost = FruitEntry(fruit_id="b", ok=False, outcome="no-photos")
+    >>> soft = FruitEntry(fruit_id="c", ok=True, outcome="graded", rank=1)
+    >>> [fruit.fruit_id for fruit in ranked((hard, lost, soft))]
+    ['c', 'a', 'b']
+    """
+    return tuple(
+        sorted(fruits, key=lambda fruit: (fruit.rank is None, fruit.rank or 0, not fruit.ok, fruit.fruit_id))
+    )
