@@ -1,0 +1,191 @@
+"""When and where the pads touch: frames in the air, onset per marker, contact patch, phases, total force."""
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.noise import FEWEST_AIR_FRAMES, Noise, noise_in_air, noise_in_contact
+from tactile.recording import GelPad, Recording
+
+BEYOND_NOISE = 4.0
+"""A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""
+TOTAL_BEYOND_NOISE = 8.0
+"""A pad touches when its total normal force exceeds this many of its own (coloured noise has a wide tail)."""
+REACH_CELLS = 2.5
+"""Markers this many spacings around the touching ones belong to the patch: the rim's force is below the noise
+of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."""
+
+
+class Phase(StrEnum):
+    """What the machine does in a frame."""
+
+    AIR = "air"
+    LOAD = "load"
+    HOLD = "hold"
+    UNLOAD = "unload"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadContact:
+    """One pad's contact history. Positions and forces are in the fruit frame, forces without their offset.
+
+    `episode[t, n]` counts the times marker n has come into contact, -1 while it touches nothing; `onset[n]`
+    is the first frame of its first episode, -1 if it never touches. `patch`: the markers that carry force.
+    """
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    rest_mm: Float[np.ndarray, "n 3"]
+    position_mm: Float[np.ndarray, "t n 3"]
+    gel_displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    total_normal_N: Float[np.ndarray, " t"]
+    episode: Int[np.ndarray, "t n"]
+    onset: Int[np.ndarray, " n"]
+    patch: Bool[np.ndarray, " n"]
+    spacing_mm: float
+    displacement_noise: Noise
+    force_noise: Noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """The contact of a whole recording."""
+
+    time_s: Float[np.ndarray, " t"]
+    phase: tuple[Phase, ...]
+    pads: tuple[PadContact, ...]
+    air_frames: int
+
+
+def find_contact(recording: Recording, *, source: str) -> Contact:
+    """Contact histories of all pads of `recording`; `source` is how a failure names it (the file's name).
+
+    Noise comes from the frames before any pad touches; where there are too few of them (or a deadband writes
+    exact zeros there), from second differences in contact. Raises TactileFailure: no-markers for a bare
+    indenter, never-touches when a pad's force stays within its noise in every frame.
+    """
+    gels = tuple(_require_gel(pad, source=source) for pad in recording.pads)
+    air_frames = min(_frames_in_air(pad) for pad in gels)
+    pads = tuple(_pad_contact(pad, air_frames=air_frames, source=source) for pad in gels)
+    touched = np.any([(pad.episode >= 0).any(axis=1) for pad in pads], axis=0)
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    return Contact(
+        time_s=recording.time_s,
+        phase=_phases(closing * recording.aperture_mm, recording.time_s, touched),
+        pads=pads,
+        air_frames=air_frames,
+    )
+
+
+def _require_gel(pad: object, *, source: str) -> GelPad:
+    if not isinstance(pad, GelPad):
+        name = getattr(pad, "name", "?")
+        raise TactileFailure(
+            TactileProblem.NO_MARKERS,
+            f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker displacement "
+            "and force; a bare indenter is not supported by grade yet: record with a gel that has markers.",
+        )
+    return pad
+
+
+def _frames_in_air(pad: GelPad) -> int:
+    """How many leading frames carry no contact: their total normal force stays with that of the first few."""
+    total = pad.force_N[:, :, 2].sum(axis=1)
+    seed = min(FEWEST_AIR_FRAMES, len(total))
+    spread = max(
+        noise_in_contact(pad.force_N).sd * np.sqrt(pad.rest_mm.shape[0]),
+        float(total[:seed].std(ddof=1)) if seed > 1 else 0.0,
+    )
+    # The drift of a sensor at rest is slow; contact is a rise above the running mean of what came before.
+    running = np.cumsum(total) / np.arange(1, len(total) + 1)
+    rises = total[1:] - running[:-1] > max(TOTAL_BEYOND_NOISE * spread, 1e-9)
+    return int(np.argmax(rises)) + 1 if rises.any() else len(total)
+
+
+def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
+    # One frame of guard: the first touch begins between two frames.
+    quiet = slice(0, max(air_frames - 1, 0))
+    usable = air_frames - 1 >= FEWEST_AIR_FRAMES
+    moved = noise_in_air(pad.displacement_mm[quiet]) if usable else noise_in_contact(pad.displacement_mm)
+    pushed = noise_in_air(pad.force_N[quiet]) if usable else noise_in_contact(pad.force_N)
+    if usable and pushed.sd == 0.0:  # a deadband: the air says nothing, contact does
+        moved, pushed = noise_in_contact(pad.displacement_mm), noise_in_contact(pad.force_N)
+    displacement = pad.displacement_mm - moved.offset
+    force = pad.force_N - pushed.offset
+    total = force[:, :, 2].sum(axis=1)
+    spacing, neighbours = _neighbourhood(pad.rest_mm)
+    touching = _touching(force[:, :, 2], pushed.sd, neighbours)
+    peak = int(np.argmax(total))
+    noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
+    if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
+        raise TactileFailure(
+            TactileProblem.NEVER_TOUCHES,
+            f"{source}: pads/{pad.name}/force_N: found at most {total[peak]:.3g} N in {len(total)} frames, noise "
+            f"of {noise_of_total:.3g} N, expected a contact; the pad never touches the fruit: record the grasp again "
+            "and close the jaws further.",
+        )
+    touched = np.asarray(touching.any(axis=0))
+    reach = cKDTree(pad.rest_mm[touched]).query(pad.rest_mm)[0]
+    patch = np.asarray(reach) <= REACH_CELLS * spacing
+    rotation, shift = pad.pose[:, :3, :3], pad.pose[:, None, :3, 3]
+    return PadContact(
+        name=pad.name,
+        pose=pad.pose,
+        rest_mm=pad.rest_mm,
+        position_mm=np.einsum("tij,tnj->tni", rotation, pad.rest_mm + displacement) + shift,
+        gel_displacement_mm=np.einsum("tij,tnj->tni", rotation, displacement),
+        force_N=np.einsum("tij,tnj->tni", rotation, force),
+        total_normal_N=total,
+        episode=_episodes(touching),
+        onset=np.where(touched, touching.argmax(axis=0), -1),
+        patch=patch,
+        spacing_mm=spacing,
+        displacement_noise=moved,
+        force_noise=pushed,
+    )
+
+
+def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[int]]]:
+    """Median distance of nearest markers, and the markers within 1.6 of it (9 on a square grid, with itself)."""
+    tree = cKDTree(rest_mm)
+    spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
+    return spacing, [list(found) for found in tree.query_ball_point(rest_mm, r=1.6 * spacing)]
+
+
+def _touching(
+    normal_N: Float[np.ndarray, "t n"], sd: float, neighbours: list[list[int]]
+) -> Bool[np.ndarray, "t n"]:
+    """Beyond the noise, and not alone: the mean of a marker and its neighbours is beyond its noise too."""
+    around = np.stack([normal_N[:, near].mean(axis=1) for near in neighbours], axis=1)
+    count = np.array([len(near) for near in neighbours])
+    floor = max(sd, 1e-9)
+    return np.asarray((normal_N > BEYOND_NOISE * floor) & (around > BEYOND_NOISE * floor / np.sqrt(count)))
+
+
+def _episodes(touching: Bool[np.ndarray, "t n"]) -> Int[np.ndarray, "t n"]:
+    """Runs of frames in contact, numbered per marker; a single missing frame does not end a run."""
+    bridged = touching.copy()
+    bridged[1:-1] |= touching[:-2] & touching[2:]
+    starts = bridged & ~np.vstack([np.zeros((1, touching.shape[1]), dtype=bool), bridged[:-1]])
+    return np.where(bridged, np.cumsum(starts, axis=0) - 1, -1)
+
+
+def _phases(
+    closing_mm: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " t"], touched: Bool[np.ndarray, " t"]
+) -> tuple[Phase, ...]:
+    """From the machine's own travel: closing loads, standing still holds, opening unloads, no contact is air.
+
+    Still means slower than a twentieth of the fastest closing, forwards and backwards in time.
+    """
+    if len(time_s) < 2:
+        return tuple(Phase.HOLD if touch else Phase.AIR for touch in touched)
+    speed = np.diff(closing_mm) / np.diff(time_s)
+    still = 0.05 * np.abs(speed).max()
+    arriving = np.concatenate([speed[:1], speed])
+    kinds = np.select([~touched, arriving > still, arriving < -still], ["air", "load", "unload"], "hold")
+    return tuple(Phase(str(kind)) for kind in kinds)

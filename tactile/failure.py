@@ -1,0 +1,21 @@
+"""Why a tactile recording could not be used, as something a user can act on."""
+
+from enum import StrEnum
+
+
+class TactileProblem(StrEnum):
+    """What can be wrong with a recording; the value is the code that tables and records carry."""
+
+    UNREADABLE_RECORDING = "unreadable-recording"
+    NEVER_TOUCHES = "never-touches"
+    NO_MARKERS = "no-markers"
+    PADS_OFF_FRUIT = "pads-off-fruit"
+
+
+class TactileFailure(Exception):  # noqa: N818 - a failure is an outcome of the fruit, not of the program
+    """The one exception of this room: `problem` for programs, `detail` (also `str`) for people."""
+
+    def __init__(self, problem: TactileProblem, detail: str) -> None:
+        super().__init__(detail)
+        self.problem = problem
+        self.detail = detail

@@ -1,0 +1,62 @@
+"""What a gel sensor reads when it touches nothing: its offsets and its noise, in space and time."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+FEWEST_AIR_FRAMES = 5
+"""Below this the spread of the frames in the air says too little, and frame-to-frame differences are used."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Of one quantity of one pad.
+
+    `offset` per marker (the reference frame's own noise, common to all frames), `sd` of one component of one
+    marker in one frame about it, `lag1` its correlation with the next frame.
+    """
+
+    offset: Float[np.ndarray, "n 3"]
+    sd: float
+    lag1: float
+
+    @property
+    def sd_of_mean_inflation(self) -> float:
+        """How much wider an average over many frames is than for white noise: sqrt((1 + r) / (1 - r))."""
+        return float(np.sqrt((1 + self.lag1) / (1 - self.lag1)))
+
+
+def noise_in_air(values: Float[np.ndarray, "t n 3"]) -> Noise:
+    """Offset, standard deviation and lag-1 correlation of frames that touch nothing.
+
+    The mean over the frames is the offset; the correlation is corrected for that mean (it lowers every lag of
+    T frames by about 1/T). Needs two frames at least.
+    """
+    frames = len(values)
+    offset = values.mean(axis=0)
+    about = values - offset
+    sd = float(np.sqrt((about**2).sum() / (values[0].size * (frames - 1))))
+    if sd == 0.0:
+        return Noise(offset=offset, sd=0.0, lag1=0.0)
+    neighbours = float((about[1:] * about[:-1]).sum() / (about**2).sum()) * frames / (frames - 1)
+    return Noise(offset=offset, sd=sd, lag1=float(np.clip(neighbours + 1 / frames, 0.0, 0.95)))
+
+
+def noise_in_contact(values: Float[np.ndarray, "t n 3"]) -> Noise:
+    """The noise of a recording without usable frames in the air; no offset can be known, so it is zero.
+
+    A signal that is smooth over three frames has no second difference; white noise of spread sd has one of
+    sqrt(6) sd. The median over the quieter half of the frames keeps jumps of the signal out.
+    """
+    zero = np.zeros(values.shape[1:])
+    if len(values) < 3:
+        return Noise(offset=zero, sd=0.0, lag1=0.0)
+    bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2]).reshape(len(values) - 2, -1)
+    live = bends[:, bends.max(axis=0) > 0]
+    if live.size == 0:
+        return Noise(offset=zero, sd=0.0, lag1=0.0)
+    per_frame = np.median(live, axis=1)
+    quiet = np.sort(per_frame)[: max(1, len(per_frame) // 2)]
+    gaussian_median = 0.6745
+    return Noise(offset=zero, sd=float(quiet.mean() / gaussian_median / np.sqrt(6)), lag1=0.0)

@@ -1,0 +1,211 @@
+"""One tactile recording: what the pads of a gripper, or of a press, felt over time.
+
+The file is HDF5, version 1: root attributes `format`, `version`, `fruit_id`, `category`, `loading`, `sensor`
+and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N`; one group per pad below
+`pads`. Units are mm, N, MPa and s. A pose takes pad coordinates to fruit coordinates.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, cast
+
+import h5py
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from tactile.recording_fields import GroupReader, unreadable
+
+FORMAT = "drupe-recording"
+VERSION = 1
+PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
+
+Loading: TypeAlias = Literal["grasp", "press"]
+Support: TypeAlias = Literal["free", "base"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelPad:
+    """A gel with markers, all in the pad frame; z points out of the gel into the fruit.
+
+    `displacement_mm` is from rest (negative z: pressed into the gel), `force_N` is what the gel puts on the
+    fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome.
+    """
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    rest_mm: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    gel_kn_MPa_per_mm: float
+    gel_kt_MPa_per_mm: float
+    thickness_mm: float | None = None
+    gel_E_MPa: float | None = None
+    gel_nu: float | None = None
+    images: UInt8[np.ndarray, "t h w 3"] | None = None
+    images_reference: UInt8[np.ndarray, "h w 3"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndenterPad:
+    """A bare indenter with a load cell: one normal force per frame, no markers."""
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    force_z_N: Float[np.ndarray, " t"]
+    indenter: Literal["ball", "flat", "plate"]
+    radius_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Everything one file holds.
+
+    `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (the pads
+    alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
+    force (N) and torque (N·mm) of the machine's own load cell, fruit frame.
+    """
+
+    fruit_id: str
+    category: str
+    loading: Loading
+    support: Support
+    sensor: str
+    time_s: Float[np.ndarray, " t"]
+    aperture_mm: Float[np.ndarray, " t"]
+    pads: tuple[GelPad | IndenterPad, ...]
+    wrench_N: Float[np.ndarray, "t 6"] | None = None
+
+
+def read_recording(path: Path, *, images: bool = False) -> Recording:
+    """The recording in `path`, checked field by field; the raw frames only when `images` asks for them.
+
+    Raises TactileFailure (unreadable-recording) that names the file, the field, what was found, what was
+    expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
+    wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
+    """
+    with _opened(path) as file:
+        root = GroupReader(path=path, group=file)
+        root.choice("format", {FORMAT})
+        root.version("version", VERSION)
+        loading = root.choice("loading", set(PADS_OF_LOADING))
+        default = "free" if loading == "grasp" else "base"
+        time_s = root.time("time_s")
+        frames = len(time_s)
+        pads_group = root.child("pads")
+        return Recording(
+            fruit_id=root.text("fruit_id"),
+            category=root.text("category"),
+            loading=cast(Loading, loading),
+            support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
+            sensor=root.text("sensor"),
+            time_s=time_s,
+            aperture_mm=root.array("aperture_mm", (frames,)),
+            wrench_N=root.array("wrench_N", (frames, 6)) if "wrench_N" in root else None,
+            pads=tuple(
+                _read_pad(pads_group.child(name), name, frames=frames, images=images)
+                for name in PADS_OF_LOADING[loading]
+            ),
+        )
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write `recording` so that `read_recording` gives it back.
+
+    Marker displacement and force are stored in single precision (6e-8 relative), the rest in double.
+    """
+    with h5py.File(path, "w") as file:
+        file.attrs.update(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "fruit_id": recording.fruit_id,
+                "category": recording.category,
+                "loading": recording.loading,
+                "support": recording.support,
+                "sensor": recording.sensor,
+            }
+        )
+        file["time_s"] = np.asarray(recording.time_s, dtype=np.float64)
+        file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
+        if recording.wrench_N is not None:
+            file["wrench_N"] = np.asarray(recording.wrench_N, dtype=np.float64)
+        for pad in recording.pads:
+            group = file.create_group(f"pads/{pad.name}")
+            group["pose"] = np.asarray(pad.pose, dtype=np.float64)
+            if isinstance(pad, GelPad):
+                _write_gel(group, pad)
+            else:
+                group.attrs.update({"indenter": pad.indenter, "radius_mm": pad.radius_mm})
+                group["force_z_N"] = np.asarray(pad.force_z_N, dtype=np.float64)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
+    if not path.is_file():
+        raise unreadable(
+            path,
+            "the file",
+            "no such file",
+            "an HDF5 recording",
+            "record the grasp again or correct the name",
+        )
+    try:
+        with h5py.File(path, "r") as file:
+            yield file
+    except (OSError, RuntimeError, KeyError) as cause:
+        first_line = str(cause).splitlines()[0] if str(cause) else type(cause).__name__
+        raise unreadable(
+            path,
+            "the file",
+            first_line,
+            "a complete HDF5 file",
+            "copy it again from the recorder: it is cut short or damaged",
+        ) from cause
+
+
+def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
+    pose = pad.poses("pose", frames)
+    if "force_z_N" in pad and "rest_mm" not in pad:
+        return IndenterPad(
+            name=name,
+            pose=pose,
+            force_z_N=pad.array("force_z_N", (frames,)),
+            indenter=cast(
+                Literal["ball", "flat", "plate"], pad.choice("indenter", {"ball", "flat", "plate"})
+            ),
+            radius_mm=pad.positive("radius_mm"),
+        )
+    rest_mm = pad.array("rest_mm", (None, 3))
+    markers = len(rest_mm)
+    return GelPad(
+        name=name,
+        pose=pose,
+        rest_mm=rest_mm,
+        displacement_mm=pad.array("displacement_mm", (frames, markers, 3)),
+        force_N=pad.array("force_N", (frames, markers, 3)),
+        gel_kn_MPa_per_mm=pad.positive("gel_kn_MPa_per_mm"),
+        gel_kt_MPa_per_mm=pad.positive("gel_kt_MPa_per_mm"),
+        thickness_mm=pad.optional_positive("thickness_mm"),
+        gel_E_MPa=pad.optional_positive("E_MPa"),
+        gel_nu=pad.optional_positive("nu"),
+        images=pad.frames("images", frames) if images and "images" in pad else None,
+        images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
+    )
+
+
+def _write_gel(group: Any, pad: GelPad) -> None:
+    group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
+    for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
+        group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
+    optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
+    group.attrs.update(
+        {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}
+    )
+    group.attrs.update({name: value for name, value in optional.items() if value is not None})
+    if pad.images is not None:
+        group.create_dataset("images", data=pad.images, compression="gzip", shuffle=True)
+    if pad.images_reference is not None:
+        group.create_dataset("images_reference", data=pad.images_reference, compression="gzip", shuffle=True)

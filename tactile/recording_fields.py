@@ -1,0 +1,161 @@
+"""Reading single fields of a recording, each with the check that its kind needs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from tactile.failure import TactileFailure, TactileProblem
+
+RIGID_TOLERANCE = 1e-4
+"""Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
+
+
+def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+    """The failure sentence of this format: where, what was found, what was expected, what to do."""
+    detail = f"{path.name}: {field}: found {found}, expected {expected}; {advice}."
+    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupReader:
+    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
+
+    path: Path
+    group: Any
+    prefix: str = ""
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.group
+
+    def child(self, name: str) -> "GroupReader":
+        """The group `name` below this one."""
+        if name not in self.group or not hasattr(self.group[name], "keys"):
+            raise self._refuse(name, "no such group", "a group", "record it, or check the loading attribute")
+        return GroupReader(path=self.path, group=self.group[name], prefix=f"{self.prefix}{name}/")
+
+    def text(self, name: str) -> str:
+        """A text attribute."""
+        value = self._attribute(name)
+        if isinstance(value, bytes):
+            value = value.decode("utf-8", errors="replace")
+        if not isinstance(value, str):
+            raise self._refuse(f"attribute {name}", repr(value), "a text", "write it as a string")
+        return value
+
+    def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
+        """A text attribute that must be one of `allowed`; `default` where it may be left out."""
+        if default is not None and name not in self.group.attrs:
+            return default
+        value = self.text(name)
+        if value not in allowed:
+            expected = " or ".join(sorted(allowed))
+            raise self._refuse(f"attribute {name}", repr(value), expected, "is it a drupe recording?")
+        return value
+
+    def version(self, name: str, known: int) -> None:
+        """The format's version, which must be `known`."""
+        value = self._attribute(name)
+        if not isinstance(value, int | np.integer) or int(value) != known:
+            advice = "convert the file, or use a release of drupe that reads this version"
+            raise self._refuse(f"attribute {name}", repr(value), f"version {known}", advice)
+
+    def positive(self, name: str) -> float:
+        """A numeric attribute above zero."""
+        value = self._attribute(name)
+        number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+        if not (np.isfinite(number) and number > 0):
+            raise self._refuse(
+                f"attribute {name}", repr(value), "a number above zero", "correct the sensor's constants"
+            )
+        return number
+
+    def optional_positive(self, name: str) -> float | None:
+        """A numeric attribute above zero, or None where the file leaves it out."""
+        return self.positive(name) if name in self.group.attrs else None
+
+    def array(self, name: str, shape: tuple[int | None, ...]) -> Float[np.ndarray, "..."]:
+        """A dataset of finite numbers with `shape` (None: any length above zero), in double precision."""
+        data = self._dataset(name)
+        self._require_shape(name, data, shape)
+        if data.dtype.kind not in "fiu":
+            raise self._refuse(
+                name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
+            )
+        values = np.asarray(data[()], dtype=np.float64)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            where = tuple(int(i) for i in np.argwhere(bad)[0])
+            found = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
+            raise self._refuse(name, found, "finite numbers", "repair or drop those frames in the recorder")
+        return values
+
+    def time(self, name: str) -> Float[np.ndarray, " t"]:
+        """A strictly increasing dataset."""
+        values = self.array(name, (None,))
+        back = np.flatnonzero(np.diff(values) <= 0)
+        if len(back):
+            k = int(back[0]) + 1
+            found = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
+            raise self._refuse(
+                name, found, "strictly increasing times", "sort the frames, or drop the repeated ones"
+            )
+        return values
+
+    def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
+        """Rigid transforms, one per frame."""
+        values = self.array(name, (frames, 4, 4))
+        rotation = values[:, :3, :3]
+        skew = np.abs(np.einsum("tki,tkj->tij", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
+        last_row = np.abs(values[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+        wrong = (skew > RIGID_TOLERANCE) | (np.linalg.det(rotation) < 0) | (last_row > RIGID_TOLERANCE)
+        if wrong.any():
+            found = f"a matrix in frame {int(np.argmax(wrong))} that is not a rotation and a shift"
+            advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
+            raise self._refuse(name, found, "rigid motions", advice)
+        return values
+
+    def frames(self, name: str, frames: int) -> UInt8[np.ndarray, "t h w 3"]:
+        """Raw colour frames."""
+        return self._image(name, (frames, None, None, 3))
+
+    def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
+        """One raw colour frame."""
+        return self._image(name, (None, None, 3))
+
+    def _image(self, name: str, shape: tuple[int | None, ...]) -> UInt8[np.ndarray, "..."]:
+        data = self._dataset(name)
+        self._require_shape(name, data, shape)
+        if data.dtype != np.uint8:
+            raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
+        return np.asarray(data[()], dtype=np.uint8)
+
+    def _attribute(self, name: str) -> Any:
+        if name not in self.group.attrs:
+            raise self._refuse(
+                f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
+            )
+        return self.group.attrs[name]
+
+    def _dataset(self, name: str) -> Any:
+        if name not in self.group or not hasattr(self.group[name], "dtype"):
+            raise self._refuse(
+                name, "nothing", "a dataset of this name", "add the missing field to the recording"
+            )
+        return self.group[name]
+
+    def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
+        fits = len(data.shape) == len(shape) and all(
+            (have >= 1 if want is None else have == want)
+            for have, want in zip(data.shape, shape, strict=True)
+        )
+        if not fits:
+            expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+            advice = "frames and markers must agree with time_s and rest_mm"
+            raise self._refuse(name, f"shape {tuple(data.shape)}", f"shape {expected}", advice)
+
+    def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+        where = f"{field} of /{self.prefix}" if field.startswith("attribute") else f"{self.prefix}{field}"
+        return unreadable(self.path, where.rstrip("/") if self.prefix else where, found, expected, advice)

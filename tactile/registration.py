@@ -1,0 +1,116 @@
+"""Where on the fruit's surface each marker sits.
+
+A pad's normal leads from a marker at its first touch to the fruit's mesh. The distance along it is the error
+of pose and scan together (plus what the flesh gave way before that marker touched); its mean over a pad is
+taken out of the pose, its scatter is the quality of the registration. The surface only says *where* a marker
+sits, never how far it moved: a scan is off by a tenth of a millimetre, a press is one or two.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tactile.contact import Contact, PadContact
+from tactile.failure import TactileFailure, TactileProblem
+
+FARTHEST_SHARE = 0.15
+"""A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on it."""
+FEWEST_HITS = 0.5
+"""Share of the touching markers whose normal must meet the mesh."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadRegistration:
+    """Of one pad: `surface_mm` is where each marker sits on the mesh, at its first touch or nearest to one.
+
+    `shift_mm` moves the pad along its normal (towards the fruit positive) so that first touches lie on the
+    mesh in the mean; `residual_mm` is their root mean square distance from it afterwards, along the normal.
+    """
+
+    name: str
+    surface_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, " 3"]
+    shift_mm: float
+    residual_mm: float
+
+
+def register(
+    contact: Contact,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    *,
+    source: str,
+) -> tuple[PadRegistration, ...]:
+    """Each pad of `contact` on the fruit's mesh (mm, fruit frame, outward faces).
+
+    Raises TactileFailure (pads-off-fruit) when first touches are nowhere near the mesh; `source` names the
+    recording in it.
+    """
+    size_mm = float(np.ptp(vertices, axis=0).mean())
+    return tuple(_register_pad(pad, vertices[faces], size_mm=size_mm, source=source) for pad in contact.pads)
+
+
+def _register_pad(
+    pad: PadContact, triangles: Float[np.ndarray, "f 3 3"], *, size_mm: float, source: str
+) -> PadRegistration:
+    touched = pad.onset >= 0
+    peak = int(np.argmax(pad.total_normal_N))
+    frame = np.where(touched, pad.onset, peak)
+    where = pad.position_mm[frame, np.arange(len(frame))]
+    normal = pad.pose[peak, :3, 2]
+    depth = _depth_along(where, normal, triangles)
+    met = touched & np.isfinite(depth)
+    shift = float(np.mean(depth[met])) if met.any() else np.inf
+    if met.sum() < max(1.0, FEWEST_HITS * touched.sum()) or abs(shift) > FARTHEST_SHARE * size_mm:
+        found = f"first touches {abs(shift):.1f} mm from" if np.isfinite(shift) else "first touches beside"
+        raise TactileFailure(
+            TactileProblem.PADS_OFF_FRUIT,
+            f"{source}: pads/{pad.name}/pose: found {found} the fruit's surface, expected within "
+            f"{FARTHEST_SHARE * size_mm:.1f} mm; poses and mesh are not in the same frame: check the hand-eye "
+            "calibration, the units (mm) and how the fruit stood.",
+        )
+    depth = np.where(np.isfinite(depth), depth, shift)
+    return PadRegistration(
+        name=pad.name,
+        surface_mm=where + depth[:, None] * normal,
+        normal=normal,
+        shift_mm=shift,
+        residual_mm=float(np.std(depth[met])),
+    )
+
+
+def _depth_along(
+    points: Float[np.ndarray, "n 3"],
+    direction: Float[np.ndarray, " 3"],
+    triangles: Float[np.ndarray, "f 3 3"],
+) -> Float[np.ndarray, " n"]:
+    """Signed distance along `direction` to the nearest triangle that faces it; NaN where the line meets none.
+
+    Möller and Trumbore (1997), "Fast, minimum storage ray-triangle intersection", for parallel lines: with
+    one direction the whole test is a point in a triangle of the projected mesh.
+    """
+    across = np.linalg.svd(direction[None])[2][1:]
+    flat, spots = triangles @ across.T, points @ across.T
+    edge_1, edge_2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    area = _cross(edge_1, edge_2)
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    low, high = spots.min(axis=0), spots.max(axis=0)
+    near = (flat.max(axis=1) >= low).all(axis=1) & (flat.min(axis=1) <= high).all(axis=1)
+    facing = np.flatnonzero(near & (normals @ direction < 0) & (np.abs(area) > 0))
+    reach = np.full(len(points), np.nan)
+    for n, spot in enumerate(spots):
+        offset = spot - flat[facing, 0]
+        u = _cross(offset, edge_2[facing]) / area[facing]
+        v = _cross(edge_1[facing], offset) / area[facing]
+        inside = facing[(u >= 0) & (v >= 0) & (u + v <= 1)]
+        if len(inside) == 0:
+            continue
+        # The plane of a hit triangle, met along the direction.
+        gap = ((triangles[inside, 0] - points[n]) * normals[inside]).sum(1) / (normals[inside] @ direction)
+        reach[n] = gap[np.argmin(np.abs(gap))]
+    return reach
+
+
+def _cross(a: Float[np.ndarray, "m 2"], b: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
