@@ -1,0 +1,136 @@
+"""Charts of a whole batch: the ranking, and the moduli against Shore readings."""
+
+from __future__ import annotations
+
+from markupsafe import Markup
+
+from reports.entries import BatchEntry, FruitEntry, ShoreCorrelation, ranked
+from reports.palette import UNKNOWN, class_marks
+from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_x, error_bar_y, marker, padded
+from reports.words import number, percent, with_sd
+
+_ROW_PX = 24.0
+
+
+def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
+    """Modulus of every graded fruit, softest on top, whiskers of one standard deviation, limits as lines.
+
+    The mark's colour and shape are the class. ``width_px`` is the width at which text has its natural
+    size (about 340 for a phone, 860 for a desk).
+    """
+    graded = [fruit for fruit in ranked(batch.fruits) if fruit.E_MPa is not None]
+    names = tuple(name for name, _ in batch.classes)
+    marks = class_marks(names)
+    limits = [(name, limit) for name, limit in batch.classes if limit is not None]
+    wide = width_px >= 600
+    gutter = min(max([len(fruit.fruit_id) for fruit in graded] + [4]) * 7.4 + 14, 0.3 * width_px)
+    value_px = 118.0 if wide else 0.0
+    top, bottom = 14.0, 14.0 + _ROW_PX * max(len(graded), 1)
+    ends = [fruit.E_MPa + (fruit.E_sd_MPa or 0.0) for fruit in graded if fruit.E_MPa is not None]
+    near = [limit for _, limit in limits if not ends or limit < 1.4 * max(ends)]
+    lowest, highest = padded([*ends, *near], from_zero=True)
+    x = Scale(lowest=max(lowest, 0.0), highest=highest, start_px=gutter, end_px=width_px - value_px - 12)
+    parts = [
+        axis_x(x, label="E, modulus of the flesh (MPa)", top=top, bottom=bottom, at_most=9 if wide else 5)
+    ]
+    for name, limit in limits:
+        if limit <= highest:
+            at = x(limit)
+            words = f"up to {number(limit)} MPa: {name}"
+            parts.append(
+                element("line", element("title", words), x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit")
+            )
+    for k, fruit in enumerate(graded):
+        parts.append(
+            _ranking_row(fruit, x=x, y=top + _ROW_PX * (k + 0.5), gutter=gutter, wide=wide, marks=marks)
+        )
+    return drawing(
+        *parts,
+        width=width_px,
+        height=bottom + 44,
+        title="Ranking, softest first",
+        description="; ".join(
+            f"{fruit.fruit_id} {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa" for fruit in graded
+        )
+        or "No fruit has a modulus",
+    )
+
+
+def _ranking_row(
+    fruit: FruitEntry, *, x: Scale, y: float, gutter: float, wide: bool, marks: dict[str, tuple[str, str]]
+) -> Markup:
+    E_MPa = fruit.E_MPa or 0.0
+    colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
+    value = with_sd(E_MPa, fruit.E_sd_MPa)
+    words = f"{fruit.fruit_id}: {value} MPa"
+    if fruit.maturity:
+        words += f", {fruit.maturity} ({percent(fruit.maturity_probability)})"
+    row = [
+        element("title", words),
+        element("text", shortened(fruit.fruit_id, px=gutter - 12), x=0.0, y=y + 4.5, class_="label"),
+        error_bar_x(x, E_MPa, fruit.E_sd_MPa, y),
+        marker(shape, x(E_MPa), y, fill=colour),
+    ]
+    if wide:
+        row.append(element("text", value, x=x.end_px + 124, y=y + 4.5, text_anchor="end", class_="value"))
+    return element("g", *row)
+
+
+def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
+    """Text cut to a width, an ellipsis in the middle: both ends of an identifier tell it from its neighbours.
+
+    >>> shortened("orchard-7-row-12-tree-3", px=100.0)
+    'orchar…tree-3'
+    """
+    room = max(int(px / px_per_letter), 3)
+    if len(text) <= room:
+        return text
+    tail = (room - 1) // 2
+    return f"{text[: room - 1 - tail]}…{text[len(text) - tail :]}"
+
+
+def shore_chart(batch: BatchEntry) -> Markup:
+    """Modulus against the Shore OO reading of the same fruit; a mark per fruit, coloured by its class."""
+    pairs = [
+        fruit for fruit in ranked(batch.fruits) if fruit.E_MPa is not None and fruit.shore_oo is not None
+    ]
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    tops = [(fruit.E_MPa or 0.0) + (fruit.E_sd_MPa or 0.0) for fruit in pairs]
+    low_x, high_x = padded([fruit.shore_oo or 0.0 for fruit in pairs])
+    low_y, high_y = padded(tops, from_zero=True)
+    x = Scale(lowest=low_x, highest=high_x, start_px=48, end_px=348)
+    y = Scale(lowest=low_y, highest=high_y, start_px=270, end_px=34)
+    parts = [
+        axis_x(x, label="Shore OO", top=34, bottom=270, at_most=7),
+        axis_y(y, label="E (MPa)", left=48, right=348, at_most=6),
+    ]
+    for fruit in pairs:
+        E_MPa, shore = fruit.E_MPa or 0.0, fruit.shore_oo or 0.0
+        colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
+        words = f"{fruit.fruit_id}: Shore OO {number(shore)}, E {with_sd(E_MPa, fruit.E_sd_MPa)} MPa"
+        parts.append(
+            element(
+                "g",
+                element("title", words),
+                error_bar_y(y, E_MPa, fruit.E_sd_MPa, x(shore)),
+                marker(shape, x(shore), y(E_MPa), fill=colour),
+            )
+        )
+    return drawing(
+        *parts,
+        width=360,
+        height=314,
+        title="Modulus against Shore OO reading",
+        description=correlation_words(batch.shore) if batch.shore else f"{len(pairs)} fruits with both",
+    )
+
+
+def correlation_words(shore: ShoreCorrelation) -> str:
+    """The correlation in one line."""
+    words = (
+        f"{shore.n} fruits with both: Spearman rank correlation {shore.spearman:.2f}, "
+        f"Pearson correlation {shore.pearson:.2f}"
+    )
+    if shore.p is None:
+        return words
+    return words + (", p < 0.001" if shore.p < 0.001 else f", p = {shore.p:.3f}")

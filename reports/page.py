@@ -1,0 +1,141 @@
+"""The report of a batch: one HTML file that shows all it holds, with no network and no scripts."""
+
+from __future__ import annotations
+
+import base64
+from datetime import UTC, datetime
+from itertools import groupby
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from reports.charts_batch import correlation_words, ranking_chart, shore_chart
+from reports.charts_fruit import force_chart, grasps_chart
+from reports.entries import BatchEntry, ForceCurve, FruitEntry, ranked
+from reports.palette import UNKNOWN, class_marks
+from reports.svg import element, marker
+from reports.words import advice, duration, number, percent, remarks, verdict, with_sd
+
+_EXIT_STATUS = {0: "all graded", 1: "internal error", 2: "usage or settings", 3: "some fruit not graded"}
+
+
+def report_html(batch: BatchEntry) -> str:
+    """The whole report as one self-contained HTML page, the same text for the same records.
+
+    All text of the batch is escaped; pictures are data URIs; a content security policy in the page
+    forbids scripts and every outside source.
+    """
+    marks = class_marks(tuple(name for name, _ in batch.classes))
+    environment = Environment(
+        loader=PackageLoader("reports", package_path=""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "advice": advice,
+        "class_mark": lambda fruit: _dot(*marks.get(fruit.maturity or "", UNKNOWN)),
+        "curves_by_grasp": _curves_by_grasp,
+        "data_uri": _data_uri,
+        "effect": lambda name: name.replace("_", " ").replace("+", " with "),
+        "facts": _facts,
+        "force_chart": force_chart,
+        "grasps_chart": grasps_chart,
+        "number": number,
+        "percent": percent,
+        "remarks": remarks,
+        "utc": _utc,
+        "with_sd": with_sd,
+    }
+    fruits = list(enumerate(ranked(batch.fruits), start=1))
+    both = [fruit for fruit in batch.fruits if fruit.E_MPa is not None and fruit.shore_oo is not None]
+    return environment.get_template("templates/page.html.j2").render(
+        about=_about(batch),
+        any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
+        batch=batch,
+        classes=_legend(batch, marks),
+        failed=[(index, fruit) for index, fruit in fruits if not fruit.ok],
+        fruits=fruits,
+        graded=any(fruit.E_MPa is not None for fruit in batch.fruits),
+        limits_drawn=any(limit is not None for _, limit in batch.classes),
+        provenance=_provenance(batch),
+        ranking_narrow=ranking_chart(batch, width_px=360),
+        ranking_wide=ranking_chart(batch, width_px=900),
+        shore_chart=shore_chart(batch) if len(both) > 1 else None,
+        shore_words=correlation_words(batch.shore) if batch.shore else "",
+        status_words=_EXIT_STATUS.get(batch.exit_status, ""),
+        took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
+        verdict=verdict(batch.fruits),
+    )
+
+
+def _about(batch: BatchEntry) -> list[tuple[str, str]]:
+    known = (
+        ("category", batch.category),
+        ("cultivar", batch.cultivar),
+        ("lot", batch.lot),
+        ("harvested", batch.harvest_date.isoformat() if batch.harvest_date else None),
+        ("pulp at", None if batch.pulp_temperature_C is None else f"{batch.pulp_temperature_C:.1f} °C"),
+        ("graded", _utc(batch.finished_utc)),
+    )
+    return [(label, value) for label, value in known if value]
+
+
+def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[dict[str, object]]:
+    """Mark, name and limits of each class; those of the batch's own limits, softest first."""
+    below: float | None = None
+    items: list[dict[str, object]] = []
+    for name, limit in batch.classes:
+        words = ""
+        if limit is not None:
+            words = (
+                f"up to {number(limit)} MPa" if below is None else f"{number(below)} to {number(limit)} MPa"
+            )
+        elif below is not None:
+            words = f"above {number(below)} MPa"
+        items.append({"mark": _dot(*marks[name]), "name": name, "limits": words})
+        below = limit
+    return items
+
+
+def _dot(colour: str, shape: str) -> Markup:
+    mark = marker(shape, 7.0, 7.0, size=4.6, fill=colour)
+    return element("svg", mark, viewBox="0 0 14 14", class_="dot", aria_hidden="true")
+
+
+def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
+    facts: list[tuple[str, str]] = []
+    if fruit.height_mm is not None:
+        facts.append(("Height", f"{number(fruit.height_mm)} mm"))
+    if fruit.volume_mm3 is not None:
+        facts.append(("Volume with pit", f"{number(fruit.volume_mm3 / 1000.0)} cm³"))
+    if fruit.shore_oo is not None:
+        facts.append(("Shore OO reading", number(fruit.shore_oo)))
+    facts.extend(fruit.facts)
+    facts.extend((f"Time, {stage}", duration(seconds)) for stage, seconds in fruit.seconds.items())
+    if fruit.peak_memory_MiB is not None:
+        facts.append(("Peak memory", f"{fruit.peak_memory_MiB:.0f} MiB"))
+    return facts
+
+
+def _provenance(batch: BatchEntry) -> list[tuple[str, tuple[tuple[str, str], ...], bool]]:
+    """(summary, rows, whether the cells are hashes) of each part that is not empty."""
+    parts = (
+        ("Settings in force", batch.settings, False),
+        ("Versions", batch.versions, False),
+        (f"Inputs: {len(batch.inputs)} files and their SHA-256", batch.inputs, True),
+    )
+    return [part for part in parts if part[1]]
+
+
+def _curves_by_grasp(fruit: FruitEntry) -> list[tuple[ForceCurve, ...]]:
+    return [tuple(curves) for _, curves in groupby(fruit.curves, key=lambda curve: curve.grasp)]
+
+
+def _data_uri(content: bytes, media_type: str) -> str:
+    return f"data:{media_type};base64,{base64.b64encode(content).decode('ascii')}"
+
+
+def _utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).strftime("%Y-%m-%d %H:%M:%S UTC")

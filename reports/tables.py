@@ -1,0 +1,84 @@
+"""The ranking as CSV, for spreadsheets and for programs: one row per fruit."""
+
+from __future__ import annotations
+
+import math
+
+import pandas as pd
+
+from reports.entries import BatchEntry, FruitEntry, ranked
+
+RANKING_COLUMNS = (
+    "rank",
+    "fruit_id",
+    "outcome",
+    "E_MPa",
+    "E_sd_MPa",
+    "maturity",
+    "maturity_probability",
+    "p_softer_than_next",
+    "height_mm",
+    "volume_mm3",
+    "grasps",
+    "shore_oo",
+    "mismatch",
+    "reason",
+    "warnings",
+)
+"""The columns, in order. New ones are added at the end only: programs read these by name and place."""
+
+_STARTS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+
+
+def ranking_csv(batch: BatchEntry) -> str:
+    """Table of the batch, softest fruit first, those without a modulus last, as CSV (RFC 4180, LF).
+
+    Moduli carry four significant figures, their standard deviations three; an unknown value is an empty
+    cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
+    apostrophe, which spreadsheets take as "this is text"; line breaks in text become spaces.
+    """
+    rows = [_row(fruit) for fruit in ranked(batch.fruits)]
+    table = pd.DataFrame(rows, columns=list(RANKING_COLUMNS), dtype=object)
+    return table.to_csv(index=False, lineterminator="\n", na_rep="")
+
+
+def _row(fruit: FruitEntry) -> dict[str, object]:
+    return {
+        "rank": fruit.rank,
+        "fruit_id": safe_cell(fruit.fruit_id),
+        "outcome": safe_cell(fruit.outcome),
+        "E_MPa": _significant(fruit.E_MPa, figures=4),
+        "E_sd_MPa": _significant(fruit.E_sd_MPa, figures=3),
+        "maturity": safe_cell(fruit.maturity),
+        "maturity_probability": _decimals(fruit.maturity_probability, places=4),
+        "p_softer_than_next": _decimals(fruit.p_softer_than_next, places=4),
+        "height_mm": _decimals(fruit.height_mm, places=2),
+        "volume_mm3": _decimals(fruit.volume_mm3, places=0),
+        "grasps": fruit.grasps,
+        "shore_oo": _decimals(fruit.shore_oo, places=2),
+        "mismatch": safe_cell(fruit.mismatch),
+        "reason": safe_cell(fruit.reason),
+        "warnings": safe_cell("; ".join(fruit.warnings)),
+    }
+
+
+def safe_cell(text: str | None) -> str | None:
+    """Text that no spreadsheet runs, on one line; None where there is none.
+
+    >>> safe_cell('=HYPERLINK("x")')
+    '\\'=HYPERLINK("x")'
+    """
+    if not text:
+        return None
+    line = " ".join(text.replace("\x00", "").splitlines())
+    return f"'{line}" if text.startswith(_STARTS_A_FORMULA) or line.startswith(_STARTS_A_FORMULA) else line
+
+
+def _significant(value: float | None, *, figures: int) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(f"{value:.{figures}g}")
+
+
+def _decimals(value: float | None, *, places: int) -> float | int | None:
+    if value is None or not math.isfinite(value):
+        return None
+    return round(value, places) if places else round(value)

@@ -1,0 +1,131 @@
+"""Figures and outcomes in words that quality-control staff read."""
+
+from __future__ import annotations
+
+import math
+
+from reports.entries import FruitEntry, ranked
+
+UNKNOWN = "–"
+
+_ADVICE = {
+    "no-photos": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
+    "too-few-views": "Take more photos, all the way round and from two heights, each overlapping the next.",
+    "corrupt-photo": "Copy the named photo from the camera again, or delete it, then run the batch again.",
+    "no-fruit": "Check that the whole fruit is in the picture, sharp, on a plain background.",
+    "no-scale": "Give height_mm in fruits.csv, or photograph the fruit on the printed marker mat.",
+    "not-watertight": "Repair the mesh, or take photos of the sides where it has holes.",
+    "unreadable-mesh": "Export the mesh again as PLY, in millimetres.",
+    "no-prior": "Name a known category in batch.toml, or give a pit prior file of your own.",
+    "no-grasps": "Record at least one grasp of this fruit and put its .h5 file into the grasps folder.",
+    "never-touches": "Check that the gripper closed on the fruit, then record the grasp again.",
+    "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",
+    "crashed": "Run the batch again; if this fruit stops again, report it with its files.",
+}
+_ADVICE_OTHERWISE = "Correct what is named above, then run the batch again; finished fruits are kept."
+
+
+def advice(fruit: FruitEntry) -> str:
+    """What to do next about a fruit that was not graded: its own advice, or that of its outcome's code."""
+    return fruit.advice or _ADVICE.get(fruit.outcome, _ADVICE_OTHERWISE)
+
+
+def remarks(fruit: FruitEntry) -> str:
+    """What a reader must know of a fruit before trusting its row; empty where there is nothing."""
+    if not fruit.ok:
+        return f"not graded: {fruit.outcome}"
+    found = []
+    if fruit.mismatch and fruit.mismatch != "none":
+        found.append(f"mismatch: {fruit.mismatch.replace('_', ' ')}")
+    if fruit.warnings:
+        found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
+    return ", ".join(found)
+
+
+def number(value: float | None, *, figures: int = 3) -> str:
+    """A figure with so many significant digits, without exponent where it can be read without.
+
+    >>> number(104123.7), number(0.03217), number(None)
+    ('104124', '0.0322', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if value == 0.0:
+        return "0"
+    decimals = figures - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(decimals, 0)}f}" if decimals <= 8 else f"{value:.{figures - 1}e}"
+
+
+def with_sd(value: float | None, sd: float | None) -> str:
+    """Value ± standard deviation, both to the second digit of the deviation.
+
+    >>> with_sd(0.32143, 0.0121), with_sd(0.32143, None), with_sd(None, None)
+    ('0.321 ± 0.012', '0.321', '–')
+    """
+    if value is None or not math.isfinite(value):
+        return UNKNOWN
+    if sd is None or not math.isfinite(sd) or sd <= 0.0:
+        return number(value)
+    decimals = 1 - math.floor(math.log10(sd))
+    finest = 4 - math.floor(math.log10(abs(value))) if value else decimals
+    decimals = max(min(decimals, finest), 0)
+    return f"{value:.{decimals}f} ± {sd:.{decimals}f}"
+
+
+def percent(probability: float | None) -> str:
+    """A probability in whole percent, never a false certainty.
+
+    >>> percent(0.9999), percent(0.731), percent(0.0002), percent(None)
+    ('>99 %', '73 %', '<1 %', '–')
+    """
+    if probability is None or not math.isfinite(probability):
+        return UNKNOWN
+    if probability > 0.99:
+        return ">99 %"
+    return "<1 %" if probability < 0.01 else f"{probability:.0%}".replace("%", " %")
+
+
+def duration(seconds: float) -> str:
+    """Wall time for people.
+
+    >>> duration(3.21), duration(192.0), duration(7384.0)
+    ('3.2 s', '3 min 12 s', '2 h 3 min')
+    """
+    if seconds < 60.0:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes < 60 else f"{minutes // 60} h {minutes % 60} min"
+
+
+def verdict(fruits: tuple[FruitEntry, ...]) -> str:
+    """The batch in one sentence: how many are graded, the softest and the firmest, how many are not."""
+    graded = [fruit for fruit in ranked(fruits) if fruit.E_MPa is not None and fruit.ok]
+    failed = sum(not fruit.ok for fruit in fruits)
+    if not graded:
+        return f"None of {_fruits(len(fruits))} could be graded."
+    lead = (
+        f"{len(graded)} of {_fruits(len(fruits))} graded" if failed else f"All {_fruits(len(fruits))} graded"
+    )
+    if len(fruits) == 1:
+        lead = "The one fruit is graded"
+    softest, firmest = graded[0], graded[-1]
+    if softest is firmest:
+        found = f"{softest.fruit_id} has E = {_modulus(softest)}"
+    else:
+        found = (
+            f"the softest is {softest.fruit_id} ({_modulus(softest)}), "
+            f"the firmest {firmest.fruit_id} ({_modulus(firmest)})"
+        )
+    rest = (
+        f"; {failed} could not be graded and {'needs' if failed == 1 else 'need'} attention" if failed else ""
+    )
+    return f"{lead}: {found}{rest}."
+
+
+def _fruits(count: int) -> str:
+    return "1 fruit" if count == 1 else f"{count} fruits"
+
+
+def _modulus(fruit: FruitEntry) -> str:
+    words = f"{with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa"
+    return f"{words}, {fruit.maturity}" if fruit.maturity else words
