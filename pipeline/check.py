@@ -1,0 +1,78 @@
+"""`drupe check`: every problem of a batch at once, without computing anything."""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from pipeline.batch import Batch, open_batch
+from pipeline.fruits_table import FruitRow
+from pipeline.layout import FruitFolder
+from pipeline.problem import BatchRefused, Problem
+from recon.failure import ReconFailure
+from recon.mesh_file import read_mesh
+from recon.photos import read_photo, require_enough
+from recon.pit import require_watertight
+from tactile.failure import TactileFailure
+from tactile.recording import read_recording
+
+
+def check(root: Path) -> tuple[Problem, ...]:
+    """Everything that would stop the batch or any fruit of it, as far as reading the files can tell."""
+    try:
+        batch = open_batch(root)
+    except BatchRefused as refused:
+        return refused.problems
+    strays = _strays(batch)
+    return (*strays, *(p for row in batch.rows for p in fruit_problems(batch, row)))
+
+
+def fruit_problems(batch: Batch, row: FruitRow) -> Iterator[Problem]:
+    """What stands in the way of grading one fruit."""
+    folder = batch.folder.fruit(row.fruit_id)
+    if not folder.root.is_dir():
+        yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
+        return
+    if folder.fruit_ply.is_file():
+        yield from _tried(row, folder.fruit_ply, lambda: require_watertight(*read_mesh(folder.fruit_ply)))
+    else:
+        yield from _photo_problems(batch, row, folder)
+    if folder.pit_ply.is_file():
+        yield from _tried(row, folder.pit_ply, lambda: require_watertight(*read_mesh(folder.pit_ply)))
+    grasps = folder.grasp_files()
+    if not grasps:
+        raw = folder.raw_grasp_folders()
+        found = f"found frames in {raw[0].name}/, which this version cannot read" if raw else "found none"
+        yield _at(row, folder.root / "grasps", f"needs at least one .h5 recording, {found}.")
+    for path in grasps:
+        yield from _tried(row, path, lambda path=path: read_recording(path))
+
+
+def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    if batch.mat is None and row.height_mm is None:
+        yield _at(row, batch.folder.table, f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.')
+    photos = folder.photo_files()
+    yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where=str(folder.photos)))
+    for path in photos:
+        yield from _tried(row, path, lambda path=path: read_photo(path))
+
+
+def _strays(batch: Batch) -> tuple[Problem, ...]:
+    """Fruit folders that no row of the table speaks of."""
+    listed = {row.fruit_id for row in batch.rows}
+    fruits = batch.folder.root / "fruits"
+    found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
+    return tuple(
+        Problem(str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.')
+        for name in found
+        if name not in listed and not name.startswith(".")
+    )
+
+
+def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
+    try:
+        read()
+    except (ReconFailure, TactileFailure) as failure:
+        yield _at(row, path, failure.detail)
+
+
+def _at(row: FruitRow, path: Path, sentence: str) -> Problem:
+    return Problem(str(path), sentence, fruit_id=row.fruit_id)

@@ -1,0 +1,152 @@
+"""The `drupe` command."""
+
+import json
+import os
+import sys
+import traceback
+from importlib import metadata
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pipeline.problem import BatchRefused, Problem
+from pipeline.system_libraries import missing_libraries
+
+app = typer.Typer(
+    name="drupe",
+    help="How ripe stone fruit is, without cutting it: photos and one grasp per fruit become a maturity ranking.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+BatchArgument = Annotated[Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")]
+USAGE, INTERNAL, INTERRUPTED = 2, 1, 130
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"drupe {metadata.version('drupe')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _root(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and stop.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def grade(
+    batch: BatchArgument,
+    out: Annotated[
+        Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core")] = 0,
+    time_limit: Annotated[
+        float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
+    ] = 1800,
+) -> None:
+    """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
+
+    A second run does only what is missing or changed. Exit status: 0 all graded, 1 internal error, 2 usage or
+    settings, 3 some fruit not graded, 130 interrupted.
+    """
+    _require_libraries()
+    from pipeline.grade import grade as grade_batch
+    from pipeline.summary import print_summary
+
+    console = Console(stderr=True)
+    status, entry = grade_batch(
+        batch, out, jobs=jobs or _cores(), time_limit_s=time_limit, console=console
+    )
+    print_summary(entry, out or batch / "results", console=Console())
+    raise typer.Exit(status)
+
+
+@app.command()
+def check(batch: BatchArgument) -> None:
+    """Say everything that is wrong with a batch, without computing.
+
+    Exit status: 0 nothing found, 2 problems found.
+    """
+    _require_libraries()
+    from pipeline.check import check as check_batch
+
+    problems = check_batch(batch)
+    for problem in problems:
+        typer.echo(f"{problem}")
+    typer.echo(f"{len(problems)} problem{'' if len(problems) == 1 else 's'} found in {batch}")
+    raise typer.Exit(USAGE if problems else 0)
+
+
+@app.command()
+def mat(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")] = Path(),
+) -> None:
+    """Write the printable marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
+    from pipeline.layout import write_whole
+    from recon.mat import mat_mapping, standard_mat, tag_bits
+    from reports.mat_sheet import mat_sheet_pdf
+
+    sheet = standard_mat()
+    bits = {tag: tag_bits(sheet.dictionary, tag) for tag in sheet.corners_mm}
+    write_whole(folder / "mat.pdf", mat_sheet_pdf(sheet.corners_mm, bits))
+    write_whole(folder / "mat.json", json.dumps(mat_mapping(sheet)) + "\n")
+    typer.echo(f"wrote {folder / 'mat.pdf'} and {folder / 'mat.json'}: print the PDF at 100 % and measure its bar")
+
+
+@app.command()
+def sample(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that does not exist yet, or is empty.")],
+    name: Annotated[str, typer.Option(help="Which shipped batch.")] = "nectarines",
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Generate new fruit from this seed instead of the shipped ones.")
+    ] = None,
+    fruits: Annotated[int, typer.Option(min=1, max=500, help="How many fruit to generate.")] = 4,
+    photos: Annotated[
+        bool, typer.Option(help="Render photos (needs the extra drupe[samples]); without: ready meshes.")
+    ] = True,
+) -> None:
+    """Write a synthetic batch with known answers (answers.json): the shipped one, or new fruit from a seed."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise BatchRefused([Problem(str(folder), "is not empty; give a folder that does not exist yet.")])
+    from pipeline.sample import write_sample
+
+    write_sample(folder, name=name, seed=seed, fruits=fruits, photos=photos, console=Console(stderr=True))
+    typer.echo(f"wrote {folder}; grade it with: drupe grade {folder}")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _require_libraries() -> None:
+    if missing := missing_libraries():
+        raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
+
+
+def main() -> None:
+    """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
+    try:
+        app(prog_name="drupe")
+    except BatchRefused as refused:
+        for problem in refused.problems:
+            sys.stderr.write(f"drupe: {problem}\n")
+        sys.exit(USAGE)
+    except KeyboardInterrupt:
+        sys.stderr.write("drupe: interrupted; finished fruit are kept, the same command goes on from here\n")
+        sys.exit(INTERRUPTED)
+    except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
+        if os.environ.get("DRUPE_DEBUG"):
+            traceback.print_exc()
+        sys.stderr.write(
+            f"drupe: internal error: {type(error).__name__}: {error}; "
+            "set DRUPE_DEBUG=1 to see where, and please report it\n"
+        )
+        sys.exit(INTERNAL)

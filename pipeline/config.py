@@ -1,0 +1,151 @@
+"""`batch.toml`: the settings of a batch, read strictly (unknown keys are refused)."""
+
+import datetime
+import difflib
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from pipeline.problem import BatchRefused, Problem
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+FILE = "batch.toml"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class GradingClass(_Strict):
+    """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
+
+    name: Annotated[str, Field(min_length=1)]
+    E_max_MPa: Positive | None = None
+
+
+class Grading(_Strict):
+    """The batch's own limits, softest class first; the last class has no upper limit."""
+
+    classes: tuple[GradingClass, ...] = ()
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
+        if any(a >= b for a, b in zip(limits, limits[1:], strict=False)):
+            raise ValueError(
+                f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}"
+            )
+        if limits and limits[-1] != math.inf:
+            raise ValueError("the last (firmest) class must have no E_max_MPa, so that every fruit has a class")
+        names = [c.name for c in self.classes]
+        if len(set(names)) != len(names):
+            raise ValueError(f"class names must differ, found {names}")
+        return self
+
+
+class Pit(_Strict):
+    """Which pit prior is embedded, and how far the true pit may be from it (standard deviations)."""
+
+    prior: str | None = None
+    offset_sd_mm: Positive | None = None
+    size_sd: Positive | None = None
+
+
+class Recon(_Strict):
+    """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch."""
+
+    geometry_model: str | None = None
+    max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
+
+
+class FleshMesh(_Strict):
+    """Element edge lengths in mm: in the bulk of the flesh and under the pads."""
+
+    edge_mm: Positive = 5.0
+    pad_edge_mm: Positive = 1.7
+
+
+class Device(_Strict):
+    """A named piece of equipment, for the record."""
+
+    name: str
+    serial: str | None = None
+
+
+class Settings(_Strict):
+    """Everything a batch says of itself in `batch.toml`; only the category is required."""
+
+    category: Annotated[str, Field(min_length=1)]
+    cultivar: str | None = None
+    lot: str | None = None
+    harvest_date: datetime.date | None = None
+    pulp_temperature_C: Annotated[float, Field(gt=-5, lt=60)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)] | None = None
+    notes: str | None = None
+    sensor: Device | None = None
+    gripper: Device | None = None
+    pit: Pit = Pit()
+    recon: Recon = Recon()
+    mesh: FleshMesh = FleshMesh()
+    grading: Grading = Grading()
+
+
+def read_settings(path: Path) -> Settings:
+    """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        if not path.parent.is_dir():
+            raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")]) from None
+        raise BatchRefused([Problem(str(path), _MISSING)]) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
+    try:
+        return Settings.model_validate(tomllib.loads(text))
+    except tomllib.TOMLDecodeError as error:
+        raise BatchRefused([Problem(str(path), f"is not valid TOML: {error}.")]) from None
+    except ValidationError as error:
+        raise BatchRefused([Problem(str(path), _sentence(e)) for e in error.errors()]) from None
+
+
+_MISSING = (
+    "there is no batch.toml in this folder; write one with at least the line "
+    'category = "nectarine", or make an example with `drupe sample DIR`.'
+)
+
+
+def _sentence(error: Any) -> str:
+    """One validation error as a sentence that names the key, what was found and what was expected."""
+    location = [part for part in error["loc"] if isinstance(part, str | int)]
+    key = ".".join(map(str, location))
+    if error["type"] == "missing":
+        return f'the required key "{key}" is missing; add it, for example {key} = "nectarine".'
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(location[:-1])
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
+        return f'unknown key "{key}"; {hint}'
+    message = error["msg"].removeprefix("Value error, ")
+    if isinstance(error["input"], dict | list):
+        return f'"{key}": {message}.'
+    return f'"{key}": found {error["input"]!r}; {message[0].lower()}{message[1:]}.'
+
+
+def _known_keys(location: list[str | int]) -> list[str]:
+    model: type[BaseModel] = Settings
+    tables: dict[str, type[BaseModel]] = {
+        "sensor": Device,
+        "gripper": Device,
+        "pit": Pit,
+        "recon": Recon,
+        "mesh": FleshMesh,
+        "grading": Grading,
+        "classes": GradingClass,
+    }
+    for part in location:
+        if isinstance(part, str):
+            model = tables[part]
+    return sorted(model.model_fields)

@@ -1,0 +1,104 @@
+"""`fruits.csv`: one row per fruit, read with every fault of every row named."""
+
+import io
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+
+from pipeline.problem import BatchRefused, Problem
+
+MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
+COLUMNS = ("fruit_id", *MEASURES, "notes")
+_SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitRow:
+    """What staff wrote of one fruit; a measure left empty is None."""
+
+    fruit_id: str
+    height_mm: float | None = None
+    mass_g: float | None = None
+    shore_oo: float | None = None
+    diameter_mm: float | None = None
+    notes: str = ""
+
+
+def read_fruits(path: Path) -> tuple[FruitRow, ...]:
+    """The rows of `path`, in order; raises BatchRefused with every fault found."""
+    table = _table(path)
+    problems: list[Problem] = []
+    for column in table.columns:
+        if column not in COLUMNS:
+            problems.append(
+                Problem(str(path), f'unknown column "{column}"; known columns: {", ".join(COLUMNS)}.')
+            )
+    if "fruit_id" not in table.columns:
+        problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
+        raise BatchRefused(problems)
+    rows = [_row(path, i + 2, record, problems) for i, record in enumerate(table.to_dict("records"))]
+    lines: dict[str, list[int]] = {}
+    for i, row in enumerate(rows):
+        lines.setdefault(row.fruit_id, []).append(i + 2)
+    for fruit_id, where in lines.items():
+        if len(where) > 1:
+            at = ", ".join(map(str, where))
+            problems.append(
+                Problem(str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.')
+            )
+    if not rows:
+        problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
+    if problems:
+        raise BatchRefused(problems)
+    return tuple(rows)
+
+
+def _table(path: Path) -> pd.DataFrame:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise BatchRefused(
+            [Problem(str(path), "is missing; it lists the fruit, one row each: fruit_id,height_mm,...")]
+        ) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
+    try:
+        table = pd.read_csv(
+            io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
+        )
+    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
+        raise BatchRefused([Problem(str(path), f"is not a readable CSV table: {error}.")]) from None
+    table.columns = [str(c).strip() for c in table.columns]
+    return table
+
+
+def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
+    fruit_id = record["fruit_id"].strip()
+    if not _SAFE_ID.fullmatch(fruit_id):
+        problems.append(
+            Problem(
+                str(path),
+                f'line {line}: fruit_id "{fruit_id}" cannot name a folder; use letters, digits, '
+                "dot, dash, underscore and space, at most 80, starting with a letter or digit.",
+            )
+        )
+    measures: dict[str, float | None] = {}
+    for name in MEASURES:
+        text = (record.get(name) or "").strip()
+        measures[name] = None
+        if not text:
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not (math.isfinite(value) and value > 0):
+            problems.append(
+                Problem(str(path), f'line {line}: {name} is "{text}"; expected a number above zero, or nothing.')
+            )
+            continue
+        measures[name] = value
+    return FruitRow(fruit_id=fruit_id, notes=(record.get("notes") or "").strip(), **measures)

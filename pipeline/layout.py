@@ -1,0 +1,169 @@
+"""Where things lie in a batch and in its results."""
+
+import os
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+PHOTO_ENDINGS = (".jpg", ".jpeg", ".png")
+
+
+@dataclass(frozen=True)
+class FruitFolder:
+    """`fruits/<fruit_id>/`: photos or a ready mesh, and the grasps."""
+
+    root: Path
+
+    @property
+    def photos(self) -> Path:
+        """The folder of multi-view photos."""
+        return self.root / "photos"
+
+    @property
+    def fruit_ply(self) -> Path:
+        """A ready mesh in mm, which takes the photos' place."""
+        return self.root / "fruit.ply"
+
+    @property
+    def pit_ply(self) -> Path:
+        """A pit placed in the fruit by the user, which takes the category prior's place."""
+        return self.root / "pit.ply"
+
+    def photo_files(self) -> tuple[Path, ...]:
+        """Photos by name."""
+        if not self.photos.is_dir():
+            return ()
+        return tuple(sorted(p for p in self.photos.iterdir() if p.suffix.lower() in PHOTO_ENDINGS))
+
+    def grasp_files(self) -> tuple[Path, ...]:
+        """Recordings by name."""
+        return tuple(sorted((self.root / "grasps").glob("*.h5")))
+
+    def raw_grasp_folders(self) -> tuple[Path, ...]:
+        """Grasps in the raw form (frames in folders), by name."""
+        grasps = self.root / "grasps"
+        return tuple(sorted(p for p in grasps.iterdir() if p.is_dir())) if grasps.is_dir() else ()
+
+    def input_files(self) -> tuple[Path, ...]:
+        """Every file the fruit's result depends on."""
+        ready = tuple(p for p in (self.fruit_ply, self.pit_ply) if p.is_file())
+        photos = () if self.fruit_ply.is_file() else self.photo_files()
+        return ready + photos + self.grasp_files()
+
+
+@dataclass(frozen=True)
+class BatchFolder:
+    """A batch as formats name it."""
+
+    root: Path
+
+    @property
+    def settings(self) -> Path:
+        """batch.toml."""
+        return self.root / "batch.toml"
+
+    @property
+    def table(self) -> Path:
+        """fruits.csv."""
+        return self.root / "fruits.csv"
+
+    @property
+    def mat(self) -> Path:
+        """mat.json, where the fruit stood on a marker mat."""
+        return self.root / "mat.json"
+
+    @property
+    def default_results(self) -> Path:
+        """Where results go when no other place is asked for."""
+        return self.root / "results"
+
+    def fruit(self, fruit_id: str) -> FruitFolder:
+        """The folder of one fruit."""
+        return FruitFolder(self.root / "fruits" / fruit_id)
+
+
+@dataclass(frozen=True)
+class FruitResults:
+    """`OUT/fruits/<fruit_id>/`."""
+
+    root: Path
+
+    @property
+    def record(self) -> Path:
+        """Everything known of the fruit."""
+        return self.root / "record.json"
+
+    @property
+    def fruit_ply(self) -> Path:
+        """The mesh in mm (with a mat: in the mat's frame)."""
+        return self.root / "fruit.ply"
+
+    @property
+    def pit_ply(self) -> Path:
+        """The embedded pit, in the frame of fruit.ply."""
+        return self.root / "pit.ply"
+
+    @property
+    def photo(self) -> Path:
+        """A small photo for the report."""
+        return self.root / "photo.jpg"
+
+    @property
+    def picture(self) -> Path:
+        """The picture of mesh, pit and contact patches."""
+        return self.root / "mesh.png"
+
+    @property
+    def cache(self) -> Path:
+        """Results of the stages, each under the hash of what it came from."""
+        return self.root / ".cache"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What `drupe grade` writes."""
+
+    root: Path
+
+    @property
+    def ranking(self) -> Path:
+        """ranking.csv."""
+        return self.root / "ranking.csv"
+
+    @property
+    def report(self) -> Path:
+        """report.html."""
+        return self.root / "report.html"
+
+    @property
+    def provenance(self) -> Path:
+        """batch.json."""
+        return self.root / "batch.json"
+
+    @property
+    def lock(self) -> Path:
+        """Held while a run writes here."""
+        return self.root / ".lock"
+
+    def fruit(self, fruit_id: str) -> FruitResults:
+        """The results of one fruit."""
+        return FruitResults(self.root / "fruits" / fruit_id)
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file."""
+    data = content.encode() if isinstance(content, str) else content
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        umask = os.umask(0)
+        os.umask(umask)
+        Path(name).chmod(0o666 & ~umask)
+        Path(name).replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise

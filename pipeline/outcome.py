@@ -1,0 +1,46 @@
+"""Every ending that a fruit can come to, and the sentence that staff read.
+
+A room's failure (recon, tactile, fem) brings its own code and sentence; the endings here are the
+pipeline's own.
+"""
+
+from enum import Enum
+
+
+class Outcome(Enum):
+    """Code and sentence of an ending that no room speaks for; `{}` takes the particulars."""
+
+    GRADED = ("graded", "")
+    NO_GRASP = ("no-grasp", "No tactile recording in grasps/, so there is a mesh but no modulus; {}")
+    ALL_GRASPS_FAILED = ("grasps-failed", "None of its recordings could be used: {}")
+    NO_SHAPE = ("no-shape", "Neither photos nor fruit.ply found in {}; add one of the two.")
+    NO_SCALE = (
+        "no-scale",
+        "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "
+        "or photograph on a marker mat and put mat.json beside batch.toml ({}).",
+    )
+    CRASHED = (
+        "crashed",
+        "The process working on this fruit died ({}); the other fruit are not touched. Run the same command "
+        "again; if it dies again, take this fruit's inputs to the maintainers.",
+    )
+    TIMED_OUT = ("timed-out", "Took longer than the limit of {} s; raise it with --time-limit.")
+    OUT_OF_MEMORY = ("out-of-memory", "Ran out of memory; run with fewer --jobs ({}).")
+    INTERNAL = ("internal-error", "A fault of drupe itself ({}); please report it with this fruit's record.json.")
+
+    @property
+    def code(self) -> str:
+        """The short name in the ranking's outcome column."""
+        return self.value[0]
+
+    def sentence(self, particulars: str = "") -> str:
+        """What happened and what to do next."""
+        return self.value[1].format(particulars)
+
+
+class FruitEnded(Exception):
+    """Raised inside a stage when a fruit can go no further for a reason that is the pipeline's own."""
+
+    def __init__(self, outcome: Outcome, particulars: str = "") -> None:
+        self.outcome = outcome
+        super().__init__(outcome.sentence(particulars))

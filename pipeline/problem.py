@@ -1,0 +1,25 @@
+"""What is wrong with a batch, said so that staff can mend it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One fault of the input: the file, and a sentence with what was found, what was expected, what to do."""
+
+    file: str
+    sentence: str
+    fruit_id: str | None = None
+
+    def __str__(self) -> str:
+        """One line: file first."""
+        return f"{self.file}: {' '.join(self.sentence.split())}"
+
+
+class BatchRefused(Exception):
+    """Raised when a batch as a whole cannot be graded; holds every problem found, not the first."""
+
+    def __init__(self, problems: Iterable[Problem]) -> None:
+        self.problems = tuple(problems)
+        super().__init__("\n".join(map(str, self.problems)))

@@ -1,0 +1,57 @@
+"""`batch.json`: what a result came from (versions, settings, inputs, times), so that it can be made again."""
+
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from pipeline.cache import LIBRARIES, ROOMS, code_version, file_hash
+from pipeline.layout import write_whole
+
+
+def versions() -> dict[str, str]:
+    """drupe, its code's hash, Python, the platform, and the libraries that make the numbers."""
+    return {
+        "drupe": metadata.version("drupe"),
+        "drupe code": code_version(ROOMS)[:16],
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        **{name: metadata.version(name) for name in LIBRARIES},
+    }
+
+
+def input_hashes(root: Path, files: Iterable[Path]) -> dict[str, str]:
+    """SHA-256 of each input file, by its path inside the batch."""
+    return {path.relative_to(root).as_posix(): file_hash(path) for path in files}
+
+
+def write_provenance(
+    path: Path,
+    *,
+    settings: Mapping[str, Any],
+    inputs: Mapping[str, str],
+    started: datetime,
+    finished: datetime,
+    exit_status: int,
+    outcomes: Mapping[str, str],
+) -> None:
+    """Writes batch.json; times are UTC in ISO 8601."""
+    content = {
+        "format": "drupe-batch-result",
+        "version": 1,
+        "versions": versions(),
+        "settings": settings,
+        "inputs": inputs,
+        "started_utc": _utc(started),
+        "finished_utc": _utc(finished),
+        "exit_status": exit_status,
+        "outcomes": outcomes,
+    }
+    write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
+
+
+def _utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

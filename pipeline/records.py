@@ -1,0 +1,132 @@
+"""What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pipeline.layout import write_whole
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class Given(_Record):
+    """What staff wrote of the fruit in fruits.csv."""
+
+    height_mm: float | None = None
+    mass_g: float | None = None
+    shore_oo: float | None = None
+    diameter_mm: float | None = None
+    notes: str = ""
+
+
+class MeshRecord(_Record):
+    """The fruit's surface: where it came from, its size, and how good it is."""
+
+    source: Literal["photos", "fruit.ply"]
+    vertices: int
+    faces: int
+    volume_mm3: float
+    height_mm: float
+    box_mm: tuple[float, float, float]
+    scale_sd: float | None = None
+    surface_sd_mm: float | None = None
+    quality: dict[str, Any] = {}
+
+
+class PitRecord(_Record):
+    """The pit that was embedded: from a category prior, or the user's own."""
+
+    source: str
+    volume_mm3: float
+    centre_mm: tuple[float, float, float]
+    box_mm: tuple[float, float, float]
+    thinnest_flesh_mm: float
+    flesh_volume_mm3: float
+
+
+class CurveRecord(_Record):
+    """Normal force of one pad against travel since first touch."""
+
+    pad: str
+    travel_mm: list[float]
+    force_N: list[float]
+
+
+class GraspRecord(_Record):
+    """What one recording gave; `failure` says why it gave nothing."""
+
+    grasp: str
+    failure: str | None = None
+    E_MPa: float | None = None
+    E_sd_MPa: float | None = None
+    E_energy_MPa: float | None = None
+    E_energy_sd_MPa: float | None = None
+    E_least_squares_MPa: float | None = None
+    E_least_squares_sd_MPa: float | None = None
+    residual_um: float | None = None
+    noise_um: float | None = None
+    registration_mm: float | None = None
+    frames_used: int | None = None
+    markers_used: int | None = None
+    peak_force_N: float | None = None
+    travel_mm: float | None = None
+    contact_mm: dict[str, list[tuple[float, float, float]]] = {}
+    curves: list[CurveRecord] = []
+
+
+class FleshRecord(_Record):
+    """The mechanical model: finite-element mesh of the flesh and its assumed Poisson's ratio."""
+
+    nodes: int
+    tets: int
+    poisson_ratio: float
+    poisson_ratio_source: str
+
+
+class ModulusRecord(_Record):
+    """The flesh's modulus from all grasps together, and the error bar's parts (MPa, one sd each)."""
+
+    E_MPa: float
+    E_sd_MPa: float
+    parts_sd_MPa: dict[str, float] = {}
+
+
+class FruitRecord(_Record):
+    """Everything known of one fruit."""
+
+    format: Literal["drupe-fruit-record"] = "drupe-fruit-record"
+    version: Literal[1] = 1
+    fruit_id: str
+    outcome: str
+    reason: str = ""
+    key: str
+    given: Given
+    mesh: MeshRecord | None = None
+    pit: PitRecord | None = None
+    flesh: FleshRecord | None = None
+    grasps: tuple[GraspRecord, ...] = ()
+    modulus: ModulusRecord | None = None
+    warnings: tuple[str, ...] = ()
+    seconds: dict[str, float] = {}
+    peak_memory_MiB: float | None = None
+
+    @property
+    def graded(self) -> bool:
+        """Whether the fruit has a modulus."""
+        return self.modulus is not None
+
+
+def write_record(path: Path, record: FruitRecord) -> None:
+    """Writes the record as JSON, whole or not at all."""
+    write_whole(path, record.model_dump_json(indent=1) + "\n")
+
+
+def read_record(path: Path) -> FruitRecord | None:
+    """The record at `path`; None where there is none that this version can read."""
+    try:
+        return FruitRecord.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValidationError):
+        return None

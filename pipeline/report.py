@@ -1,0 +1,175 @@
+"""From records to what the reports room prints."""
+
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+
+import numpy as np
+
+from pipeline.batch import Batch
+from pipeline.layout import Results
+from pipeline.provenance import versions
+from pipeline.records import FruitRecord, GraspRecord
+from pipeline.ripeness import Standing, agreement, standings
+from reports.entries import BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
+
+RANKING_SEED = 20260814
+
+
+def batch_entry(
+    batch: Batch,
+    records: Sequence[FruitRecord],
+    *,
+    results: Results,
+    inputs: Mapping[str, str],
+    started: datetime,
+    finished: datetime,
+    exit_status: int,
+) -> BatchEntry:
+    """The batch as the reports see it, ranked softest first."""
+    graded = [r for r in records if r.modulus is not None]
+    E = np.array([r.modulus.E_MPa for r in graded if r.modulus])
+    sd = np.array([r.modulus.E_sd_MPa for r in graded if r.modulus])
+    places = standings(
+        E, sd, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED)
+    )
+    place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
+    settings = batch.settings
+    return BatchEntry(
+        name=batch.folder.root.resolve().name,
+        category=settings.category,
+        cultivar=settings.cultivar,
+        lot=settings.lot,
+        harvest_date=settings.harvest_date,
+        pulp_temperature_C=settings.pulp_temperature_C,
+        classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
+        settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
+        versions=tuple(versions().items()),
+        inputs=tuple(inputs.items()),
+        started_utc=started,
+        finished_utc=finished,
+        exit_status=exit_status,
+        shore=_shore(graded),
+        fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
+    )
+
+
+def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) -> FruitEntry:
+    files = results.fruit(record.fruit_id)
+    mesh, modulus = record.mesh, record.modulus
+    return FruitEntry(
+        fruit_id=record.fruit_id,
+        ok=record.graded,
+        outcome=record.outcome,
+        reason=record.reason,
+        rank=place.rank if place else None,
+        E_MPa=modulus.E_MPa if modulus else None,
+        E_sd_MPa=modulus.E_sd_MPa if modulus else None,
+        maturity=place.maturity if place else None,
+        maturity_probability=place.maturity_probability if place else None,
+        p_softer_than_next=place.p_softer_than_next if place else None,
+        height_mm=mesh.height_mm if mesh else record.given.height_mm,
+        volume_mm3=mesh.volume_mm3 if mesh else None,
+        grasps=sum(g.failure is None for g in record.grasps),
+        shore_oo=record.given.shore_oo,
+        warnings=record.warnings,
+        photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
+        mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
+        estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
+        curves=tuple(_curves(record.grasps)),
+        facts=tuple(_facts(record, place)),
+        seconds=record.seconds,
+        peak_memory_MiB=record.peak_memory_MiB,
+    )
+
+
+def _estimate(grasp: GraspRecord) -> GraspEstimate:
+    return GraspEstimate(
+        grasp=grasp.grasp,
+        E_energy_MPa=grasp.E_energy_MPa,
+        E_energy_sd_MPa=grasp.E_energy_sd_MPa,
+        E_least_squares_MPa=grasp.E_least_squares_MPa,
+        E_least_squares_sd_MPa=grasp.E_least_squares_sd_MPa,
+        residual_um=grasp.residual_um,
+        peak_force_N=grasp.peak_force_N,
+        travel_mm=grasp.travel_mm,
+        frames_used=grasp.frames_used,
+    )
+
+
+def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
+    return [
+        ForceCurve(
+            grasp=g.grasp,
+            pad=c.pad,
+            travel_mm=np.array(c.travel_mm),
+            force_N=np.array(c.force_N),
+        )
+        for g in grasps
+        for c in g.curves
+    ]
+
+
+def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]:
+    facts: list[tuple[str, str]] = []
+    if place:
+        span = f"{place.rank_low} to {place.rank_high}"
+        facts.append(("Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)))
+        facts.append(("Probability of exactly this rank", f"{place.rank_probability:.2f}"))
+    if (mesh := record.mesh) is not None:
+        box = " × ".join(f"{side:.1f}" for side in mesh.box_mm)
+        facts.append(("Size (x × y × z)", f"{box} mm"))
+        facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
+        if mesh.scale_sd is not None:
+            facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
+        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items() if v is not None]
+    if (pit := record.pit) is not None:
+        box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
+        facts.append(("Pit", f"{box} mm, from {pit.source}"))
+        facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
+    if (flesh := record.flesh) is not None:
+        facts.append(("Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"))
+        facts.append(("Poisson's ratio", f"{flesh.poisson_ratio:g} ({flesh.poisson_ratio_source})"))
+    if record.modulus is not None:
+        facts += [
+            (f"Error bar: {name}", f"± {value:.3f} MPa") for name, value in record.modulus.parts_sd_MPa.items()
+        ]
+    facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
+    given = record.given
+    if given.mass_g is not None:
+        facts.append(("Mass", f"{given.mass_g:g} g"))
+    if given.notes:
+        facts.append(("Notes", given.notes))
+    return facts
+
+
+def _label(key: str) -> str:
+    words = key.removesuffix("_px").removesuffix("_mm").replace("_", " ")
+    unit = " (px)" if key.endswith("_px") else " (mm)" if key.endswith("_mm") else ""
+    return words[:1].upper() + words[1:] + unit
+
+
+def _shown(value: object) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
+    pairs = [(r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None]
+    if not pairs:
+        return None
+    E, shore = np.array(pairs, dtype=float).T
+    found = agreement(E, shore)
+    return (
+        None
+        if found is None
+        else ShoreCorrelation(n=found.n, spearman=found.spearman, pearson=found.pearson, p=found.p)
+    )
+
+
+def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            rows += _flat(value, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", str(value)))
+    return rows

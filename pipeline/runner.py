@@ -1,0 +1,112 @@
+"""Many fruits at once: one process per fruit, a time limit, and a crash that costs that fruit only."""
+
+import multiprocessing
+import os
+import queue
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import TimeoutError as FutureTimeout
+from concurrent.futures import wait
+from dataclasses import dataclass
+from typing import Any
+
+from pebble import ProcessExpired, ProcessPool
+
+THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+
+
+@dataclass(frozen=True)
+class Progressed:
+    """A fruit has begun a stage."""
+
+    fruit_id: str
+    stage: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A fruit's process has ended; `result` is what it returned, or the exception that ended it."""
+
+    fruit_id: str
+    result: Any
+
+
+@dataclass(frozen=True)
+class Died:
+    """A fruit's process died (a signal, or the kernel's out-of-memory killer)."""
+
+    fruit_id: str
+    exit_code: int | None
+
+
+@dataclass(frozen=True)
+class TimedOut:
+    """A fruit's process was stopped at the time limit."""
+
+    fruit_id: str
+
+
+Event = Progressed | Finished | Died | TimedOut
+Report = Callable[[str], None]
+
+
+def run_fruits(
+    work: Callable[[Any, Report], Any],
+    tasks: Sequence[tuple[str, Any]],
+    *,
+    jobs: int,
+    time_limit_s: float,
+) -> Iterator[Event]:
+    """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
+
+    Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
+    one numerical thread. Leaving the iterator early stops what is running.
+    """
+    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
+    context = multiprocessing.get_context("spawn")
+    events = context.SimpleQueue()
+    with ProcessPool(
+        max_workers=jobs, max_tasks=1, context=context, initializer=_listen, initargs=(events,)
+    ) as pool:
+        pending = {
+            pool.schedule(_work, args=(work, fruit_id, task), timeout=time_limit_s): fruit_id
+            for fruit_id, task in tasks
+        }
+        try:
+            while pending:
+                done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
+                while not events.empty():
+                    yield Progressed(*events.get())
+                for future in done:
+                    yield _ending(pending.pop(future), future)
+        finally:
+            if pending:
+                pool.stop()
+
+
+def _ending(fruit_id: str, future: Any) -> Event:
+    try:
+        return Finished(fruit_id, future.result())
+    except FutureTimeout:
+        return TimedOut(fruit_id)
+    except ProcessExpired as error:
+        return Died(fruit_id, error.exitcode)
+    except Exception as error:  # noqa: BLE001 - whatever a fruit raised costs that fruit only
+        return Finished(fruit_id, error)
+
+
+_events: Any = queue.SimpleQueue()
+
+
+def _listen(events: Any) -> None:
+    global _events  # noqa: PLW0603 - a worker process has one channel to its parent
+    _events = events
+
+
+def _work(work: Callable[[Any, Report], Any], fruit_id: str, task: Any) -> Any:
+    return work(task, lambda stage: _events.put((fruit_id, stage)))

@@ -1,0 +1,33 @@
+"""`drupe sample`: the shipped batches, and new ones from a seed."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.problem import BatchRefused, Problem
+
+
+def write_sample(
+    folder: Path, *, name: str, seed: int | None, fruits: int, photos: bool, console: Console
+) -> None:
+    """Writes a shipped batch, or generates one; raises BatchRefused where the name or an extra is missing."""
+    if seed is None:
+        from samples.shipped import shipped_batches, write_shipped
+
+        known = shipped_batches()
+        if name not in known:
+            raise BatchRefused([Problem(f"--name {name}", f"no such shipped batch; there are: {', '.join(known)}.")])
+        write_shipped(name, folder)
+        return
+    from samples.batch import SampleFailure, write_batch
+
+    try:
+        write_batch(
+            folder,
+            seed=seed,
+            fruits=fruits,
+            photos=photos,
+            progress=lambda line: console.print(line, highlight=False, markup=False),
+        )
+    except SampleFailure as failure:
+        raise BatchRefused([Problem(str(folder), str(failure))]) from None

@@ -1,0 +1,42 @@
+"""What a run says on the terminal when it ends."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from reports.entries import BatchEntry, ranked
+
+
+def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
+    """The ranking as a table, failures with their reasons, and where the files are."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("rank", "fruit", "E (MPa)", "±"):
+        table.add_column(name, justify="left" if name == "fruit" else "right")
+    table.add_column("maturity")
+    for fruit in ranked(batch.fruits):
+        if fruit.E_MPa is None or fruit.E_sd_MPa is None:
+            continue
+        sure = "" if fruit.maturity_probability is None else f" ({fruit.maturity_probability:.0%})"
+        table.add_row(
+            str(fruit.rank),
+            escape(fruit.fruit_id),
+            f"{fruit.E_MPa:.3f}",
+            f"{fruit.E_sd_MPa:.3f}",
+            escape(f"{fruit.maturity or ''}{sure}"),
+        )
+    if table.row_count:
+        console.print(table)
+    for fruit in batch.fruits:
+        if not fruit.ok:
+            console.print(
+                f"not graded: {fruit.fruit_id}: {fruit.outcome}: {fruit.reason}",
+                highlight=False,
+                markup=False,
+                soft_wrap=True,
+            )
+    graded = sum(fruit.ok for fruit in batch.fruits)
+    console.print(f"{graded} of {len(batch.fruits)} fruit graded", highlight=False)
+    for name in ("ranking.csv", "report.html"):
+        console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)
