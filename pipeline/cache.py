@@ -85,7 +85,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) 
 def _load(path: Path, key: str) -> Artifact | None:
     """The stored artifact, or None where there is none of this key (a damaged file counts as none)."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             header = json.loads(str(stored["__header__"]))
             if header["key"] != key:
                 return None

@@ -48,7 +48,9 @@ def fruit_problems(batch: Batch, row: FruitRow) -> Iterator[Problem]:
 
 def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
     if batch.mat is None and row.height_mm is None:
-        yield _at(row, batch.folder.table, f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.')
+        yield _at(
+            row, batch.folder.table, f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.'
+        )
     photos = folder.photo_files()
     yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where=str(folder.photos)))
     for path in photos:
@@ -61,7 +63,9 @@ def _strays(batch: Batch) -> tuple[Problem, ...]:
     fruits = batch.folder.root / "fruits"
     found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
     return tuple(
-        Problem(str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.')
+        Problem(
+            str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
+        )
         for name in found
         if name not in listed and not name.startswith(".")
     )

@@ -22,7 +22,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-BatchArgument = Annotated[Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")]
+BatchArgument = Annotated[
+    Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
+]
 USAGE, INTERNAL, INTERRUPTED = 2, 1, 130
 
 
@@ -44,10 +46,10 @@ def _root(
 @app.command()
 def grade(
     batch: BatchArgument,
-    out: Annotated[
-        Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
+    jobs: Annotated[
+        int, typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core")
+    ] = 0,
     time_limit: Annotated[
         float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
     ] = 1800,
@@ -62,9 +64,7 @@ def grade(
     from pipeline.summary import print_summary
 
     console = Console(stderr=True)
-    status, entry = grade_batch(
-        batch, out, jobs=jobs or _cores(), time_limit_s=time_limit, console=console
-    )
+    status, entry = grade_batch(batch, out, jobs=jobs or _cores(), time_limit_s=time_limit, console=console)
     print_summary(entry, out or batch / "results", console=Console())
     raise typer.Exit(status)
 
@@ -87,7 +87,9 @@ def check(batch: BatchArgument) -> None:
 
 @app.command()
 def mat(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")] = Path(),
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")
+    ] = Path(),
 ) -> None:
     """Write the printable marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
     from pipeline.layout import write_whole
@@ -98,12 +100,16 @@ def mat(
     bits = {tag: tag_bits(sheet.dictionary, tag) for tag in sheet.corners_mm}
     write_whole(folder / "mat.pdf", mat_sheet_pdf(sheet.corners_mm, bits))
     write_whole(folder / "mat.json", json.dumps(mat_mapping(sheet)) + "\n")
-    typer.echo(f"wrote {folder / 'mat.pdf'} and {folder / 'mat.json'}: print the PDF at 100 % and measure its bar")
+    typer.echo(
+        f"wrote {folder / 'mat.pdf'} and {folder / 'mat.json'}: print the PDF at 100 % and measure its bar"
+    )
 
 
 @app.command()
 def sample(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="A folder that does not exist yet, or is empty.")],
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="A folder that does not exist yet, or is empty.")
+    ],
     name: Annotated[str, typer.Option(help="Which shipped batch.")] = "nectarines",
     seed: Annotated[
         int | None, typer.Option(min=0, help="Generate new fruit from this seed instead of the shipped ones.")

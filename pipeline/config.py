@@ -39,7 +39,9 @@ class Grading(_Strict):
                 f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}"
             )
         if limits and limits[-1] != math.inf:
-            raise ValueError("the last (firmest) class must have no E_max_MPa, so that every fruit has a class")
+            raise ValueError(
+                "the last (firmest) class must have no E_max_MPa, so that every fruit has a class"
+            )
         names = [c.name for c in self.classes]
         if len(set(names)) != len(names):
             raise ValueError(f"class names must differ, found {names}")

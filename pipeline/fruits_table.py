@@ -47,7 +47,9 @@ def read_fruits(path: Path) -> tuple[FruitRow, ...]:
         if len(where) > 1:
             at = ", ".join(map(str, where))
             problems.append(
-                Problem(str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.')
+                Problem(
+                    str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.'
+                )
             )
     if not rows:
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
@@ -97,7 +99,9 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             value = math.nan
         if not (math.isfinite(value) and value > 0):
             problems.append(
-                Problem(str(path), f'line {line}: {name} is "{text}"; expected a number above zero, or nothing.')
+                Problem(
+                    str(path), f'line {line}: {name} is "{text}"; expected a number above zero, or nothing.'
+                )
             )
             continue
         measures[name] = value

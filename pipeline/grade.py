@@ -25,8 +25,7 @@ from reports.tables import ranking_csv
 
 ALL_GRADED, SOME_NOT_GRADED, INTERRUPTED = 0, 3, 130
 RETRIED = frozenset(
-    outcome.code
-    for outcome in (Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY, Outcome.INTERNAL)
+    outcome.code for outcome in (Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY, Outcome.INTERNAL)
 )
 """Endings that may come out otherwise when tried again; every other ending is the inputs' own."""
 
@@ -58,7 +57,9 @@ def grade(
         records = dict(_kept(tasks))
         todo = [(fruit_id, task) for fruit_id, task in tasks.items() if fruit_id not in records]
         if records:
-            console.print(f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False)
+            console.print(
+                f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False
+            )
         inputs = input_hashes(batch.folder.root, _inputs(batch))
 
         def provenance(status: int) -> None:
@@ -80,7 +81,13 @@ def grade(
         in_order = [records[row.fruit_id] for row in batch.rows]
         status = ALL_GRADED if all(r.graded for r in in_order) else SOME_NOT_GRADED
         entry = batch_entry(
-            batch, in_order, results=results, inputs=inputs, started=started, finished=now(), exit_status=status
+            batch,
+            in_order,
+            results=results,
+            inputs=inputs,
+            started=started,
+            finished=now(),
+            exit_status=status,
         )
         write_whole(results.ranking, ranking_csv(entry))
         write_whole(results.report, report_html(entry))
@@ -208,13 +215,23 @@ def _alone(results: Results) -> Iterator[None]:
         file = results.lock.open("w")
     except OSError as error:
         raise BatchRefused(
-            [Problem(str(results.root), f"cannot be written ({error.strerror}); choose another place with --out.")]
+            [
+                Problem(
+                    str(results.root),
+                    f"cannot be written ({error.strerror}); choose another place with --out.",
+                )
+            ]
         ) from None
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise BatchRefused(
-                [Problem(str(results.root), "another run is writing here; wait for it, or choose another --out.")]
+                [
+                    Problem(
+                        str(results.root),
+                        "another run is writing here; wait for it, or choose another --out.",
+                    )
+                ]
             ) from None
         yield

@@ -26,7 +26,10 @@ class Outcome(Enum):
     )
     TIMED_OUT = ("timed-out", "Took longer than the limit of {} s; raise it with --time-limit.")
     OUT_OF_MEMORY = ("out-of-memory", "Ran out of memory; run with fewer --jobs ({}).")
-    INTERNAL = ("internal-error", "A fault of drupe itself ({}); please report it with this fruit's record.json.")
+    INTERNAL = (
+        "internal-error",
+        "A fault of drupe itself ({}); please report it with this fruit's record.json.",
+    )
 
     @property
     def code(self) -> str:

@@ -29,9 +29,7 @@ def batch_entry(
     graded = [r for r in records if r.modulus is not None]
     E = np.array([r.modulus.E_MPa for r in graded if r.modulus])
     sd = np.array([r.modulus.E_sd_MPa for r in graded if r.modulus])
-    places = standings(
-        E, sd, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED)
-    )
+    places = standings(E, sd, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED))
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
     settings = batch.settings
     return BatchEntry(
@@ -131,7 +129,8 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
         facts.append(("Poisson's ratio", f"{flesh.poisson_ratio:g} ({flesh.poisson_ratio_source})"))
     if record.modulus is not None:
         facts += [
-            (f"Error bar: {name}", f"± {value:.3f} MPa") for name, value in record.modulus.parts_sd_MPa.items()
+            (f"Error bar: {name}", f"± {value:.3f} MPa")
+            for name, value in record.modulus.parts_sd_MPa.items()
         ]
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
     given = record.given
@@ -153,7 +152,9 @@ def _shown(value: object) -> str:
 
 
 def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
-    pairs = [(r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None]
+    pairs = [
+        (r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None
+    ]
     if not pairs:
         return None
     E, shore = np.array(pairs, dtype=float).T

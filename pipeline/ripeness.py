@@ -78,9 +78,7 @@ def standings(
     return result
 
 
-def maturity(
-    log_E: float, log_sd: float, classes: Sequence[GradingClass]
-) -> tuple[str | None, float | None]:
+def maturity(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tuple[str | None, float | None]:
     """The class that E falls in, and the probability that the true modulus does; None without classes."""
     below = 0.0
     for grade in classes:

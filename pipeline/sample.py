@@ -16,7 +16,9 @@ def write_sample(
 
         known = shipped_batches()
         if name not in known:
-            raise BatchRefused([Problem(f"--name {name}", f"no such shipped batch; there are: {', '.join(known)}.")])
+            raise BatchRefused(
+                [Problem(f"--name {name}", f"no such shipped batch; there are: {', '.join(known)}.")]
+            )
         write_shipped(name, folder)
         return
     from samples.batch import SampleFailure, write_batch

@@ -1,0 +1,53 @@
+"""A stage is computed once per key, and a damaged store is computed again."""
+
+import numpy as np
+
+from pipeline.cache import Artifact, cached, stage_key
+
+
+def make(counter):
+    def compute():
+        counter.append(1)
+        return Artifact(arrays={"a": np.arange(3.0)}, facts={"n": 3})
+
+    return compute
+
+
+def test_the_second_call_with_the_same_key_computes_nothing(tmp_path):
+    calls = []
+    first = cached(tmp_path, "mesh", "k", make(calls))
+    second = cached(tmp_path, "mesh", "k", make(calls))
+    assert len(calls) == 1
+    np.testing.assert_array_equal(first.arrays["a"], second.arrays["a"])
+    assert second.facts == {"n": 3}
+
+
+def test_another_key_computes_again(tmp_path):
+    calls = []
+    cached(tmp_path, "mesh", "k", make(calls))
+    cached(tmp_path, "mesh", "other", make(calls))
+    assert len(calls) == 2
+
+
+def test_a_truncated_file_is_computed_again(tmp_path):
+    calls = []
+    cached(tmp_path, "mesh", "k", make(calls))
+    path = tmp_path / "mesh.npz"
+    path.write_bytes(path.read_bytes()[:100])
+    cached(tmp_path, "mesh", "k", make(calls))
+    assert len(calls) == 2
+
+
+def test_the_key_follows_contents_settings_and_stage(tmp_path):
+    file = tmp_path / "f"
+    file.write_text("one")
+
+    def key(stage="mesh", setting=1):
+        return stage_key(stage, files=[file], settings={"s": setting}, rooms=("recon",))
+
+    first = key()
+    assert key() == first
+    assert key(setting=2) != first
+    assert key(stage="pit") != first
+    file.write_text("two")
+    assert key() != first

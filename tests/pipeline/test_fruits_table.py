@@ -1,0 +1,64 @@
+"""fruits.csv: every fault of every row is named."""
+
+import pytest
+
+from pipeline.fruits_table import read_fruits
+from pipeline.problem import BatchRefused
+
+
+def table(tmp_path, text):
+    path = tmp_path / "fruits.csv"
+    path.write_text(text)
+    return path
+
+
+def refusal(tmp_path, text):
+    with pytest.raises(BatchRefused) as caught:
+        read_fruits(table(tmp_path, text))
+    return str(caught.value)
+
+
+def test_rows_come_back_in_order_with_empty_measures_as_none(tmp_path):
+    rows = read_fruits(table(tmp_path, "fruit_id,height_mm,shore_oo\nB,61.5,\nA,,40\n"))
+    assert [(r.fruit_id, r.height_mm, r.shore_oo) for r in rows] == [("B", 61.5, None), ("A", None, 40.0)]
+
+
+def test_a_byte_order_mark_from_a_spreadsheet_does_no_harm(tmp_path):
+    (row,) = read_fruits(table(tmp_path, "\ufefffruit_id,height_mm\nA,60\n"))
+    assert row.fruit_id == "A"
+
+
+def test_numeric_ids_stay_as_written(tmp_path):
+    assert read_fruits(table(tmp_path, "fruit_id\n007\n"))[0].fruit_id == "007"
+
+
+def test_duplicate_ids_are_refused_with_their_lines(tmp_path):
+    assert 'fruit_id "A" stands on lines 2, 4' in refusal(tmp_path, "fruit_id\nA\nB\nA\n")
+
+
+@pytest.mark.parametrize("fruit_id", ["../x", "a/b", "", ".hidden", "a" * 81])
+def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
+    assert "cannot name a folder" in refusal(tmp_path, f"fruit_id,notes\n{fruit_id},x\n")
+
+
+@pytest.mark.parametrize("height", ["-3", "0", "tall", "nan", "inf"])
+def test_heights_that_are_no_length_are_refused(tmp_path, height):
+    assert f'height_mm is "{height}"' in refusal(tmp_path, f"fruit_id,height_mm\nA,{height}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "not a readable CSV"),
+        ("height_mm\n60\n", 'the column "fruit_id" is missing'),
+        ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
+        ("fruit_id\n", "holds no fruit"),
+    ],
+)
+def test_a_broken_table_is_said(tmp_path, text, says):
+    assert says in refusal(tmp_path, text)
+
+
+def test_missing_table_is_said(tmp_path):
+    with pytest.raises(BatchRefused, match=r"fruits\.csv: is missing"):
+        read_fruits(tmp_path / "fruits.csv")

@@ -1,0 +1,82 @@
+"""Ranking and classes from moduli with error bars."""
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from pipeline.config import GradingClass
+from pipeline.ripeness import agreement, maturity, standings
+
+CLASSES = (
+    GradingClass(name="soft", E_max_MPa=0.3),
+    GradingClass(name="ripe", E_max_MPa=0.7),
+    GradingClass(name="firm"),
+)
+
+
+def stand(E, sd, seed=1):
+    return standings(np.array(E), np.array(sd), classes=CLASSES, rng=np.random.default_rng(seed))
+
+
+def test_softest_fruit_has_rank_one():
+    assert [s.rank for s in stand([0.9, 0.2, 0.5], [0.01] * 3)] == [3, 1, 2]
+
+
+def test_far_apart_fruit_have_certain_ranks():
+    for s in stand([0.1, 1.0, 10.0], [0.005, 0.05, 0.5]):
+        assert s.rank_probability == 1.0
+        assert s.rank_low == s.rank_high == s.rank
+
+
+def test_probability_of_being_softer_agrees_with_direct_sampling():
+    E, sd = np.array([0.50, 0.55]), np.array([0.05, 0.04])
+    softer = stand(E, sd)[0].p_softer_than_next
+    draws = np.exp(np.random.default_rng(3).normal(np.log(E), sd / E, (400_000, 2)))
+    assert softer == pytest.approx((draws[:, 0] < draws[:, 1]).mean(), abs=0.003)
+
+
+def test_rank_probability_of_two_equals_probability_of_being_softer():
+    first, second = stand([0.50, 0.52], [0.05, 0.05])
+    assert first.rank_probability == pytest.approx(first.p_softer_than_next, abs=0.03)
+    assert second.p_softer_than_next is None
+
+
+def test_equal_fruit_get_distinct_ranks_and_even_odds():
+    first, second = stand([0.5, 0.5], [0.05, 0.05])
+    assert {first.rank, second.rank} == {1, 2}
+    assert first.p_softer_than_next == pytest.approx(0.5)
+
+
+def test_class_probabilities_are_normal_in_log_modulus_and_sum_to_one():
+    log_E, sd = np.log(0.5), 0.2
+    name, p = maturity(log_E, sd, CLASSES)
+    expected = norm.cdf(np.log(0.7), log_E, sd) - norm.cdf(np.log(0.3), log_E, sd)
+    assert (name, p) == ("ripe", pytest.approx(expected))
+    edges = np.log([1e-9, 0.3, 0.7, 1e9])
+    assert np.diff(norm.cdf(edges, log_E, sd)).sum() == pytest.approx(1)
+
+
+def test_without_classes_there_is_no_maturity():
+    assert maturity(0.0, 0.1, ()) == (None, None)
+
+
+def test_one_fruit_alone_is_ranked():
+    (only,) = stand([0.4], [0.02])
+    assert only.rank == 1
+    assert only.p_softer_than_next is None
+
+
+def test_no_fruit_gives_no_standing():
+    assert stand([], []) == []
+
+
+def test_correlation_with_shore_is_one_for_the_same_order():
+    found = agreement(np.array([0.1, 0.4, 0.9, 1.5]), np.array([20.0, 35.0, 60.0, 61.0]))
+    assert found is not None
+    assert found.spearman == pytest.approx(1.0)
+    assert found.n == 4
+
+
+def test_two_fruit_or_a_constant_reference_have_no_correlation():
+    assert agreement(np.array([0.1, 0.4]), np.array([1.0, 2.0])) is None
+    assert agreement(np.array([0.1, 0.4, 0.5]), np.array([2.0, 2.0, 2.0])) is None
