@@ -1,4 +1,4 @@
-"""A batch, opened: settings, fruit, mat and pit prior, with every fault of the whole found before work begins."""
+"""A batch, opened: settings, fruit, mat and pit prior, every fault of the whole found before work begins."""
 
 import json
 from collections.abc import Callable
@@ -48,8 +48,8 @@ def open_batch(root: Path) -> Batch:
             problems.append(
                 Problem(
                     str(folder.settings),
-                    f'"recon.geometry_model": found "{settings.recon.geometry_model}", but {model} is no file; '
-                    "give the path of an ONNX file relative to the batch, or take the line out.",
+                    f'"recon.geometry_model": found "{settings.recon.geometry_model}", but {model} is no '
+                    "file; give the path of an ONNX file relative to the batch, or take the line out.",
                 )
             )
     if problems or settings is None or rows is None:
@@ -92,8 +92,8 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
     return [
         Problem(
             str(folder.table),
-            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale; "
-            "add the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
+            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale; add "
+            " the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
         )
     ]
 

@@ -1,4 +1,4 @@
-"""Results of stages, kept under the hash of what they came from, so that a second run does only what changed."""
+"""Stage results, kept under the hash of what they came from: a second run does only what changed."""
 
 import hashlib
 import io

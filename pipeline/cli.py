@@ -16,7 +16,7 @@ from pipeline.system_libraries import missing_libraries
 
 app = typer.Typer(
     name="drupe",
-    help="How ripe stone fruit is, without cutting it: photos and one grasp per fruit become a maturity ranking.",
+    help="How ripe stone fruit is, without cutting it: photos and a grasp per fruit become a ranking.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -91,7 +91,7 @@ def mat(
         Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")
     ] = Path(),
 ) -> None:
-    """Write the printable marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
+    """Write the marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
     from pipeline.layout import write_whole
     from recon.mat import mat_mapping, standard_mat, tag_bits
     from reports.mat_sheet import mat_sheet_pdf
@@ -119,7 +119,7 @@ def sample(
         bool, typer.Option(help="Render photos (needs the extra drupe[samples]); without: ready meshes.")
     ] = True,
 ) -> None:
-    """Write a synthetic batch with known answers (answers.json): the shipped one, or new fruit from a seed."""
+    """Write a synthetic batch with known answers (answers.json): a shipped one, or new from a seed."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BatchRefused([Problem(str(folder), "is not empty; give a folder that does not exist yet.")])
     from pipeline.sample import write_sample

@@ -2,6 +2,7 @@
 
 import datetime
 import difflib
+import itertools
 import math
 import tomllib
 from pathlib import Path
@@ -34,7 +35,7 @@ class Grading(_Strict):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
-        if any(a >= b for a, b in zip(limits, limits[1:], strict=False)):
+        if any(a >= b for a, b in itertools.pairwise(limits)):
             raise ValueError(
                 f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}"
             )

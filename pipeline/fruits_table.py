@@ -30,12 +30,11 @@ class FruitRow:
 def read_fruits(path: Path) -> tuple[FruitRow, ...]:
     """The rows of `path`, in order; raises BatchRefused with every fault found."""
     table = _table(path)
-    problems: list[Problem] = []
-    for column in table.columns:
-        if column not in COLUMNS:
-            problems.append(
-                Problem(str(path), f'unknown column "{column}"; known columns: {", ".join(COLUMNS)}.')
-            )
+    problems = [
+        Problem(str(path), f'unknown column "{column}"; known columns: {", ".join(COLUMNS)}.')
+        for column in table.columns
+        if column not in COLUMNS
+    ]
     if "fruit_id" not in table.columns:
         problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)

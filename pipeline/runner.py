@@ -104,7 +104,7 @@ _events: Any = queue.SimpleQueue()
 
 
 def _listen(events: Any) -> None:
-    global _events  # noqa: PLW0603 - a worker process has one channel to its parent
+    global _events  # a worker process has one channel to its parent
     _events = events
 
 
