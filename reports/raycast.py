@@ -1,0 +1,122 @@
+"""What each pixel of an orthographic view sees of a mesh: rays on the CPU, no window, no OpenGL."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+from jaxtyping import Bool, Float, Int
+
+_SKY_RAYS = 96
+_GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class View:
+    """An orthographic camera that looks at ``centre_mm``; azimuth from +x towards +y, elevation above xy."""
+
+    centre_mm: Float[np.ndarray, " 3"]
+    azimuth_deg: float
+    elevation_deg: float
+    half_width_mm: float
+    half_height_mm: float
+
+    @property
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Rows: right, up and towards the viewer, unit vectors."""
+        azimuth, elevation = np.deg2rad(self.azimuth_deg), np.deg2rad(self.elevation_deg)
+        towards = np.array(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        )
+        right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+        return np.stack([right, np.cross(towards, right), towards])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Sight:
+    """First hit of each pixel's ray: whether, how far off, where, and the smooth unit normal there."""
+
+    hit: Bool[np.ndarray, "h w"]
+    depth_mm: Float[np.ndarray, "h w"]
+    points_mm: Float[np.ndarray, "h w 3"]
+    normals: Float[np.ndarray, "h w 3"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Surface:
+    """A mesh made ready for rays, with one outward normal per vertex (area-weighted mean of its faces')."""
+
+    scene: o3d.t.geometry.RaycastingScene
+    faces: Int[np.ndarray, "m 3"]
+    vertex_normals: Float[np.ndarray, "n 3"]
+
+    @classmethod
+    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Surface:
+        """The surface of a mesh, mm."""
+        corners = vertices[faces]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = np.stack(
+            [
+                np.bincount(faces.ravel(), np.repeat(areas[:, axis], 3), minlength=len(vertices))
+                for axis in range(3)
+            ],
+            axis=1,
+        )
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        scene.add_triangles(
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices, np.float32)),
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, np.uint32)),
+        )
+        return cls(scene=scene, faces=faces, vertex_normals=_unit(normals))
+
+    def seen_from(self, view: View, *, width_px: int, height_px: int) -> Sight:
+        """What each pixel of the view sees of the surface; row 0 is the top."""
+        right, up, towards = view.axes
+        across = view.half_width_mm * ((np.arange(width_px) + 0.5) / width_px * 2 - 1)
+        along = view.half_height_mm * (1 - (np.arange(height_px) + 0.5) / height_px * 2)
+        far_mm = 4.0 * (view.half_width_mm + view.half_height_mm)
+        origins = (
+            view.centre_mm + far_mm * towards + across[None, :, None] * right + along[:, None, None] * up
+        )
+        rays = np.concatenate([origins, np.broadcast_to(-towards, origins.shape)], axis=2).astype(np.float32)
+        answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
+        depth = answer["t_hit"].numpy().astype(float)
+        hit = np.isfinite(depth)
+        weights = answer["primitive_uvs"].numpy()[hit].astype(float)
+        corners = self.faces[answer["primitive_ids"].numpy()[hit]]
+        u, v = weights[:, :1], weights[:, 1:]
+        n0, n1, n2 = (self.vertex_normals[corners[:, k]] for k in range(3))
+        normals = np.zeros((height_px, width_px, 3))
+        normals[hit] = _unit((1 - u - v) * n0 + u * n1 + v * n2)
+        depth[~hit] = far_mm
+        return Sight(hit=hit, depth_mm=depth, points_mm=origins - depth[..., None] * towards, normals=normals)
+
+    def nearest(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3"]:
+        """The surface's point nearest to each point."""
+        query = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points_mm, np.float32))
+        found: Float[np.ndarray, "q 3"] = (
+            self.scene.compute_closest_points(query, nthreads=1)["points"].numpy().astype(float)
+        )
+        return found
+
+    def shaded(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, " q"]:
+        """Share of the sky about +z, cosine-weighted, that the surface hides from each point."""
+        k = np.arange(_SKY_RAYS) + 0.5
+        radius, turn = np.sqrt(k / _SKY_RAYS), k * _GOLDEN_ANGLE
+        directions = np.stack([radius * np.cos(turn), radius * np.sin(turn), np.sqrt(1 - radius**2)], axis=1)
+        rays = np.concatenate(
+            [
+                np.broadcast_to(points_mm[:, None], (len(points_mm), len(directions), 3)),
+                np.broadcast_to(directions, (len(points_mm), len(directions), 3)),
+            ],
+            axis=2,
+        ).astype(np.float32)
+        hidden = self.scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
+        share: Float[np.ndarray, " q"] = hidden.astype(float).mean(axis=1)
+        return share
+
+
+def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    lengths: Float[np.ndarray, "n 1"] = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.maximum(lengths, 1e-12))
