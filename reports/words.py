@@ -7,6 +7,7 @@ import math
 from reports.entries import FruitEntry, ranked
 
 UNKNOWN = "–"
+NO_BREAK = "\u00a0"
 
 _ADVICE = {
     "no-photos": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
@@ -73,16 +74,16 @@ def with_sd(value: float | None, sd: float | None) -> str:
 
 
 def percent(probability: float | None) -> str:
-    """A probability in whole percent, never a false certainty.
+    """A probability in whole percent, never a false certainty; the space does not break.
 
-    >>> percent(0.9999), percent(0.731), percent(0.0002), percent(None)
-    ('>99 %', '73 %', '<1 %', '–')
+    >>> [percent(p).replace(NO_BREAK, " ") for p in (0.9999, 0.731, 0.0002, None)]
+    ['>99 %', '73 %', '<1 %', '–']
     """
     if probability is None or not math.isfinite(probability):
         return UNKNOWN
     if probability > 0.99:
-        return ">99 %"
-    return "<1 %" if probability < 0.01 else f"{probability:.0%}".replace("%", " %")
+        return f">99{NO_BREAK}%"
+    return f"<1{NO_BREAK}%" if probability < 0.01 else f"{100 * probability:.0f}{NO_BREAK}%"
 
 
 def duration(seconds: float) -> str:

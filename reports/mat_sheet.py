@@ -1,0 +1,181 @@
+"""The printable marker mat: a PDF at true size, every tag one filled outline, a bar to measure the print."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+
+_INK = "#000000"
+_BAR_MM = 100.0
+_MM_PER_INCH = 25.4
+
+
+def mat_sheet_pdf(
+    corners_mm: Mapping[int, Float[np.ndarray, "4 3"]],
+    bits: Mapping[int, Bool[np.ndarray, "k k"]],
+    *,
+    sheet_mm: tuple[float, float],
+    title: str,
+    blank_radius_mm: float | None = None,
+) -> bytes:
+    """PDF of one page, ``sheet_mm`` wide and high, the mat's origin at the page's centre, x right, y up.
+
+    ``corners_mm`` holds each tag's outer corners as seen from above, top-left first, clockwise (z is
+    left out); ``bits`` its printed cells, True where white, black border included. The circle that shows
+    where the fruit stands has ``blank_radius_mm``, or the largest that leaves 3 mm to the tags. Bar and
+    words stand in the strip below the tags. The same arguments give the same bytes.
+
+    Raises ValueError where a tag lacks its cells, or a tag or the 100 mm bar does not fit on the sheet.
+    """
+    _refuse_what_does_not_fit(corners_mm, bits, sheet_mm)
+    width, height = sheet_mm
+    with rc_context({"pdf.fonttype": 42, "pdf.compression": 6, "font.family": "DejaVu Sans"}):
+        figure = Figure(figsize=(width / _MM_PER_INCH, height / _MM_PER_INCH), facecolor="none")
+        FigureCanvasPdf(figure)
+        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+        axes.set_xlim(-width / 2, width / 2)
+        axes.set_ylim(-height / 2, height / 2)
+        axes.set_axis_off()
+        for tag, corners in sorted(corners_mm.items()):
+            axes.add_patch(PathPatch(tag_outline(corners, bits[tag]), facecolor=_INK, linewidth=0))
+        everything = np.concatenate([corners[:, :2] for corners in corners_mm.values()])
+        radius = blank_radius_mm
+        if radius is None:
+            radius = max(_nearest_mm(corners_mm) - 3.0, 2.0)
+        _centre(axes, radius)
+        _bar_and_words(axes, lowest=float(everything[:, 1].min()), bottom=-height / 2, title=title)
+        out = io.BytesIO()
+        unsigned = {"Title": title, "Creator": None, "Producer": None, "CreationDate": None}
+        figure.savefig(out, format="pdf", metadata=unsigned)
+    return out.getvalue()
+
+
+def tag_outline(corners: Float[np.ndarray, "4 3"], bits: Bool[np.ndarray, "k k"]) -> Path:
+    """The black of one tag as a single compound path: edges between cells of one colour are left out.
+
+    One outline prints without hairlines between cells. Black lies to the right of every edge, so that
+    holes run the other way round and both fill rules give the same picture.
+    """
+    black = np.pad(~bits, 1)
+    edges: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    for row, column in np.argwhere(black[1:-1, 1:-1]).tolist():
+        ring = ((row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column))
+        beside = ((-1, 0), (0, 1), (1, 0), (0, -1))
+        for k, (down, right) in enumerate(beside):
+            if not black[row + 1 + down, column + 1 + right]:
+                edges.setdefault(ring[k], []).append(ring[(k + 1) % 4])
+    cells = len(bits)
+    top_left, across, down_ = corners[0, :2], corners[1, :2] - corners[0, :2], corners[3, :2] - corners[0, :2]
+    points: list[np.ndarray] = []
+    codes: list[np.uint8] = []
+    while edges:
+        start = min(edges)
+        loop, here = [start], start
+        while True:
+            there = edges[here].pop()
+            if not edges[here]:
+                del edges[here]
+            if there == start:
+                break
+            loop.append(there)
+            here = there
+        points += [top_left + (c * across + r * down_) / cells for r, c in [*loop, start]]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(loop) - 1), Path.CLOSEPOLY]
+    return Path(np.array(points).reshape(-1, 2), codes)
+
+
+def _refuse_what_does_not_fit(
+    corners_mm: Mapping[int, Float[np.ndarray, "4 3"]],
+    bits: Mapping[int, Bool[np.ndarray, "k k"]],
+    sheet_mm: tuple[float, float],
+) -> None:
+    if not corners_mm:
+        raise ValueError("The mat has no tags; expected at least one.")
+    bare = sorted(set(corners_mm) - set(bits))
+    if bare:
+        raise ValueError(f"No cells are given for tag {bare[0]}.")
+    needed = 2 * np.abs(np.concatenate([c[:, :2] for c in corners_mm.values()])).max(axis=0)
+    needed = np.maximum(needed + np.array([0.0, 2 * _STRIP_MM]), np.array([_BAR_MM, 0.0]))
+    if (needed > np.array(sheet_mm)).any():
+        raise ValueError(
+            f"The mat needs a sheet of {needed[0]:.0f} x {needed[1]:.0f} mm with its measuring bar; "
+            f"the sheet is {sheet_mm[0]:.0f} x {sheet_mm[1]:.0f} mm."
+        )
+
+
+_STRIP_MM = 19.0
+"""Height of the strip below the tags that holds the bar and the words."""
+
+
+def _nearest_mm(corners_mm: Mapping[int, Float[np.ndarray, "4 3"]]) -> float:
+    """Distance of the origin from the nearest tag's edges."""
+    distances = []
+    for corners in corners_mm.values():
+        start = corners[:, :2]
+        along = np.roll(start, -1, axis=0) - start
+        share = np.clip(-(start * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
+        distances.append(np.linalg.norm(start + share[:, None] * along, axis=1).min())
+    return float(min(distances))
+
+
+def _centre(axes: Axes, radius: float) -> None:
+    """Circle and cross where the fruit stands, and the arrow along +x that its suture follows."""
+    turn = np.linspace(0.0, 2 * np.pi, 181)
+    fine: dict[str, Any] = {"color": "#777777", "lw": 0.5}
+    axes.plot(radius * np.cos(turn), radius * np.sin(turn), **fine)
+    arm = 0.3 * radius
+    axes.plot([-arm, arm], [0.0, 0.0], **fine)
+    axes.plot([0.0, 0.0], [-arm, arm], **fine)
+    head = min(0.12 * radius, 3.0)
+    axes.plot([0.45 * radius, 0.93 * radius - head], [0.0, 0.0], color="#444444", lw=1.0)
+    tip = np.array(
+        [[0.93 * radius, 0.0], [0.93 * radius - head, 0.45 * head], [0.93 * radius - head, -0.45 * head]]
+    )
+    axes.fill(tip[:, 0], tip[:, 1], color="#444444", lw=0)
+    size = float(np.clip(radius / 4.5, 4.0, 8.0))
+    axes.text(
+        0.69 * radius, 0.06 * radius, "suture", ha="center", va="bottom", fontsize=size, color="#444444"
+    )
+    axes.text(
+        0.0,
+        -0.55 * radius,
+        "stand the fruit here,\nstem up",
+        ha="center",
+        va="center",
+        fontsize=size,
+        color="#777777",
+    )
+
+
+def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> None:
+    y = max(lowest - 6.0, bottom + 13.0)
+    half = _BAR_MM / 2
+    axes.add_patch(_rectangle(-half, y - 0.4, half, y + 0.4))
+    for x in (-half, half):
+        inner = 0.4 if x < 0 else -0.4
+        axes.add_patch(_rectangle(min(x, x + inner), y - 2.0, max(x, x + inner), y + 2.0))
+    words: dict[str, Any] = {"ha": "center", "va": "top", "color": "#222222"}
+    axes.text(
+        0.0,
+        y - 3.4,
+        "100 mm from end to end. Print at 100 % (no “fit to page”), then measure this bar.",
+        fontsize=7.5,
+        **words,
+    )
+    axes.text(0.0, y - 7.2, title, fontsize=6.5, **words)
+
+
+def _rectangle(left: float, low: float, right: float, high: float) -> PathPatch:
+    ring = [(left, low), (left, high), (right, high), (right, low), (left, low)]
+    codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY]
+    return PathPatch(Path(ring, codes), facecolor=_INK, linewidth=0)
