@@ -3,6 +3,8 @@
 import multiprocessing
 import os
 import queue
+import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeout
 from concurrent.futures import wait
@@ -106,6 +108,14 @@ _events: Any = queue.SimpleQueue()
 def _listen(events: Any) -> None:
     global _events  # a worker process has one channel to its parent
     _events = events
+    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+
+
+def _end_with(parent: int) -> None:
+    """Ends this process when its parent is gone: a killed run leaves no work that nobody waits for."""
+    while os.getppid() == parent:
+        time.sleep(0.5)
+    os._exit(1)
 
 
 def _work(work: Callable[[Any, Report], Any], fruit_id: str, task: Any) -> Any:

@@ -2,7 +2,12 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
+
+import psutil
 
 from pipeline.runner import Died, Finished, Progressed, TimedOut, run_fruits
 
@@ -39,3 +44,36 @@ def test_every_fruit_has_a_process_of_its_own_with_one_numerical_thread():
     results = [event.result for event in ended.values()]
     assert len({pid for _, pid, _ in results}) == 3
     assert {threads for *_, threads in results} == {"1"}
+
+
+PARENT = """
+import sys
+sys.path.insert(0, {tests!r})
+from test_runner import sleeper
+from pipeline.runner import run_fruits
+if __name__ == "__main__":
+    for event in run_fruits(sleeper, [("a", {mark!r})], jobs=1, time_limit_s=600):
+        pass
+"""
+
+
+def sleeper(mark, report):
+    Path(mark).write_text(str(os.getpid()))
+    time.sleep(600)
+
+
+def test_a_killed_run_leaves_no_process_behind(tmp_path):
+    script, mark = tmp_path / "parent.py", tmp_path / "mark"
+    script.write_text(PARENT.format(tests=str(Path(__file__).parent), mark=str(mark)))
+    with subprocess.Popen([sys.executable, str(script)]) as parent:
+        wait_until(lambda: mark.exists() and mark.read_text())
+        parent.kill()
+    worker = int(mark.read_text())
+    wait_until(lambda: not psutil.pid_exists(worker) or psutil.Process(worker).status() == "zombie")
+
+
+def wait_until(happened, seconds=60):
+    end = time.monotonic() + seconds
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.05)
