@@ -1,0 +1,98 @@
+"""Quadratic shape functions of the tetrahedron (T10) and the triangle (T6), and their quadrature.
+
+Node order: corners first, then mid-edges. T10: 01, 12, 20, 03, 13, 23. T6: 01, 12, 20.
+Reference coordinates are the barycentric ones without the first: corner 0 sits at the origin.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+TET_EDGES: Int[np.ndarray, "6 2"] = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+TRI_EDGES: Int[np.ndarray, "3 2"] = np.array([[0, 1], [1, 2], [2, 0]])
+#: the four faces of a T10 as T6, their normals pointing out of a positively oriented element
+TET_FACES: Int[np.ndarray, "4 6"] = np.array(
+    [[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [2, 0, 3, 6, 7, 9]]
+)
+
+
+def _quadratic(
+    barycentric: Float[np.ndarray, "q b"], edges: Int[np.ndarray, "e 2"]
+) -> Float[np.ndarray, "q n"]:
+    """Values: L(2L - 1) at corners, 4 Li Lj at mid-edges."""
+    i, j = edges.T
+    return np.hstack([barycentric * (2 * barycentric - 1), 4 * barycentric[:, i] * barycentric[:, j]])
+
+
+def _quadratic_gradient(
+    barycentric: Float[np.ndarray, "q b"], edges: Int[np.ndarray, "e 2"]
+) -> Float[np.ndarray, "q d n"]:
+    """Derivatives of `_quadratic` to the reference coordinates (L0 = 1 - the others)."""
+    d = barycentric.shape[1] - 1
+    slope = np.vstack([-np.ones(d), np.eye(d)])  # dL/dxi: (b, d)
+    i, j = edges.T
+    corner = (4 * barycentric - 1)[:, None, :] * slope.T
+    middle = 4 * (barycentric[:, None, i] * slope[j].T + barycentric[:, None, j] * slope[i].T)
+    return np.concatenate([corner, middle], axis=2)
+
+
+def barycentric(reference: Float[np.ndarray, "q d"]) -> Float[np.ndarray, "q b"]:
+    """All barycentric coordinates from the reference ones: the first is what is left to one."""
+    return np.hstack([1 - reference.sum(axis=1, keepdims=True), reference])
+
+
+def t10_shape(reference: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 10"]:
+    """Values of the ten shape functions of the tetrahedron."""
+    return _quadratic(barycentric(reference), TET_EDGES)
+
+
+def t10_gradient(reference: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3 10"]:
+    """Derivatives of the ten shape functions to the reference coordinates."""
+    return _quadratic_gradient(barycentric(reference), TET_EDGES)
+
+
+def t6_shape(reference: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 6"]:
+    """Values of the six shape functions of the triangle."""
+    return _quadratic(barycentric(reference), TRI_EDGES)
+
+
+def t6_gradient(reference: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 2 6"]:
+    """Derivatives of the six shape functions to the reference coordinates."""
+    return _quadratic_gradient(barycentric(reference), TRI_EDGES)
+
+
+def tet_quadrature() -> tuple[Float[np.ndarray, "14 3"], Float[np.ndarray, "14"]]:
+    """Points and weights, exact to degree 5 on the reference tetrahedron (volume 1/6); weights positive.
+
+    Source: the 14-point rule of Walkington, "Quadrature on simplices of arbitrary dimension", 2000.
+    """
+    points, weights = [], []
+    for a, w in ((0.3108859192633006, 0.1126879257180159), (0.0927352503108912, 0.0734930431163619)):
+        for corner in range(4):
+            point = np.full(4, a)
+            point[corner] = 1 - 3 * a
+            points.append(point)
+            weights.append(w)
+    a, w = 0.0455037041256496, 0.0425460207770815
+    for i, j in TET_EDGES:
+        point = np.full(4, a)
+        point[[i, j]] = 0.5 - a
+        points.append(point)
+        weights.append(w)
+    scaled = np.array(weights) / np.sum(weights) / 6
+    return np.array(points)[:, 1:], scaled
+
+
+def tri_quadrature() -> tuple[Float[np.ndarray, "7 2"], Float[np.ndarray, "7"]]:
+    """Points and weights, exact to degree 5 on the reference triangle (area 1/2).
+
+    Source: Radon, "Zur mechanischen Kubatur", Monatshefte für Mathematik 52, 1948: the seven-point rule.
+    """
+    root = np.sqrt(15.0)
+    points, weights = [np.full(3, 1 / 3)], [9 / 40]
+    for a, w in (((6 - root) / 21, (155 - root) / 1200), ((6 + root) / 21, (155 + root) / 1200)):
+        for corner in range(3):
+            point = np.full(3, a)
+            point[corner] = 1 - 2 * a
+            points.append(point)
+            weights.append(w)
+    return np.array(points)[:, 1:], np.array(weights) / 2

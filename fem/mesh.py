@@ -1,0 +1,158 @@
+"""From closed surfaces of fruit and pit to a T10 mesh of the flesh between them."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.closed_surface import Surface, checked_surface, split_boundary
+from fem.curve import pull, t4_jacobians, t10_jacobians
+from fem.elements import TET_FACES, t6_gradient, t6_shape, t10_gradient, tet_quadrature, tri_quadrature
+from fem.failure import FemFailure, FemProblem
+from fem.refine import SizeField, bisect_once, size_near
+from fem.tets import boundary_faces, with_mid_edges
+from fem.tetwild import fill, simplified
+
+#: largest relative change of the fruit's or the pit's volume that a mesh may bring
+VOLUME_TOLERANCE = 3e-3
+
+
+@dataclass(frozen=True)
+class FleshMesh:
+    """Quadratic tetrahedra of the flesh; what the pit fills is a hole, bounded by the pit's nodes.
+
+    tets: corners 0..3, then mid-edges 01, 12, 20, 03, 13, 23. outer_faces: T6 (corners, mid-edges 01, 12, 20)
+    with outward normals. pit_nodes: every node of the pit's surface, sorted; empty without a pit.
+    """
+
+    nodes_mm: Float[np.ndarray, "n 3"]
+    tets: Int[np.ndarray, "m 10"]
+    outer_faces: Int[np.ndarray, "k 6"]
+    pit_nodes: Int[np.ndarray, " p"]
+
+    @cached_property
+    def volume_mm3(self) -> float:
+        """Volume of the flesh, by quadrature over the curved elements."""
+        points, weights = tet_quadrature()
+        slope = np.einsum("qin,mnx->mqix", t10_gradient(points), self.nodes_mm[self.tets])
+        return float((np.linalg.det(slope) @ weights).sum())
+
+    @property
+    def outer_nodes(self) -> Int[np.ndarray, " o"]:
+        """Every node of the skin, sorted."""
+        return np.unique(self.outer_faces)
+
+
+def tetrahedralise(
+    outer_vertices: Float[np.ndarray, "v 3"],
+    outer_faces: Int[np.ndarray, "f 3"],
+    pit_vertices: Float[np.ndarray, "w 3"] | None,
+    pit_faces: Int[np.ndarray, "g 3"] | None,
+    *,
+    edge_mm: float,
+    refine_at_mm: Float[np.ndarray, "q 3"] | None = None,
+    refine_radius_mm: float = 2.0,
+    refine_edge_mm: float = 1.5,
+    curved: bool = True,
+) -> FleshMesh:
+    """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
+
+    Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond.
+    Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
+    simplification of them. Both volumes are measured against the surfaces' own. Deterministic.
+
+    Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT, PIT_OUTSIDE_FRUIT, MESHING_FAILED, DISCONNECTED_FLESH,
+    INVERTED_ELEMENTS, VOLUME_LOST (found and wanted volumes are named).
+    """
+    outer = checked_surface(outer_vertices, outer_faces, name="fruit")
+    pit = None
+    if pit_vertices is not None and pit_faces is not None:
+        pit = checked_surface(pit_vertices, pit_faces, name="pit")
+        outer.must_enclose(pit)
+    surfaces = [simplified(outer.vertices_mm, outer.faces, edge_mm=edge_mm)]
+    if pit is not None:
+        v, f = simplified(pit.vertices_mm, pit.faces, edge_mm=0.65 * edge_mm)
+        surfaces.append((v, f[:, ::-1]))
+    nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=0.025 * edge_mm)
+    nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
+    if refine_at_mm is not None and len(refine_at_mm):
+        size = size_near(refine_at_mm, radius_mm=refine_radius_mm, edge_mm=refine_edge_mm)
+        nodes, tets = _refined(nodes, tets, size, outer, pit)
+    return _quadratic(nodes, tets, outer, pit, curved=curved)
+
+
+def _refined(
+    nodes: np.ndarray, tets: np.ndarray, size: SizeField, outer: Surface, pit: Surface | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bisect until the size field is met, new boundary nodes pulled to the surfaces after every pass."""
+    for _ in range(12):
+        before = len(nodes)
+        nodes, tets = bisect_once(nodes, tets, size)
+        if len(nodes) == before:
+            break
+        nodes = _on_surfaces(nodes, tets, np.arange(before, len(nodes)), outer, pit)
+    return nodes, tets
+
+
+def _on_surfaces(
+    nodes: np.ndarray, tets: np.ndarray, candidates: np.ndarray, outer: Surface, pit: Surface | None
+) -> np.ndarray:
+    """Corner nodes among the candidates that lie on the boundary, pulled to the surface they belong to."""
+    skin, inner = split_boundary(nodes, boundary_faces(tets)[0], with_pit=pit is not None)
+    for faces, surface in ((skin, outer), (inner, pit)):
+        moving = np.intersect1d(faces, candidates)
+        if surface is not None and len(moving):
+            nodes = pull(nodes, tets, moving, surface.closest(nodes[moving]), t4_jacobians)
+    return nodes
+
+
+def _quadratic(
+    nodes: np.ndarray, tets: np.ndarray, outer: Surface, pit: Surface | None, *, curved: bool
+) -> FleshMesh:
+    """Mid-edge nodes, the boundary as T6 faces, and the proof that shape and volumes hold."""
+    n_corners = len(nodes)
+    nodes, tets10 = with_mid_edges(nodes, tets)
+    _, (owner, face) = (lambda pair: (pair[0], pair[1].T))(boundary_faces(tets))
+    faces6 = tets10[owner[:, None], TET_FACES[face]]
+    skin, inner = split_boundary(nodes, faces6, with_pit=pit is not None)
+    if curved:
+        for faces, surface in ((skin, outer), (inner, pit)):
+            moving = np.unique(faces)
+            moving = moving[moving >= n_corners]
+            if surface is not None:
+                nodes = pull(nodes, tets10, moving, surface.closest(nodes[moving]), t10_jacobians)
+    folded = t10_jacobians(nodes, tets10).min(axis=1) <= 0
+    if folded.any():
+        where = ", ".join(f"{x:.0f}" for x in nodes[tets10[folded][0]].mean(axis=0))
+        raise FemFailure(
+            FemProblem.INVERTED_ELEMENTS,
+            f"{folded.sum()} of {len(tets10)} elements are turned inside out, the first near ({where}) mm; "
+            "mesh finer or smooth the surface there",
+        )
+    mesh = FleshMesh(nodes, tets10, skin, np.unique(inner))
+    _check_volumes(mesh, inner, outer, pit)
+    return mesh
+
+
+def _check_volumes(mesh: FleshMesh, inner: np.ndarray, outer: Surface, pit: Surface | None) -> None:
+    """Raise VOLUME_LOST where the mesh holds another fruit or pit than the surfaces do."""
+    pit_found = t6_volume_mm3(mesh.nodes_mm, inner[:, [0, 2, 1, 5, 4, 3]]) if len(inner) else 0.0
+    found = {"fruit": mesh.volume_mm3 + pit_found, "pit": pit_found}
+    for name, surface in (("fruit", outer), ("pit", pit)):
+        if surface is not None and abs(found[name] / surface.volume_mm3 - 1) > VOLUME_TOLERANCE:
+            raise FemFailure(
+                FemProblem.VOLUME_LOST,
+                f"the {name} holds {found[name]:.0f} mm3 in the mesh but {surface.volume_mm3:.0f} mm3 in its "
+                f"surface, more than {VOLUME_TOLERANCE:.1%} apart; mesh finer or smooth the surface",
+            )
+
+
+def t6_volume_mm3(nodes_mm: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "k 6"]) -> float:
+    """Volume inside a closed T6 surface with outward normals: one third of the flux of x through it."""
+    points, weights = tri_quadrature()
+    x = nodes_mm[faces] - nodes_mm[faces].mean(axis=(0, 1))
+    place = np.einsum("qn,knx->kqx", t6_shape(points), x)
+    tangent = np.einsum("qin,knx->kqix", t6_gradient(points), x)
+    normal = np.cross(tangent[:, :, 0], tangent[:, :, 1])
+    return float((np.einsum("kqx,kqx->kq", place, normal) @ weights).sum() / 3)
