@@ -60,7 +60,8 @@ def tetrahedralise(
 
     Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond.
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
-    simplification of them. Both volumes are measured against the surfaces' own. Deterministic.
+    simplification of them. Both volumes are measured against the surfaces' own. Two runs
+    give meshes alike, not the same ones (see fem.tetwild).
 
     Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT, PIT_OUTSIDE_FRUIT, MESHING_FAILED, DISCONNECTED_FLESH,
     INVERTED_ELEMENTS, VOLUME_LOST (found and wanted volumes are named).

@@ -38,8 +38,9 @@ def fill(
     """Tetrahedra, positively oriented, of the region that the surfaces bound together.
 
     The normals of an inner surface point into its hole, so that winding numbers leave the hole empty.
-    One thread, so that the same input gives the same mesh. The mesher leaves a file in the working directory:
-    it gets one to throw away. Raises FemFailure where nothing comes back.
+    The mesher shuffles with a seed from the machine's entropy, so two runs differ in their elements (by less
+    than the discretisation error), not in their shape. It leaves a file in the working directory: it gets one
+    to throw away. Raises FemFailure where nothing comes back.
     """
     vertices = np.vstack([v for v, _ in surfaces])
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
