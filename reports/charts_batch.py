@@ -7,7 +7,7 @@ from markupsafe import Markup
 from reports.entries import BatchEntry, FruitEntry, ShoreCorrelation, ranked
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_x, error_bar_y, marker, padded
-from reports.words import number, percent, with_sd
+from reports.words import NO_BREAK, number, percent, with_sd
 
 _ROW_PX = 24.0
 
@@ -36,7 +36,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     for name, limit in limits:
         if limit <= highest:
             at = x(limit)
-            words = f"up to {number(limit)} MPa: {name}"
+            words = f"up to {limit:g} MPa: {name}"
             parts.append(
                 element("line", element("title", words), x1=at, x2=at, y1=top - 8, y2=bottom, class_="limit")
             )
@@ -133,4 +133,6 @@ def correlation_words(shore: ShoreCorrelation) -> str:
     )
     if shore.p is None:
         return words
-    return words + (", p < 0.001" if shore.p < 0.001 else f", p = {shore.p:.3f}")
+    return words + (
+        f", p{NO_BREAK}<{NO_BREAK}0.001" if shore.p < 0.001 else f", p{NO_BREAK}={NO_BREAK}{shore.p:.3f}"
+    )

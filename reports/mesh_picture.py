@@ -174,7 +174,7 @@ def _directions(axes: Axes, view: View, half: float) -> None:
         beyond = foot + (tip - foot) * (1 + 0.055 * half / np.linalg.norm(tip - foot))
         above = "bottom" if tip[1] > foot[1] else "top"
         axes.text(
-            float(beyond[0]), float(beyond[1]), words, ha="center", va=above, fontsize=9, color="#16191d"
+            float(beyond[0]), float(beyond[1]), words, ha="center", va=above, fontsize=12, color="#16191d"
         )
 
 
@@ -184,7 +184,7 @@ def _scale_bar(axes: Axes, half: float) -> None:
     axes.plot([end - length, end], [y, y], color="#16191d", lw=2.2, solid_capstyle="butt")
     for x in (end - length, end):
         axes.plot([x, x], [y - 0.018 * half, y + 0.018 * half], color="#16191d", lw=1.2)
-    axes.text(end - length / 2, y + 0.03 * half, f"{length:g} mm", ha="center", va="bottom", fontsize=9)
+    axes.text(end - length / 2, y + 0.03 * half, f"{length:g} mm", ha="center", va="bottom", fontsize=12)
 
 
 def _legend(axes: Axes, pads: tuple[str, ...], half: float, *, with_pit: bool) -> None:
@@ -192,6 +192,6 @@ def _legend(axes: Axes, pads: tuple[str, ...], half: float, *, with_pit: bool) -
     if with_pit:
         items.append(("pit (expected)", tuple(0.75 * _PIT + 0.25 * _FLESH)))
     for k, (words, colour) in enumerate(items):
-        y = half * (0.91 - 0.085 * k)
-        axes.plot([-0.91 * half], [y], marker="o", ms=6, color=colour)
-        axes.text(-0.86 * half, y, words, va="center", fontsize=9, color="#16191d")
+        y = half * (0.91 - 0.105 * k)
+        axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)
+        axes.text(-0.85 * half, y, words, va="center", fontsize=12, color="#16191d")

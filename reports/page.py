@@ -89,11 +89,9 @@ def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[dict[s
     for name, limit in batch.classes:
         words = ""
         if limit is not None:
-            words = (
-                f"up to {number(limit)} MPa" if below is None else f"{number(below)} to {number(limit)} MPa"
-            )
+            words = f"up to {limit:g} MPa" if below is None else f"{below:g} to {limit:g} MPa"
         elif below is not None:
-            words = f"above {number(below)} MPa"
+            words = f"above {below:g} MPa"
         items.append({"mark": _dot(*marks[name]), "name": name, "limits": words})
         below = limit
     return items

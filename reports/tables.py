@@ -71,7 +71,8 @@ def safe_cell(text: str | None) -> str | None:
     if not text:
         return None
     line = " ".join(text.replace("\x00", "").splitlines())
-    return f"'{line}" if text.startswith(_STARTS_A_FORMULA) or line.startswith(_STARTS_A_FORMULA) else line
+    runs = text.startswith(_STARTS_A_FORMULA) or line.lstrip().startswith(_STARTS_A_FORMULA)
+    return f"'{line}" if runs else line
 
 
 def _significant(value: float | None, *, figures: int) -> float | None:

@@ -103,7 +103,9 @@ def verdict(fruits: tuple[FruitEntry, ...]) -> str:
     graded = [fruit for fruit in ranked(fruits) if fruit.E_MPa is not None and fruit.ok]
     failed = sum(not fruit.ok for fruit in fruits)
     if not graded:
-        return f"None of {_fruits(len(fruits))} could be graded."
+        if len(fruits) < 2:
+            return "The one fruit could not be graded." if fruits else "The batch holds no fruits."
+        return f"None of the {len(fruits)} fruits could be graded."
     lead = (
         f"{len(graded)} of {_fruits(len(fruits))} graded" if failed else f"All {_fruits(len(fruits))} graded"
     )
@@ -128,5 +130,5 @@ def _fruits(count: int) -> str:
 
 
 def _modulus(fruit: FruitEntry) -> str:
-    words = f"{with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa"
+    words = f"{with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa".replace(" ", NO_BREAK)
     return f"{words}, {fruit.maturity}" if fruit.maturity else words

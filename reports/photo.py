@@ -1,0 +1,22 @@
+"""Photos made small enough for a report."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+
+def thumbnail_jpeg(image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = 560, quality: int = 82) -> bytes:
+    """JPEG of a BGR photo, its longer side at most ``longest_px``; smaller photos keep their size.
+
+    A report of sixty fruits stays below ten megabytes of photos with the sizes given here.
+    """
+    scale = longest_px / max(image.shape[:2])
+    if scale < 1.0:
+        size = (max(round(image.shape[1] * scale), 1), max(round(image.shape[0] * scale), 1))
+        image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+    done, coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    if not done:
+        raise ValueError(f"An image of shape {image.shape} cannot be written as JPEG.")
+    return coded.tobytes()

@@ -1,0 +1,166 @@
+import re
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+
+import pytest
+
+from reports.entries import BatchEntry, FruitEntry
+from reports.page import report_html
+
+VOID = {"meta", "img", "br", "link", "input"}
+
+
+class Page(HTMLParser):
+    """Elements with their attributes, all text, and whether every element was closed in order."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.text: list[str] = []
+        self.open: list[str] = []
+        self.feed(text)
+        self.close()
+        assert self.open == []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        assert len({name for name, _ in attrs}) == len(attrs)
+        self.elements.append((tag, dict(attrs)))
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.text.append(data)
+
+    def all(self, tag: str) -> list[dict[str, str | None]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+Make = Callable[..., FruitEntry]
+
+
+@pytest.fixture(params=["awkward_batch", "large_batch", "empty_batch"])
+def batch(request: pytest.FixtureRequest) -> BatchEntry:
+    made: BatchEntry = request.getfixturevalue(request.param)
+    return made
+
+
+def test_page_refers_to_nothing_outside_itself(batch: BatchEntry) -> None:
+    text = report_html(batch)
+    page = Page(text)
+    for tag, attributes in page.elements:
+        assert tag not in {"script", "link", "iframe", "object", "embed", "base", "form", "use", "image"}
+        assert not any(name.startswith("on") for name in attributes)
+        assert not {"srcset", "xlink:href", "action", "background", "poster"} & set(attributes)
+        if "src" in attributes:
+            assert re.match(r"data:image/(png|jpeg);base64,", attributes["src"] or "")
+        if "href" in attributes:
+            assert (attributes["href"] or "").startswith("#")
+    assert "url(" not in text
+    assert "@import" not in text
+    assert "http:" not in text
+    assert "https:" not in text
+
+
+def test_every_link_has_its_target_and_every_id_is_one_element(batch: BatchEntry) -> None:
+    page = Page(report_html(batch))
+    ids = Counter(attributes["id"] for _, attributes in page.elements if "id" in attributes)
+    assert set(ids.values()) == {1}
+    for _, attributes in page.elements:
+        if "href" in attributes:
+            assert (attributes["href"] or "").removeprefix("#") in ids
+        if "aria-labelledby" in attributes:
+            assert attributes["aria-labelledby"] in ids
+
+
+def test_text_of_the_batch_is_shown_never_obeyed(awkward_batch: BatchEntry, hostile: str) -> None:
+    text = report_html(awkward_batch)
+    assert "<script" not in text
+    shown = "".join(Page(text).text)
+    assert shown.count(hostile) >= 5
+
+
+def test_failures_come_first_with_reason_and_what_to_do(awkward_batch: BatchEntry) -> None:
+    shown = "".join(Page(report_html(awkward_batch)).text)
+    order = ["4 of 6 fruits graded", "Not graded: 2 of 6", "were given, with, commas"]
+    places = [shown.index(words) for words in [*order, "Ranking, softest first", "Fruit by fruit"]]
+    assert places == sorted(places)
+
+
+def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch: BatchEntry) -> None:
+    fruit = FruitEntry(fruit_id="a", ok=False, outcome="too-few-views", advice="Clean the lens.")
+    shown = report_html(replace(awkward_batch, fruits=(fruit,)))
+    assert "Clean the lens." in shown
+    assert "Take more photos" not in shown
+
+
+def test_fruits_follow_by_rank_then_failures(awkward_batch: BatchEntry, hostile: str) -> None:
+    page = Page(report_html(awkward_batch))
+    text = "".join(page.text)
+    parts = text[text.index("Fruit by fruit") : text.index("Where these figures")]
+    places = [parts.rindex(words) for words in ("N-04", "N-01", "orchard-7-", hostile, "=1+1", "N-07")]
+    assert places == sorted(places)
+
+
+def test_page_can_be_read_without_eyes(awkward_batch: BatchEntry) -> None:
+    page = Page(report_html(awkward_batch))
+    assert page.all("html") == [{"lang": "en"}]
+    assert len(page.all("h1")) == 1
+    assert all(image["alt"] for image in page.all("img"))
+    charts = [svg for svg in page.all("svg") if svg.get("aria-hidden") != "true"]
+    assert charts
+    assert all(svg["role"] == "img" and svg["aria-label"] for svg in charts)
+    levels = [int(tag[1]) for tag, _ in page.elements if re.fullmatch("h[1-6]", tag)]
+    assert all(after <= before + 1 for before, after in pairwise(levels))
+    assert all(cell.get("scope") for cell in page.all("th"))
+
+
+def test_same_records_give_the_same_page(awkward_batch: BatchEntry) -> None:
+    assert report_html(awkward_batch) == report_html(awkward_batch)
+
+
+def test_provenance_is_all_there_and_in_utc(awkward_batch: BatchEntry) -> None:
+    shown = "".join(Page(report_html(awkward_batch)).text)
+    for words in (
+        "2026-08-15 09:01:02 UTC",
+        "12 min 38 s",
+        "exit status 3",
+        "poisson_ratio",
+        "ab" * 32,
+        "0.1.0",
+    ):
+        assert words in shown
+
+
+def test_mismatch_and_warnings_are_told_beside_the_figure(awkward_batch: BatchEntry) -> None:
+    shown = "".join(Page(report_html(awkward_batch)).text)
+    assert "pit offset with slip" in shown
+    assert "Low light" in shown
+
+
+def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch: BatchEntry) -> None:
+    bare = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3)
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=(bare,)))).text)
+    assert "The one fruit is graded: a has E = 0.300" in shown.replace("\u00a0", " ")
+
+
+@pytest.mark.parametrize(
+    ("count", "words"), [(0, "holds no fruits"), (1, "The one fruit could not"), (2, "None of the 2")]
+)
+def test_verdict_of_a_batch_without_a_graded_fruit(count: int, words: str, empty_batch: BatchEntry) -> None:
+    lost = tuple(FruitEntry(fruit_id=str(k), ok=False, outcome="crashed") for k in range(count))
+    assert words in report_html(replace(empty_batch, fruits=lost))
+
+
+def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
+    awkward_batch: BatchEntry, graded: Make
+) -> None:
+    bare = tuple(
+        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), photo_jpeg=None, mesh_png=None) for k in range(60)
+    )
+    assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000

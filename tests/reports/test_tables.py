@@ -1,0 +1,66 @@
+import csv
+import io
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+from reports.entries import BatchEntry, FruitEntry
+from reports.tables import ranking_csv, safe_cell
+
+Make = Callable[..., FruitEntry]
+FIXED_COLUMNS = (
+    "rank,fruit_id,outcome,E_MPa,E_sd_MPa,maturity,maturity_probability,p_softer_than_next,"
+    "height_mm,volume_mm3,grasps,shore_oo,mismatch,reason"
+)
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_columns_are_the_fixed_ones_in_order_and_more_may_follow(
+    awkward_batch: BatchEntry, empty_batch: BatchEntry
+) -> None:
+    for batch in (awkward_batch, empty_batch):
+        assert ranking_csv(batch).splitlines()[0].startswith(FIXED_COLUMNS)
+
+
+def test_softest_is_first_and_failures_are_last(awkward_batch: BatchEntry) -> None:
+    rows = rows_of(ranking_csv(awkward_batch))
+    assert [row["rank"] for row in rows] == ["1", "2", "3", "4", "", ""]
+    assert [row["outcome"] for row in rows][-2:] == ["too-few-views", "never-touches"][::-1]
+
+
+def test_unknown_values_are_empty_cells(awkward_batch: BatchEntry) -> None:
+    bare = rows_of(ranking_csv(awkward_batch))[2]
+    assert [bare[name] for name in ("E_sd_MPa", "maturity", "height_mm", "shore_oo", "mismatch")] == [""] * 5
+
+
+def test_values_survive_to_the_figures_claimed(awkward_batch: BatchEntry, graded: Make) -> None:
+    fruit = replace(graded("a", rank=1, E_MPa=0.123456), E_sd_MPa=0.00123456)
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert (row["E_MPa"], row["E_sd_MPa"]) == ("0.1235", "0.00123")
+    assert (row["height_mm"], row["volume_mm3"], row["grasps"]) == ("57.12", "104124", "1")
+
+
+def test_each_fruit_is_one_line_whatever_its_text(awkward_batch: BatchEntry) -> None:
+    text = ranking_csv(awkward_batch)
+    assert len(text.splitlines()) == 7
+    assert rows_of(text)[-1]["reason"] == "Only 2 photos were given, with, commas."
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1+cmd", "@SUM(A1)", "\t=1", "\r=1", "\n=1"])
+def test_no_cell_starts_a_formula(text: str, awkward_batch: BatchEntry) -> None:
+    cell = safe_cell(text)
+    assert cell is not None
+    assert cell.startswith("'")
+    fruit = FruitEntry(fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text,))
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert all(row[name].startswith("'") for name in ("fruit_id", "reason", "mismatch", "warnings"))
+
+
+def test_not_a_number_is_not_written_as_one(awkward_batch: BatchEntry, graded: Make) -> None:
+    fruit = replace(graded("a", rank=1, E_MPa=0.2), E_sd_MPa=float("nan"), height_mm=float("inf"))
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert (row["E_sd_MPa"], row["height_mm"]) == ("", "")
