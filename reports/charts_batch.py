@@ -46,7 +46,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
         )
     return drawing(
         *parts,
-        width=width_px,
+        width=float(width_px),
         height=bottom + 44,
         title="Ranking, softest first",
         description="; ".join(
@@ -98,11 +98,11 @@ def shore_chart(batch: BatchEntry) -> Markup:
     tops = [(fruit.E_MPa or 0.0) + (fruit.E_sd_MPa or 0.0) for fruit in pairs]
     low_x, high_x = padded([fruit.shore_oo or 0.0 for fruit in pairs])
     low_y, high_y = padded(tops, from_zero=True)
-    x = Scale(lowest=low_x, highest=high_x, start_px=48, end_px=348)
-    y = Scale(lowest=low_y, highest=high_y, start_px=270, end_px=34)
+    x = Scale(lowest=low_x, highest=high_x, start_px=48.0, end_px=348.0)
+    y = Scale(lowest=low_y, highest=high_y, start_px=270.0, end_px=34.0)
     parts = [
-        axis_x(x, label="Shore OO", top=34, bottom=270, at_most=7),
-        axis_y(y, label="E (MPa)", left=48, right=348, at_most=6),
+        axis_x(x, label="Shore OO", top=34.0, bottom=270.0, at_most=7),
+        axis_y(y, label="E (MPa)", left=48.0, right=348.0, at_most=6),
     ]
     for fruit in pairs:
         E_MPa, shore = fruit.E_MPa or 0.0, fruit.shore_oo or 0.0
@@ -118,8 +118,8 @@ def shore_chart(batch: BatchEntry) -> Markup:
         )
     return drawing(
         *parts,
-        width=360,
-        height=314,
+        width=360.0,
+        height=314.0,
         title="Modulus against Shore OO reading",
         description=correlation_words(batch.shore) if batch.shore else f"{len(pairs)} fruits with both",
     )

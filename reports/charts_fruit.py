@@ -24,11 +24,11 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     forces += [float(v) for c in known if c.model_force_N is not None for v in c.model_force_N]
     low_x, high_x = padded(travels, from_zero=True)
     low_y, high_y = padded(forces, from_zero=True)
-    x = Scale(lowest=low_x, highest=high_x, start_px=44, end_px=348)
-    y = Scale(lowest=low_y, highest=high_y, start_px=216, end_px=52)
+    x = Scale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
+    y = Scale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
     parts = [
-        axis_x(x, label="travel since first touch (mm)", top=52, bottom=216, at_most=7),
-        axis_y(y, label="force (N)", left=44, right=348, at_most=6),
+        axis_x(x, label="travel since first touch (mm)", top=52.0, bottom=216.0, at_most=7),
+        axis_y(y, label="force (N)", left=44.0, right=348.0, at_most=6),
     ]
     for k, curve in enumerate(known):
         parts.append(_pad(curve, k, x=x, y=y))
@@ -36,8 +36,8 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     grasp = curves[0].grasp if curves else ""
     return drawing(
         *parts,
-        width=360,
-        height=258,
+        width=360.0,
+        height=258.0,
         title=f"Force against travel, {grasp}",
         description="; ".join(
             f"pad {curve.pad}: peak force {number(float(np.nanmax(curve.force_N)))} N" for curve in known
@@ -97,7 +97,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
     gutter = min(max([len(row.grasp) for row in rows] + [4]) * 7.4 + 14, 120.0)
     top, row_px = 36.0, 34.0
     bottom = top + row_px * max(len(rows), 1)
-    x = Scale(lowest=lowest, highest=highest, start_px=gutter, end_px=348)
+    x = Scale(lowest=lowest, highest=highest, start_px=gutter, end_px=348.0)
     parts = []
     if fruit.E_MPa is not None:
         low = x(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), lowest))
@@ -127,7 +127,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
                 parts.append(marker(shape, x(value), middle + shift, size=4.5, class_=class_))
     return drawing(
         *parts,
-        width=360,
+        width=360.0,
         height=bottom + 42,
         title="Modulus by grasp and method",
         description="; ".join(
