@@ -58,7 +58,11 @@ def _pad(curve: ForceCurve, k: int, *, x: Scale, y: Scale) -> Markup:
         parts += _lines(x, y, curve.travel_mm[::every], curve.force_N[::every], class_=f"joined pad{k % 4}")
     for travel, force in zip(curve.travel_mm[::every], curve.force_N[::every], strict=True):
         if math.isfinite(travel) and math.isfinite(force):
-            parts.append(marker(shape, x(float(travel)), y(float(force)), size=2.6, class_=f"pad{k % 4}"))
+            parts.append(
+                marker(
+                    shape, x(float(travel)), y(float(force)), size=3.2 - 0.8 * min(k, 1), class_=f"pad{k % 4}"
+                )
+            )
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 

@@ -10,18 +10,28 @@ UNKNOWN = "–"
 NO_BREAK = "\u00a0"
 
 _ADVICE = {
-    "no-photos": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
+    "no-shape": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
     "too-few-views": "Take more photos, all the way round and from two heights, each overlapping the next.",
-    "corrupt-photo": "Copy the named photo from the camera again, or delete it, then run the batch again.",
-    "no-fruit": "Check that the whole fruit is in the picture, sharp, on a plain background.",
+    "no-overlap": "Take more photos, all the way round and from two heights, each overlapping the next.",
+    "unreadable-photo": "Copy the named photo from the camera again, or delete it, then run the batch again.",
+    "no-fruit": "Check that the whole fruit is in the picture, sharp and well lit.",
+    "fruit-cut-off": "Take the photos from a little further off: the whole fruit must be in each.",
     "no-scale": "Give height_mm in fruits.csv, or photograph the fruit on the printed marker mat.",
+    "mat-not-found": "Photograph the fruit on the mat that mat.json describes, tags sharp and in full view.",
+    "bad-mat": "Write mat.json again with the command drupe mat.",
+    "no-surface": "Take more photos in even light, without glare on the skin.",
     "not-watertight": "Repair the mesh, or take photos of the sides where it has holes.",
     "unreadable-mesh": "Export the mesh again as PLY, in millimetres.",
     "no-prior": "Name a known category in batch.toml, or give a pit prior file of your own.",
-    "no-grasps": "Record at least one grasp of this fruit and put its .h5 file into the grasps folder.",
+    "pit-outside-fruit": "Check that the mesh is in millimetres and that the category or pit prior is this fruit's.",
+    "no-grasp": "Record at least one grasp of this fruit and put its .h5 file into the grasps folder.",
+    "unreadable-recording": "Write the named recording again from the gripper's own data.",
     "never-touches": "Check that the gripper closed on the fruit, then record the grasp again.",
+    "pads-off-fruit": "Check the gripper's calibration against the mat, and that stem and suture lay as agreed.",
     "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",
+    "out-of-memory": "Run the batch again with fewer jobs; finished fruits are kept.",
     "crashed": "Run the batch again; if this fruit stops again, report it with its files.",
+    "internal-error": "Report it with this fruit's record.json: the fault is the program's, not yours.",
 }
 _ADVICE_OTHERWISE = "Correct what is named above, then run the batch again; finished fruits are kept."
 
