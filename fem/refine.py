@@ -9,11 +9,14 @@ from scipy.spatial import cKDTree
 from fem.elements import TET_EDGES
 from fem.tets import unique_edges
 
+#: edges up to this many times the wanted length stay: halving then leaves them around it
+LONGEST = 1.5
+
 SizeField = Callable[[Float[np.ndarray, "p 3"]], Float[np.ndarray, " p"]]
 
 
 def size_near(
-    at_mm: Float[np.ndarray, "q 3"], *, radius_mm: float, edge_mm: float, growth: float = 0.45
+    at_mm: Float[np.ndarray, "q 3"], *, radius_mm: float, edge_mm: float, growth: float = 0.5
 ) -> SizeField:
     """The wanted edge length: edge_mm within radius_mm of the points, plus growth x distance beyond."""
     tree = cKDTree(at_mm)
@@ -38,7 +41,7 @@ def bisect_once(
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
     rank = np.empty(len(edges), dtype=np.int64)
     rank[np.lexsort((np.arange(len(edges)), length))] = np.arange(len(edges))
-    marked = _closed_marks(rank, of_tet, length > 1.2 * size_mm(nodes_mm[edges].mean(axis=1)))
+    marked = _closed_marks(rank, of_tet, length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1)))
     if not marked.any():
         return nodes_mm, tets
     middle = np.full(len(edges), -1)

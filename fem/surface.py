@@ -78,7 +78,8 @@ def locate(
         raise FemFailure(
             FemProblem.OFF_SURFACE,
             f"{(distance > within_mm).sum()} of {len(distance)} contact points lie more than "
-            f"{within_mm:g} mm off the skin (the worst {distance.max():.2f} mm); check the pad's pose against the fruit frame",
+            f"{within_mm:g} mm off the skin (the worst {distance.max():.2f} mm); "
+            "check the pad's pose against the fruit frame",
         )
     return SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, distance)
 

@@ -1,0 +1,126 @@
+"""Closed forms that the finite elements are measured against, and that textbooks grade fruit by.
+
+All moduli in MPa, lengths in mm, forces in N. nu is Poisson's ratio.
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+from scipy.special import ellipe, ellipkm1
+
+
+def hertz_sphere_force_N(
+    *, E_MPa: float, poisson_ratio: float, radius_mm: float, indentation_mm: float
+) -> float:
+    """Force that presses an elastic sphere on a rigid plane, or a rigid sphere into an elastic half-space.
+
+    F = 4/3 E/(1 - nu^2) R^(1/2) d^(3/2).  Source: Johnson, "Contact Mechanics", 1985, eq. 4.23.
+    """
+    plane_strain_MPa = E_MPa / (1 - poisson_ratio**2)
+    return 4 / 3 * plane_strain_MPa * float(np.sqrt(radius_mm)) * indentation_mm**1.5
+
+
+def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
+    """K of ASABE S368 for a body with two principal radii on a plate; 1.3514 for a sphere.
+
+    The standard tabulates K over cos theta = |1/R - 1/R'| / (1/R + 1/R'); here it follows from the elliptic
+    integrals behind that table (Johnson 1985, eqs. 4.25-4.32). With e the eccentricity of the contact ellipse,
+    k = b/a: (1/R') / (1/R) = (E(e)/k^2 - K(e)) / (K(e) - E(e)) gives k, and the approach
+    d = (9 F^2 / (16 E*^2 Re))^(1/3) F2(k), set equal to the standard's formula, gives K.
+    """
+    flat, steep = 1 / max(radius_mm, other_radius_mm), 1 / min(radius_mm, other_radius_mm)
+
+    def excess(ratio: float) -> float:
+        big, small = ellipkm1(ratio**2), ellipe(1 - ratio**2)
+        return float((small / ratio**2 - big) / (big - small)) - steep / flat
+
+    if steep / flat < 1 + 1e-5:
+        factor = 1.0
+    else:
+        ratio = brentq(excess, 1e-5, 1 - 1e-6, xtol=1e-14)
+        big, small = float(ellipkm1(ratio**2)), float(ellipe(1 - ratio**2))
+        f1_cubed = (
+            4 / (np.pi * (1 - ratio**2)) * ratio**1.5 * np.sqrt((small / ratio**2 - big) * (big - small))
+        )
+        factor = float(2 / np.pi * np.sqrt(ratio) * big / np.cbrt(f1_cubed))
+    effective_mm = 1 / np.sqrt(flat * steep)
+    # d^3 = 9 F^2 F2^3 / (16 E*^2 Re)  and  E* = S368 K^(3/2) F / d^(3/2) (1/R + 1/R')^(1/2)
+    per_root = 0.75 * factor**1.5 / np.sqrt(effective_mm)
+    return float((per_root / (S368 * np.sqrt(flat + steep))) ** (2 / 3))
+
+
+#: the constant in every formula of ASABE S368
+S368 = 0.338
+
+
+def s368_plate_modulus_MPa(
+    *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
+) -> float:
+    """Apparent modulus of a convex body under one flat plate, from force and deformation at that contact.
+
+    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4, "Compression test of
+    food materials of convex shape", single-plate formula.
+    """
+    shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
+    curvature = 1 / radius_mm + 1 / other_radius_mm
+    return float(
+        S368 * shape**1.5 * force_N * (1 - poisson_ratio**2) / deformation_mm**1.5 * np.sqrt(curvature)
+    )
+
+
+def s368_parallel_plates_modulus_MPa(
+    *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
+) -> float:
+    """Apparent modulus of a convex body between two flat plates, from the total deformation (like ends).
+
+    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4.
+    """
+    return s368_plate_modulus_MPa(
+        force_N=force_N,
+        deformation_mm=deformation_mm / 2,
+        poisson_ratio=poisson_ratio,
+        radius_mm=radius_mm,
+        other_radius_mm=other_radius_mm,
+    )
+
+
+def embedded_sphere_stiffness_N_per_mm(*, E_MPa: float, poisson_ratio: float, radius_mm: float) -> float:
+    """Force per displacement of a rigid sphere bonded in an infinite elastic medium.
+
+    F/u = 24 pi mu (1 - nu) a / (5 - 6 nu); 6 pi mu a where nu is 1/2, as Stokes has it for a viscous fluid.
+    Source: Lur'e, "Three-Dimensional Problems of the Theory of Elasticity", 1964; also Kanaun and Levin 2008.
+    """
+    mu = E_MPa / (2 * (1 + poisson_ratio))
+    return 24 * np.pi * mu * (1 - poisson_ratio) * radius_mm / (5 - 6 * poisson_ratio)
+
+
+def embedded_sphere_displacement(
+    points_mm: Float[np.ndarray, "p 3"], *, poisson_ratio: float, radius_mm: float
+) -> Float[np.ndarray, "p 3"]:
+    """Displacement around that sphere, centred at the origin, for a unit displacement of it along z.
+
+    Kelvin's solution and the gradient of a dipole: u = c [((3 - 4 nu) z + x x_z / r^2) / r
+    + a^2/3 (z - 3 x x_z / r^2) / r^3] with c such that u = z at r = a, that is c = 3 a / (10 - 12 nu).
+    """
+    r = np.linalg.norm(points_mm, axis=1, keepdims=True)
+    axis = np.array([0.0, 0.0, 1.0])
+    radial = points_mm * points_mm[:, 2:] / r**2
+    kelvin = ((3 - 4 * poisson_ratio) * axis + radial) / r
+    dipole = radius_mm**2 / 3 * (axis - 3 * radial) / r**3
+    return np.asarray(3 * radius_mm / (10 - 12 * poisson_ratio) * (kelvin + dipole))
+
+
+def cored_sphere_shrinkage_mm(
+    *, E_MPa: float, poisson_ratio: float, core_radius_mm: float, radius_mm: float, pressure_MPa: float
+) -> float:
+    """How far the skin of a sphere around a bonded rigid core moves in under even outer pressure.
+
+    Lame: u = A r + B / r^2, B = -A a^3 as u = 0 at the core; the radial stress at b,
+    (3 lambda + 2 mu) A - 4 mu B / b^3, equals -p. Then u(b) = A (b - a^3 / b^2).
+    Source: the spherical shell in Timoshenko and Goodier, "Theory of Elasticity", 1970, art. 136.
+    """
+    mu = E_MPa / (2 * (1 + poisson_ratio))
+    three_bulk = E_MPa / (1 - 2 * poisson_ratio)
+    ratio = (core_radius_mm / radius_mm) ** 3
+    strain = pressure_MPa / (three_bulk + 4 * mu * ratio)
+    return strain * radius_mm * (1 - ratio)
