@@ -18,6 +18,8 @@ class FemProblem(StrEnum):
     NO_BASE = "no-base"
     SINGULAR_STIFFNESS = "singular-stiffness"
     OFF_SURFACE = "off-surface"
+    NO_LOAD = "no-load"
+    NO_MODULUS = "no-modulus"
 
 
 class FemFailure(Exception):

@@ -87,7 +87,8 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
         name = getattr(pad, "name", "?")
         raise TactileFailure(
             TactileProblem.NO_MARKERS,
-            f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker displacement "
+            f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker "
+            "displacement "
             "and force; a bare indenter is not supported by grade yet: record with a gel that has markers.",
         )
     return pad
@@ -125,8 +126,10 @@ def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
         raise TactileFailure(
             TactileProblem.NEVER_TOUCHES,
-            f"{source}: pads/{pad.name}/force_N: found at most {total[peak]:.3g} N in {len(total)} frames, noise "
-            f"of {noise_of_total:.3g} N, expected a contact; the pad never touches the fruit: record the grasp again "
+            f"{source}: pads/{pad.name}/force_N: found at most {total[peak]:.3g} N in {len(total)} "
+            "frames, noise "
+            f"of {noise_of_total:.3g} N, expected a contact; the pad never touches the fruit: record "
+            "the grasp again "
             "and close the jaws further.",
         )
     touched = np.asarray(touching.any(axis=0))
@@ -151,7 +154,7 @@ def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
 
 
 def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[int]]]:
-    """Median distance of nearest markers, and the markers within 1.6 of it (9 on a square grid, with itself)."""
+    """Median distance of nearest markers; the markers within 1.6 of it (9 on a square grid, itself too)."""
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
     return spacing, [list(found) for found in tree.query_ball_point(rest_mm, r=1.6 * spacing)]

@@ -12,7 +12,7 @@ class TactileProblem(StrEnum):
     PADS_OFF_FRUIT = "pads-off-fruit"
 
 
-class TactileFailure(Exception):  # noqa: N818 - a failure is an outcome of the fruit, not of the program
+class TactileFailure(Exception):
     """The one exception of this room: `problem` for programs, `detail` (also `str`) for people."""
 
     def __init__(self, problem: TactileProblem, detail: str) -> None:

@@ -15,7 +15,8 @@ from tactile.contact import Contact, PadContact
 from tactile.failure import TactileFailure, TactileProblem
 
 FARTHEST_SHARE = 0.15
-"""A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on it."""
+"""A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on
+it."""
 FEWEST_HITS = 0.5
 """Share of the touching markers whose normal must meet the mesh."""
 
@@ -67,7 +68,8 @@ def _register_pad(
         raise TactileFailure(
             TactileProblem.PADS_OFF_FRUIT,
             f"{source}: pads/{pad.name}/pose: found {found} the fruit's surface, expected within "
-            f"{FARTHEST_SHARE * size_mm:.1f} mm; poses and mesh are not in the same frame: check the hand-eye "
+            f"{FARTHEST_SHARE * size_mm:.1f} mm; poses and mesh are not in the same frame: check the "
+            "hand-eye "
             "calibration, the units (mm) and how the fruit stood.",
         )
     depth = np.where(np.isfinite(depth), depth, shift)

@@ -1,0 +1,131 @@
+"""Young's modulus by weighted least squares over all frames and markers of a contact.
+
+Each marker is compared with itself:
+
+    y_i(t) = X_i + s c_i(t) + [R q(t)]_i + g_i d_i(t) + noise
+
+y: the marker's measured position; c: the displacement that the measured forces cause in a fruit of unit
+modulus. Unknown are s = 1/E, common to all; q(t), the fruit's rigid motion, six per frame; X_i, where the
+marker sits on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
+displacement d_i, with prior zero and a known spread. X_i makes the scanned surface's error cancel. It and
+g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+GAUGE_SD_MM = 10.0
+"""Prior spread of the fruit's rigid motion at its markers: it fixes the motion common to all frames, which
+the X_i leave free, and is far beyond any real one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerTracks:
+    """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
+
+    `place_mm` and `normal` (outward): where they sit on the fruit's skin.
+    """
+
+    place_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    position_mm: Float[np.ndarray, "t n 3"]
+    unit_displacement: Float[np.ndarray, "t n 3"]
+    gel_displacement_mm: Float[np.ndarray, "t n 3"]
+    episode: Int[np.ndarray, "t n"]
+    sd_mm: Float[np.ndarray, " n"]
+    lag1: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompliantFit:
+    """`compliance` is 1/E (1/MPa), `compliance_sd` its spread from displacement noise and scale errors.
+
+    `motion_mm` is [R q(t)]_i; `residual_mm` what no unknown explains, NaN out of contact, and
+    `residual_rms_mm` its root mean square per component.
+    """
+
+    compliance: float
+    compliance_sd: float
+    motion_mm: Float[np.ndarray, "t n 3"]
+    residual_mm: Float[np.ndarray, "t n 3"]
+    residual_rms_mm: float
+
+
+def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) -> CompliantFit:
+    """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base."""
+    frames = len(tracks.position_mm)
+    within = _about_episode_mean(tracks.episode)
+    y, c, d = (
+        np.einsum("nab,bnx->anx", within, values)
+        for values in (
+            tracks.position_mm - tracks.place_mm,
+            tracks.unit_displacement,
+            tracks.gel_displacement_mm,
+        )
+    )
+    rigid = rigid_motion(tracks.place_mm)
+    weight = 1 / tracks.sd_mm**2
+    size = 1 + 6 * frames
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    normal[0, 0], right[0] = np.einsum("n,tnx,tnx->", weight, c, c), np.einsum("n,tnx,tnx->", weight, c, y)
+    normal[0, 1:] = normal[1:, 0] = np.einsum("n,nxk,tnx->tk", weight, rigid, c).ravel()
+    normal[1:, 1:] = np.einsum("n,nab,nxk,nxl->akbl", weight, within, rigid, rigid, optimize=True).reshape(
+        6 * frames, 6 * frames
+    )
+    right[1:] = np.einsum("n,nxk,tnx->tk", weight, rigid, y).ravel()
+    # The scale error of each marker, by a rank-one step.
+    along = np.empty((len(weight), size))
+    along[:, 0] = np.einsum("n,tnx,tnx->n", weight, c, d)
+    along[:, 1:] = np.einsum("n,nxk,tnx->ntk", weight, rigid, d).reshape(len(weight), -1)
+    seen = np.einsum("n,tnx,tnx->n", weight, d, y)
+    stiffness = np.einsum("n,tnx,tnx->n", weight, d, d) + 1 / scale_sd**2
+    normal -= along.T @ (along / stiffness[:, None])
+    right -= along.T @ (seen / stiffness)
+    normal[np.arange(1, size), np.arange(1, size)] += 1 / GAUGE_SD_MM**2
+    theta, variance = _solved(normal, right, unknowns=size if fruit_moves else 1)
+    scale = (seen - along @ theta) / stiffness
+    motion = np.einsum("nxk,tk->tnx", rigid, theta[1:].reshape(frames, 6))
+    residual = y - theta[0] * c - np.einsum("nab,bnx->anx", within, motion) - scale[:, None] * d
+    residual[tracks.episode < 0] = np.nan
+    colour = float(np.sqrt(1 + 2 * tracks.lag1.mean()))
+    return CompliantFit(
+        compliance=float(theta[0]),
+        compliance_sd=colour * float(np.sqrt(variance)),
+        motion_mm=motion,
+        residual_mm=residual,
+        residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),
+    )
+
+
+def _solved(
+    normal: Float[np.ndarray, "m m"], right: Float[np.ndarray, " m"], *, unknowns: int
+) -> tuple[Float[np.ndarray, " m"], float]:
+    """The first `unknowns` of the normal equations, the others zero, and the variance of the very first."""
+    factor = cho_factor(normal[:unknowns, :unknowns])
+    theta = np.zeros(len(right))
+    theta[:unknowns] = cho_solve(factor, right[:unknowns])
+    return theta, float(cho_solve(factor, np.eye(unknowns, 1).ravel())[0])
+
+
+def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
+    """Displacement by three shifts (mm) and three small turns about the centre, in mm at the mean radius."""
+    arms = place_mm - place_mm.mean(axis=0)
+    x, y, z = (arms / max(float(np.linalg.norm(arms, axis=1).mean()), 1e-9)).T
+    rigid = np.zeros((len(arms), 3, 6))
+    rigid[:, :, :3] = np.eye(3)
+    rigid[:, 0, 4], rigid[:, 0, 5] = z, -y
+    rigid[:, 1, 3], rigid[:, 1, 5] = -z, x
+    rigid[:, 2, 3], rigid[:, 2, 4] = y, -x
+    return rigid
+
+
+def _about_episode_mean(episode: Int[np.ndarray, "t n"]) -> Float[np.ndarray, "n t t"]:
+    """Per marker, the matrix that takes each contact's own mean out of a series, zero in no contact."""
+    member = episode.T[:, None, :] == np.arange(episode.max() + 1)[None, :, None]
+    count = np.maximum(member.sum(axis=2), 1)
+    touching = (episode >= 0).T
+    mean = np.einsum("nea,neb,ne->nab", member, member, 1 / count, optimize=True)
+    return np.asarray(touching[:, :, None] * np.eye(len(episode)) - mean)

@@ -1,0 +1,99 @@
+"""Marker forces are samples of a traction field; here the field is spread over the fruit's surface.
+
+Each marker's force is its traction times its cell. Between markers the traction is interpolated linearly on
+their Delaunay triangles, t(x) = sum_i f_i phi_i(x) / a_i with a_i the integral of phi_i, and integrated
+with a three-point rule per triangle at the material points that the triangle covers on the fruit. As point
+loads the answer would depend on the mesh; as traction it does not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+from scipy.spatial import Delaunay
+
+RULE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
+"""Barycentric coordinates of the three-point rule, exact for the quadratic phi_i phi_j."""
+LONGEST_SIDE = 3.0
+"""Triangles with a side longer than this many marker spacings bridge separate patches: they are left out."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TractionField:
+    """`points_mm` carry the force `weights @ marker_force`; every column of `weights` sums to one.
+
+    `marker_mm` is where the markers sit: the moment that the field must keep is theirs.
+    """
+
+    points_mm: Float[np.ndarray, "q 3"]
+    marker_mm: Float[np.ndarray, "n 3"]
+    weights: csr_array
+
+    def forces(self, marker_force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t q 3"]:
+        """Forces at `points_mm` with the total force and moment of the markers, to rounding.
+
+        The interpolated field keeps the force; on a curved surface its moment is a few micrometres off, which
+        the smallest field a + b x (x - centre), weighted like the loads themselves, takes out.
+        """
+        spread = np.stack([self.weights @ frame for frame in marker_force_N])
+        centre = self.points_mm.mean(axis=0)
+        arms, marker_arms = self.points_mm - centre, self.marker_mm - centre
+        share = np.asarray(self.weights.sum(axis=1)).reshape(-1)
+        rigid = _rigid(arms)
+        gram = np.einsum("qik,q,qil->kl", rigid, share, rigid)
+        missing = _resultant(marker_force_N, marker_arms) - _resultant(spread, arms)
+        balance = np.linalg.lstsq(gram, missing.T, rcond=1e-12)[0].T
+        return np.asarray(spread + np.einsum("q,qik,tk->tqi", share, rigid, balance))
+
+
+def marker_weights(
+    rest_mm: Float[np.ndarray, "n 3"], surface_mm: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "q 3"], csr_array]:
+    """Where the field of markers resting at `rest_mm` (pad frame, z out of the gel) is integrated, and its
+    weights.
+
+    The points lie on the triangles between the markers' places `surface_mm`: bring them onto the surface
+    before use. A marker in no triangle (alone, or on a line) carries its force at its own place.
+    """
+    triangles, area = _cells(rest_mm[:, :2])
+    cell = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(rest_mm))
+    alone = np.flatnonzero(cell == 0)
+    points = np.einsum("rk,mkx->mrx", RULE, surface_mm[triangles]).reshape(-1, 3)
+    load = (area[:, None, None] / 3 * RULE) / cell[triangles][:, None, :]
+    rows = np.concatenate([np.repeat(np.arange(len(points)), 3), len(points) + np.arange(len(alone))])
+    columns = np.concatenate([np.repeat(triangles[:, None, :], len(RULE), axis=1).ravel(), alone])
+    values = np.concatenate([load.ravel(), np.ones(len(alone))])
+    points = np.vstack([points, surface_mm[alone]])
+    return points, csr_array((values, (rows, columns)), shape=(len(points), len(rest_mm)))
+
+
+def _cells(flat_mm: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
+    """Delaunay triangles between neighbouring markers and their areas; none where the markers span no
+    area."""
+    none = np.empty((0, 3), dtype=np.int64), np.empty(0)
+    if len(flat_mm) < 3 or np.linalg.matrix_rank(flat_mm - flat_mm.mean(axis=0), tol=1e-6) < 2:
+        return none
+    triangles = np.asarray(Delaunay(flat_mm).simplices, dtype=np.int64)
+    corners = flat_mm[triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
+    edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * np.abs(edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0])
+    shortest = np.median(sides.min(axis=1))
+    kept = (sides.max(axis=1) < LONGEST_SIDE * shortest) & (area > 1e-3 * np.median(area))
+    return triangles[kept], area[kept]
+
+
+def _rigid(arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3 6"]:
+    """The displacement of points by three shifts and three small turns: a + b x arm."""
+    x, y, z = arms.T
+    turn = np.zeros((len(arms), 3, 3))
+    turn[:, 0, 1], turn[:, 0, 2] = z, -y
+    turn[:, 1, 0], turn[:, 1, 2] = -z, x
+    turn[:, 2, 0], turn[:, 2, 1] = y, -x
+    return np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2)
+
+
+def _resultant(force: Float[np.ndarray, "t q 3"], arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "t 6"]:
+    """Total force and moment, frame by frame."""
+    return np.hstack([force.sum(axis=1), np.cross(arms, force).sum(axis=1)])
