@@ -1,0 +1,113 @@
+"""One recording on one fruit: where tactile's contact meets fem's flesh."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.forward import UnitModulusSolid
+from fem.modulus import ModulusEstimate, estimate_modulus
+from fem.modulus_budget import ErrorBudget
+from fem.modulus_inputs import GraspHistory, PadHistory
+from pipeline.records import CurveRecord, GraspRecord
+from tactile.contact import Contact, find_contact
+from tactile.recording import Recording, read_recording
+from tactile.registration import PadRegistration, register
+
+
+@dataclass(frozen=True)
+class PlacedGrasp:
+    """A recording whose pads have been found on the fruit's surface."""
+
+    name: str
+    recording: Recording
+    contact: Contact
+    pads: tuple[PadRegistration, ...]
+
+    @property
+    def patch_mm(self) -> Float[np.ndarray, "p 3"]:
+        """Where on the surface the pads touch, all pads together."""
+        return np.vstack(
+            [pad.surface_mm[contact.patch] for pad, contact in zip(self.pads, self.contact.pads, strict=True)]
+        )
+
+
+def place_grasp(
+    path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> PlacedGrasp:
+    """The recording at `path`, its contact, and where its pads touch; raises TactileFailure."""
+    recording = read_recording(path)
+    contact = find_contact(recording, source=path.name)
+    pads = register(contact, vertices, faces, source=path.name)
+    return PlacedGrasp(name=path.stem, recording=recording, contact=contact, pads=pads)
+
+
+def history(grasp: PlacedGrasp) -> GraspHistory:
+    """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame."""
+    return GraspHistory(
+        time_s=grasp.contact.time_s,
+        phase=tuple(grasp.contact.phase),
+        pads=tuple(
+            PadHistory(
+                name=contact.name,
+                rest_mm=contact.rest_mm[contact.patch],
+                surface_mm=pad.surface_mm[contact.patch],
+                position_mm=contact.position_mm[:, contact.patch],
+                gel_displacement_mm=contact.gel_displacement_mm[:, contact.patch],
+                force_N=contact.force_N[:, contact.patch],
+                episode=contact.episode[:, contact.patch],
+                displacement_sd_mm=contact.displacement_noise.sd,
+                force_sd_N=contact.force_noise.sd,
+                lag1=contact.displacement_noise.lag1,
+            )
+            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
+        ),
+    )
+
+
+def estimate(
+    grasp: PlacedGrasp, solid: UnitModulusSolid, *, budget: ErrorBudget
+) -> tuple[ModulusEstimate, GraspRecord]:
+    """The modulus this recording gives, and what the fruit's record says of it; raises FemFailure."""
+    found = estimate_modulus(history(grasp), solid, budget=budget)
+    curves = force_curves(grasp)
+    energy = found.energy
+    return found, GraspRecord(
+        grasp=grasp.name,
+        E_MPa=found.E_MPa,
+        E_sd_MPa=found.E_sd_MPa,
+        E_energy_MPa=energy.E_MPa if energy else None,
+        E_energy_sd_MPa=energy.sd_MPa if energy else None,
+        E_least_squares_MPa=found.least_squares.E_MPa,
+        E_least_squares_sd_MPa=found.least_squares.sd_MPa,
+        residual_um=1e3 * found.residual_rms_mm,
+        noise_um=1e3 * max(pad.displacement_noise.sd for pad in grasp.contact.pads),
+        registration_mm=max(pad.residual_mm for pad in grasp.pads),
+        frames_used=int(found.loaded.sum()),
+        markers_used=int(sum((pad.onset >= 0).sum() for pad in grasp.contact.pads)),
+        peak_force_N=max(max(c.force_N) for c in curves),
+        travel_mm=max(max(c.travel_mm) for c in curves),
+        contact_mm={
+            pad.name: [tuple(p) for p in np.round(pad.surface_mm[contact.onset >= 0], 3).tolist()]
+            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
+        },
+        curves=curves,
+    )
+
+
+def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
+    """Normal force of each pad against the travel of jaws or indenter since first touch, loaded frames only."""
+    closing = -1.0 if grasp.recording.loading == "grasp" else 1.0
+    path = closing * grasp.recording.aperture_mm
+    touched = np.any([(pad.episode >= 0).any(axis=1) for pad in grasp.contact.pads], axis=0)
+    first = int(np.argmax(touched))
+    travel = path - path[max(first - 1, 0)]
+    return [
+        CurveRecord(
+            pad=pad.name,
+            travel_mm=np.round(travel[touched], 4).tolist(),
+            force_N=np.round(pad.total_normal_N[touched], 4).tolist(),
+        )
+        for pad in grasp.contact.pads
+    ]

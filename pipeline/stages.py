@@ -1,0 +1,196 @@
+"""One fruit, start to end: the whole product on one page.
+
+photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus -> record
+"""
+
+import resource
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from fem.failure import FemFailure
+from fem.forward import UnitModulusSolid
+from fem.modulus import ModulusEstimate
+from fem.modulus_combine import combine_grasps
+from pipeline.config import Settings
+from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
+from pipeline.grasp import PlacedGrasp, estimate, place_grasp
+from pipeline.layout import FruitFolder, FruitResults, write_whole
+from pipeline.outcome import FruitEnded, Outcome
+from pipeline.records import FleshRecord, FruitRecord, Given, GraspRecord, ModulusRecord, write_record
+from pipeline.shape import Shape, embedded_pit, fruit_shape, write_meshes
+from recon.failure import ReconFailure
+from recon.mat import Mat
+from recon.priors import PitPrior
+from reports.mesh_picture import mesh_picture
+from tactile.failure import TactileFailure
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitTask:
+    """All that one fruit's process is told."""
+
+    fruit_id: str
+    folder: FruitFolder
+    batch_root: Path
+    results: FruitResults
+    settings: Settings
+    mat: Mat | None
+    prior: PitPrior | None
+    given: Given
+    key: str
+
+
+@dataclass
+class Diary:
+    """What is known of the fruit so far, so that a fruit that ends early loses none of it."""
+
+    report: Callable[[str], None]
+    known: dict[str, object] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Says that a stage begins, and keeps how long it took."""
+        self.report(name)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(time.perf_counter() - started, 2)
+
+
+def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
+    """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
+    diary = Diary(report)
+    outcome, reason = Outcome.GRADED.code, ""
+    with threadpool_limits(1):
+        try:
+            _grade(task, diary)
+        except (ReconFailure, TactileFailure, FemFailure) as failure:
+            outcome, reason = failure.problem.value, failure.detail
+        except FruitEnded as ended:
+            outcome, reason = ended.outcome.code, str(ended)
+        except MemoryError as error:
+            outcome, reason = Outcome.OUT_OF_MEMORY.code, Outcome.OUT_OF_MEMORY.sentence(str(error))
+    record = FruitRecord.model_validate(
+        {
+            **diary.known,
+            "fruit_id": task.fruit_id,
+            "outcome": outcome,
+            "reason": reason,
+            "key": task.key,
+            "given": task.given,
+            "warnings": diary.warnings,
+            "seconds": diary.seconds,
+            "peak_memory_MiB": _peak_memory_MiB(),
+        }
+    )
+    write_record(task.results.record, record)
+    return record
+
+
+def _grade(task: FruitTask, diary: Diary) -> None:
+    known = diary.known
+    with diary.stage("mesh"):
+        shape = fruit_shape(task)
+        known["mesh"] = shape.record
+        diary.warnings += shape.warnings
+    with diary.stage("pit"):
+        pit = embedded_pit(task, shape)
+        known["pit"] = pit.record
+        write_meshes(task.results, shape, pit)
+    placed, failures = _placed(task, shape, diary)
+    failed = [GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items()]
+    known["grasps"] = tuple(failed)
+    if not placed:
+        write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
+        raise _why_no_grasp(task, list(failures.values()))
+    nu, source = poisson_ratio(task.settings, task.prior)
+    with diary.stage("flesh"):
+        mesh = flesh_mesh(task, shape, pit, np.vstack([grasp.patch_mm for grasp in placed]))
+        known["flesh"] = FleshRecord(
+            nodes=len(mesh.nodes_mm), tets=len(mesh.tets), poisson_ratio=nu, poisson_ratio_source=source
+        )
+    with diary.stage("stiffness"):
+        solids = {
+            support: UnitModulusSolid.factorise(mesh, poisson_ratio=nu, support=support)
+            for support in {grasp.recording.support for grasp in placed}
+        }
+    with diary.stage("modulus"):
+        budget = error_budget(task, shape)
+        estimates: list[ModulusEstimate] = []
+        records = list(failed)
+        for grasp in placed:
+            try:
+                found, record = estimate(grasp, solids[grasp.recording.support], budget=budget)
+            except FemFailure as failure:
+                records.append(GraspRecord(grasp=grasp.name, failure=failure.detail))
+                continue
+            estimates.append(found)
+            records.append(record)
+            diary.warnings += [f"{grasp.name}: {warning}" for warning in found.warnings]
+        known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
+        if not estimates:
+            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(r.failure or "" for r in records))
+        modulus = combine_grasps(estimates)
+        diary.warnings += modulus.warnings
+        known["modulus"] = ModulusRecord(E_MPa=modulus.E_MPa, E_sd_MPa=modulus.E_sd_MPa)
+    with diary.stage("picture"):
+        contacts = {
+            pad.name: pad.surface_mm[contact.onset >= 0]
+            for grasp in placed[:1]
+            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
+        }
+        write_whole(
+            task.results.picture,
+            mesh_picture(
+                shape.vertices,
+                shape.faces,
+                pit_vertices=pit.vertices,
+                pit_faces=pit.faces,
+                contacts_mm=contacts,
+            ),
+        )
+
+
+def _placed(
+    task: FruitTask, shape: Shape, diary: Diary
+) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
+    """Every recording that can be used, and the failure of each that cannot."""
+    placed, failures = [], {}
+    with diary.stage("contact"):
+        for path in task.folder.grasp_files():
+            try:
+                placed.append(place_grasp(path, shape.vertices, shape.faces))
+            except TactileFailure as failure:
+                failures[path.stem] = failure
+                diary.warnings.append(f"not used: {failure.detail}")
+    return placed, failures
+
+
+def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
+    """Why a fruit with a mesh has no modulus: its only recording's own failure, all of theirs, or none there."""
+    if len(failures) == 1:
+        return failures[0]
+    if failures:
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(map(str, failures)))
+    raw = task.folder.raw_grasp_folders()
+    return FruitEnded(
+        Outcome.NO_GRASP,
+        f"{raw[0].name}/ holds raw frames, which this version cannot read: convert them to .h5."
+        if raw
+        else "record one grasp and put its .h5 there.",
+    )
+
+
+def _peak_memory_MiB() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (2**20 if sys.platform == "darwin" else 2**10), 1)
