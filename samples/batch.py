@@ -1,0 +1,184 @@
+"""A whole batch folder of sample fruit, as a user would hand it in, and its answers beside it.
+
+`answers.json` holds what is true of each fruit; grading does not read it.
+"""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from recon.mat import mat_mapping, standard_mat
+from recon.mesh_file import write_mesh
+from samples.failure import SampleFailure
+from samples.fruit import SampleFruit, box_mm, fruits_of_seed, mesh_volume_mm3, scanned_mesh, skin_mesh
+from samples.grasp import simulate
+from samples.grasp_plan import planned_grasps
+from samples.hexahedra import SHIPPED, Fineness
+from samples.photos import PhotoOptions, write_photos
+from tactile.recording import write_recording
+
+__all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]
+
+Progress = Callable[[str], None]
+MESH_ERROR_MM = 0.1
+
+_SETTINGS = """\
+# Nectarines that never grew: shapes, photos and grasps are simulated, the true moduli are in answers.json.
+category = "nectarine"
+cultivar = "simulated"
+lot = "seed {seed}"
+harvest_date = 2026-08-14
+pulp_temperature_C = 20.0
+poisson_ratio = 0.45
+
+[sensor]
+name = "20x20 marker gel (simulated)"
+
+[gripper]
+name = "parallel jaws (simulated)"
+
+# Limits of this example only; yours depend on cultivar, season and customer.
+[[grading.classes]]
+name = "ready to eat"
+E_max_MPa = 0.3
+
+[[grading.classes]]
+name = "ready to buy"
+E_max_MPa = 0.9
+
+[[grading.classes]]
+name = "firm"
+"""
+
+
+def write_batch(
+    folder: Path,
+    *,
+    seed: int,
+    fruits: int,
+    photos: bool,
+    views: int = 24,
+    grasps: int = 2,
+    options: PhotoOptions | None = None,
+    fineness: Fineness = SHIPPED,
+    progress: Progress | None = None,
+) -> None:
+    """Write a batch of `fruits` nectarines into `folder`: the same seed gives the same batch.
+
+    With `photos` each fruit is rendered on the printed mat (minutes per fruit, the extra `samples`); without,
+    it comes as fruit.ply, scanned with 0.1 mm RMS of error, and no renderer is needed.
+    Raises SampleFailure: the folder is not empty, a renderer is missing, a simulation did not converge.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise SampleFailure(f"{folder} exists and is not an empty folder; name a new one.")
+    folder.mkdir(parents=True, exist_ok=True)
+    made = fruits_of_seed(fruits, seed=seed)
+    write_settings(folder, made, seed=seed)
+    for fruit in made:
+        where = folder / "fruits" / fruit.fruit_id
+        if photos:
+            write_photos(
+                where / "photos", fruit, standard_mat(), views=views, options=options or PhotoOptions(),
+                progress=progress,
+            )  # fmt: skip
+        else:
+            write_scan(where / "fruit.ply", fruit)
+        write_grasps(where / "grasps", fruit, count=grasps, fineness=fineness, progress=progress)
+    write_answers(folder, made, seed=seed)
+
+
+def write_settings(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -> None:
+    """batch.toml, fruits.csv and mat.json.
+
+    Height, mass and Shore hardness are measured with error; hardness follows the logarithm of E loosely, by a
+    line of this generator's own that is no conversion rule.
+    """
+    (folder / "batch.toml").write_text(_SETTINGS.format(seed=seed), encoding="utf-8")
+    (folder / "mat.json").write_text(json.dumps(mat_mapping(standard_mat())) + "\n", encoding="utf-8")
+    with (folder / "fruits.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["fruit_id", "height_mm", "mass_g", "shore_oo", "diameter_mm", "notes"])
+        for fruit in fruits:
+            rng = np.random.default_rng([fruit.seed, 8])
+            low, high = box_mm(fruit.skin)
+            size = high - low + rng.normal(0.0, 0.1, 3)
+            mass = _volume_mm3(fruit) * 1.03e-3 * rng.normal(1.0, 0.01)
+            shore = np.clip(52.0 + 17.0 * np.log(fruit.E_MPa / 0.5) + rng.normal(0.0, 2.5), 5, 98)
+            table.writerow(
+                [
+                    fruit.fruit_id,
+                    f"{size[2]:.1f}",
+                    f"{mass:.0f}",
+                    f"{shore:.0f}",
+                    f"{size[0]:.1f}",
+                    "simulated",
+                ]
+            )
+
+
+def write_scan(path: Path, fruit: SampleFruit) -> None:
+    """fruit.ply, as a scanner with 0.1 mm RMS of smooth error would give it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    vertices, triangles = scanned_mesh(fruit, cells=28, error_mm=MESH_ERROR_MM)
+    write_mesh(path, vertices, triangles)
+
+
+def write_grasps(
+    folder: Path,
+    fruit: SampleFruit,
+    *,
+    count: int,
+    fineness: Fineness = SHIPPED,
+    progress: Progress | None = None,
+) -> None:
+    """grasp-1.h5, grasp-2.h5, ... from directions about 90 degrees apart."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for k, plan in enumerate(planned_grasps(fruit, count=count)):
+        grasp = simulate(
+            fruit,
+            plan.hold,
+            plan.programme,
+            rng=np.random.default_rng([fruit.seed, 7, k]),
+            fineness=fineness,
+            progress=None if progress is None else _named(progress, plan.name),
+        )
+        write_recording(folder / f"{plan.name}.h5", grasp.recording)
+
+
+def write_answers(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -> None:
+    """answers.json: what is true of every fruit, in the fruit frame."""
+    answers = {
+        "format": "drupe-sample-answers",
+        "version": 1,
+        "seed": seed,
+        "fruits": {fruit.fruit_id: _answer(fruit) for fruit in fruits},
+    }
+    (folder / "answers.json").write_text(json.dumps(answers, indent=1) + "\n", encoding="utf-8")
+
+
+def _answer(fruit: SampleFruit) -> dict[str, Any]:
+    low, high = box_mm(fruit.skin)
+    skin = {**asdict(fruit.skin), "cubic": fruit.skin.cubic.tolist()}
+    return {
+        "E_MPa": fruit.E_MPa,
+        "poisson_ratio": fruit.poisson_ratio,
+        "law": "neo-hookean",
+        "seed": fruit.seed,
+        "size_mm": (high - low).tolist(),
+        "volume_mm3": _volume_mm3(fruit),
+        "pit": asdict(fruit.pit),
+        "skin": skin,
+    }
+
+
+def _volume_mm3(fruit: SampleFruit) -> float:
+    return mesh_volume_mm3(*skin_mesh(fruit.skin, cells=160))
+
+
+def _named(progress: Progress, grasp: str) -> Progress:
+    return lambda line: progress(f"{grasp}, {line}")

@@ -1,0 +1,76 @@
+"""The sphere as six warped square grids: directions without poles, the same for skins and for flesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True)
+class CubedSphere:
+    """Unit directions on a grid of the cube, welded, with the grid's windows kept.
+
+    `directions` (n, 3); `faces` holds one index grid per cube side, laid out so that the two grid
+    axes and the outward direction are right-handed. Neighbouring sides share the indices of their common
+    edge.
+    """
+
+    directions: Float[np.ndarray, "n 3"]
+    faces: tuple[Int[np.ndarray, "a b"], ...]
+
+    def triangles(self) -> Int[np.ndarray, "m 3"]:
+        """Two triangles per grid cell, outward."""
+        corners = [g[window] for g in self.faces for window in _cells()]
+        a, b, c, d = (np.concatenate([w.ravel() for w in corners[k::4]]) for k in range(4))
+        return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+    def biquadratic_cells(self) -> Int[np.ndarray, "k 3 3"]:
+        """Nine-node cells (k, 3, 3) of a grid whose every second line is a mid line."""
+        cells = []
+        for grid in self.faces:
+            windows = np.lib.stride_tricks.sliding_window_view(grid, (3, 3))[::2, ::2]
+            cells.append(windows.reshape(-1, 3, 3))
+        return np.concatenate(cells)
+
+
+def _cells() -> list[tuple[slice, slice]]:
+    low, high = slice(None, -1), slice(1, None)
+    return [(low, low), (high, low), (high, high), (low, high)]
+
+
+def cubed_sphere(
+    x_angles: Float[np.ndarray, " a"], y_angles: Float[np.ndarray, " b"], z_angles: Float[np.ndarray, " c"]
+) -> CubedSphere:
+    """The cube [-1, 1]^3 gridded at tan(angle) along each axis, pushed to the unit sphere.
+
+    Each list of angles (radians) runs from -pi/4 to pi/4. Equal angles give cells of nearly equal size; a
+    list that is finer at zero makes the two cube sides that it crosses finer at their centres.
+    """
+    lines = [np.tan(np.asarray(a, dtype=float)) for a in (x_angles, y_angles, z_angles)]
+    for line in lines:
+        line[0], line[-1] = -1.0, 1.0
+    points: list[np.ndarray] = []
+    shapes: list[tuple[int, int]] = []
+    for axis in range(3):
+        u, v = lines[(axis + 1) % 3], lines[(axis + 2) % 3]
+        for side in (1.0, -1.0):
+            grid = np.empty((len(u), len(v), 3))
+            grid[..., axis] = side
+            grid[..., (axis + 1) % 3] = u[:, None]
+            grid[..., (axis + 2) % 3] = v[None, :]
+            if side < 0:
+                grid = grid.transpose(1, 0, 2)
+            shapes.append((grid.shape[0], grid.shape[1]))
+            points.append(grid.reshape(-1, 3))
+    everything = np.concatenate(points)
+    _, first, index = np.unique(np.round(everything, 9), axis=0, return_index=True, return_inverse=True)
+    cube = everything[first]
+    ends = np.cumsum([a * b for a, b in shapes])[:-1]
+    grids = tuple(part.reshape(s) for part, s in zip(np.split(index.ravel(), ends), shapes, strict=True))
+    return CubedSphere(cube / np.linalg.norm(cube, axis=1, keepdims=True), grids)
+
+
+def even_sphere(cells: int) -> CubedSphere:
+    """A cubed sphere of `cells` by `cells` near-equal cells per side."""
+    angles = np.linspace(-np.pi / 4, np.pi / 4, cells + 1)
+    return cubed_sphere(angles, angles, angles)

@@ -1,0 +1,173 @@
+"""How flesh pushes back: linear stiffness, and what finite strain adds, on bricks round a rigid pit.
+
+Laws, for Lame constants mu and lam of a fruit's E and nu:
+    small strain          sigma = 2 mu eps + lam tr(eps) I
+    Neo-Hookean           P = mu (F - F^-T) + lam ln(det F) F^-T         (Bonet and Wood 2008, eq. 6.28)
+The second tends to the first for small strain. Unknowns: the free nodes' displacements and the pit's shift
+and rotation vector; the pit turns as a rigid body through any angle.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial.transform import Rotation
+
+from samples.hexahedra import Bricks, lagrange
+
+Law = Literal["neo-hookean", "linear"]
+HOLDING_N_PER_MM = 2e-2
+"""A hair-fine spring on the pit: holds the fruit in the air; a hundredth of a millimetre costs it 0.2 mN."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Flesh:
+    """One meshed fruit; `slopes` are shape function gradients and `volumes` weights at 27 points per cell."""
+
+    bricks: Bricks
+    mu_MPa: float
+    lam_MPa: float
+    law: Law
+    slopes: Float[np.ndarray, "m 27 27 3"]
+    volumes: Float[np.ndarray, "m 27"]
+    free_nodes: Int[np.ndarray, " f"]
+    stiffness: csr_array
+    pit_centre_mm: Float[np.ndarray, " 3"]
+
+    @property
+    def unknowns(self) -> int:
+        """Three per free node, six for the pit."""
+        return 3 * len(self.free_nodes) + 6
+
+    def displacement(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "n 3"]:
+        """Nodal displacement, mm, of the unknowns q."""
+        u = np.empty_like(self.bricks.nodes_mm)
+        u[self.free_nodes] = q[:-6].reshape(-1, 3)
+        arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
+        u[self.bricks.pit_nodes] = q[-6:-3] + Rotation.from_rotvec(q[-3:]).apply(arms) - arms
+        return u
+
+    def excess(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+        """Internal force less `stiffness @ q` (zero under the linear law), the moment about the pit's centre."""
+        if self.law == "linear":
+            return np.zeros_like(q)
+        u = self.displacement(q)
+        nodal = self._internal_force(u)
+        force = np.empty_like(q)
+        force[:-6] = nodal[self.free_nodes].ravel()
+        pit = nodal[self.bricks.pit_nodes]
+        arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
+        force[-6:-3] = pit.sum(axis=0)
+        force[-3:] = np.cross(Rotation.from_rotvec(q[-3:]).apply(arms), pit).sum(axis=0)
+        force[-6:] += _holding() * q[-6:]
+        return np.asarray(force - self.stiffness @ q)
+
+    def _internal_force(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        cells = self.bricks.cells
+        m = len(cells)
+        local = u[cells]
+        grad = np.matmul(self.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), local)
+        F = grad.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2) + np.eye(3)
+        J = np.linalg.det(F)
+        inverse_t = np.linalg.inv(F).transpose(0, 1, 3, 2)
+        P = self.mu_MPa * (F - inverse_t) + self.lam_MPa * np.log(J)[..., None, None] * inverse_t
+        P *= self.volumes[..., None, None]
+        stacked = P.transpose(0, 1, 3, 2).reshape(m, 81, 3)
+        forces = np.matmul(self.slopes.transpose(0, 2, 1, 3).reshape(m, 27, 81), stacked)
+        total = [np.bincount(cells.ravel(), forces[..., i].ravel(), minlength=len(u)) for i in range(3)]
+        return np.stack(total, axis=1)
+
+
+def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) -> Flesh:
+    """Integrate the bricks (27 Gauss points) and assemble the linear stiffness with a rigid pit.
+
+    Raises ValueError where a brick is turned inside out.
+    """
+    mu = E_MPa / (2 * (1 + poisson_ratio))
+    lam = E_MPa * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    slopes, volumes = _integrated(bricks.nodes_mm[bricks.cells])
+    if volumes.min() <= 0:
+        raise ValueError(f"{int((volumes.min(axis=1) <= 0).sum())} bricks of the sample mesh are inside out")
+    count = len(bricks.nodes_mm)
+    is_pit = np.zeros(count, dtype=bool)
+    is_pit[bricks.pit_nodes] = True
+    free = np.flatnonzero(~is_pit)
+    centre = bricks.nodes_mm[bricks.pit_nodes].mean(axis=0)
+    full = _assembled(bricks.cells, slopes, volumes, mu, lam, count)
+    tie = _rigid_tie(bricks, free, centre)
+    stiffness = csr_array(tie.T @ full @ tie)
+    diagonal = np.zeros(stiffness.shape[0])
+    diagonal[-6:] = _holding()
+    ends = np.arange(len(diagonal) - 6, len(diagonal))
+    stiffness = csr_array(stiffness + coo_array((diagonal[-6:], (ends, ends)), shape=stiffness.shape).tocsr())
+    return Flesh(
+        bricks=bricks,
+        mu_MPa=mu,
+        lam_MPa=lam,
+        law=law,
+        slopes=slopes,
+        volumes=volumes,
+        free_nodes=free,
+        stiffness=stiffness,
+        pit_centre_mm=centre,
+    )
+
+
+def _holding() -> Float[np.ndarray, " 6"]:
+    return HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+
+
+def _integrated(
+    corners: Float[np.ndarray, "m 27 3"],
+) -> tuple[Float[np.ndarray, "m 27 27 3"], Float[np.ndarray, "m 27"]]:
+    at, weight = np.polynomial.legendre.leggauss(3)
+    value, slope = lagrange(at)
+    product = "ai,bj,ck->abcijk"
+    local = np.stack(
+        [np.einsum(product, value, slope, value), np.einsum(product, value, value, slope),
+         np.einsum(product, slope, value, value)],
+        axis=-1,
+    ).reshape(27, 27, 3)  # fmt: skip
+    jacobian = np.einsum("gnk,mni->mgik", local, corners)
+    volumes = np.linalg.det(jacobian) * np.einsum("a,b,c->abc", weight, weight, weight).ravel()
+    return np.matmul(local[None], np.linalg.inv(jacobian)), volumes
+
+
+def _assembled(
+    cells: Int[np.ndarray, "m 27"], slopes: np.ndarray, volumes: np.ndarray, mu: float, lam: float, count: int
+) -> csr_array:
+    m = len(cells)
+    total = csr_array((3 * count, 3 * count))
+    for part in np.array_split(np.arange(m), max(1, m // 600)):
+        flat = slopes[part].transpose(0, 2, 3, 1).reshape(len(part), 81, 27)
+        product = np.matmul(flat * volumes[part][:, None, :], flat.transpose(0, 2, 1))
+        pairs = product.reshape(-1, 27, 3, 27, 3)
+        block = lam * pairs + mu * pairs.transpose(0, 1, 4, 3, 2)
+        trace = np.einsum("eakbk->eab", pairs)
+        for i in range(3):
+            block[:, :, i, :, i] += mu * trace
+        dofs = (3 * cells[part][:, :, None] + np.arange(3)).reshape(len(part), 81)
+        rows, columns = np.repeat(dofs, 81, axis=1).ravel(), np.tile(dofs, (1, 81)).ravel()
+        total = total + csr_array(coo_array((block.ravel(), (rows, columns)), shape=total.shape))
+    return total
+
+
+def _rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:
+    """Nodal displacement of small unknowns: pit nodes follow shift + rotation x arm."""
+    f, pit = len(free), bricks.pit_nodes
+    axes = np.arange(3)
+    own_rows = (3 * free[:, None] + axes).ravel()
+    arms = bricks.nodes_mm[pit] - centre
+    turn = np.zeros((len(pit), 3, 3))
+    turn[:, 0, 1], turn[:, 0, 2] = arms[:, 2], -arms[:, 1]
+    turn[:, 1, 0], turn[:, 1, 2] = -arms[:, 2], arms[:, 0]
+    turn[:, 2, 0], turn[:, 2, 1] = arms[:, 1], -arms[:, 0]
+    pit_rows = 3 * pit[:, None] + axes
+    rows = np.concatenate([own_rows, pit_rows.ravel(), np.repeat(pit_rows, 3, axis=1).ravel()])
+    columns = np.concatenate(
+        [np.arange(3 * f), np.tile(3 * f + axes, len(pit)), np.tile(3 * f + 3 + axes, 3 * len(pit))]
+    )
+    values = np.concatenate([np.ones(3 * f + 3 * len(pit)), turn.ravel()])
+    return csr_array(coo_array((values, (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * f + 6)))

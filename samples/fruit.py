@@ -1,0 +1,173 @@
+"""Nectarines that never grew: a star-shaped skin, a true pit beside its prior, a known modulus."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from samples.cubed_sphere import even_sphere
+
+# Semi-axes of a nectarine's pit over the half-lengths of its fruit's box (x suture, y cheeks, z stem),
+# and its centre above the box centre in half-lengths; from the seven open nectarine cases of the project.
+PIT_OVER_BOX = (0.446, 0.328, 0.567)
+PIT_RAISED = (0.010, 0.0, 0.022)
+PIT_OFFSET_SD_MM = 0.3
+PIT_SIZE_SD = 0.02
+POISSON_RATIO = 0.45
+
+
+@dataclass(frozen=True, kw_only=True)
+class Skin:
+    """The surface x(d) = centre + r(d) d over unit directions d, fruit frame, mm.
+
+    r = |d / half_axes|^-1 (1 + cubic form(d)) - stem cavity - blossom dimple - suture groove (on the +x
+    half).
+    """
+
+    centre_mm: tuple[float, float, float]
+    half_axes_mm: tuple[float, float, float]
+    stem_depth_mm: float
+    stem_width: float
+    blossom_depth_mm: float
+    groove_depth_mm: float
+    groove_width: float
+    cubic: Float[np.ndarray, "3 3 3"]
+
+    def radius_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """r(d) in mm for unit directions."""
+        d = directions
+        ellipsoid = 1.0 / np.linalg.norm(d / np.asarray(self.half_axes_mm), axis=1)
+        lopsided = 1.0 + np.einsum("ijk,ni,nj,nk->n", self.cubic, d, d, d)
+        from_stem = np.arccos(np.clip(d[:, 2], -1.0, 1.0))
+        stem = self.stem_depth_mm * np.exp(-((from_stem / self.stem_width) ** 2))
+        blossom = self.blossom_depth_mm * np.exp(-(((np.pi - from_stem) / 0.35) ** 2))
+        on_suture_side = 0.5 * (1.0 + np.tanh(4.0 * d[:, 0]))
+        groove = self.groove_depth_mm * np.exp(-((d[:, 1] / self.groove_width) ** 2)) * on_suture_side
+        return np.asarray(ellipsoid * lopsided - stem - blossom - groove)
+
+    def points_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The skin's points in the fruit frame."""
+        return np.asarray(np.asarray(self.centre_mm) + self.radius_mm(directions)[:, None] * directions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pit:
+    """An ellipsoid aligned with the fruit frame, mm."""
+
+    centre_mm: tuple[float, float, float]
+    semi_axes_mm: tuple[float, float, float]
+
+    def points_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The points where rays from its centre leave it."""
+        radius = 1.0 / np.linalg.norm(directions / np.asarray(self.semi_axes_mm), axis=1)
+        return np.asarray(np.asarray(self.centre_mm) + radius[:, None] * directions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampleFruit:
+    """One fruit with everything that is true of it."""
+
+    fruit_id: str
+    seed: int
+    skin: Skin
+    pit: Pit
+    E_MPa: float
+    poisson_ratio: float
+    ripeness: float
+
+
+def fruits_of_seed(count: int, *, seed: int) -> tuple[SampleFruit, ...]:
+    """`count` nectarines whose moduli spread evenly in the logarithm over 0.15 to 1.6 MPa, in shuffled order.
+
+    Ripeness (the colour) follows the modulus with some scatter, as it does in an orchard.
+    """
+    rng = np.random.default_rng([seed, 0])
+    steps = (np.arange(count) + rng.uniform(0.25, 0.75, count)) / count
+    E_MPa = 0.15 * (1.6 / 0.15) ** steps
+    order = rng.permutation(count)
+    while count > 2 and (np.all(np.diff(order) > 0) or np.all(np.diff(order) < 0)):
+        order = rng.permutation(count)
+    ripeness = np.clip(1.0 - steps + rng.normal(0.0, 0.05, count), 0.05, 0.97)
+    return tuple(
+        fruit_of_seed(
+            f"N{k + 1:02d}", seed=1000 * seed + k + 1, E_MPa=float(E_MPa[i]), ripeness=float(ripeness[i])
+        )
+        for k, i in enumerate(order)
+    )
+
+
+def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0.5) -> SampleFruit:
+    """A nectarine of about 61 x 59 x 57 mm, the same for the same seed.
+
+    The true pit lies 0.3 mm (per axis) off where the category's proportions put it, and 2 % off in size.
+    """
+    rng = np.random.default_rng([seed, 1])
+    size = rng.normal(1.0, 0.035)
+    half = size * np.array([30.6, 29.6, 29.6]) * rng.normal(1.0, 0.012, 3)
+    cubic = rng.normal(0.0, 0.006, (3, 3, 3))
+    skin = Skin(
+        centre_mm=(0.0, 0.0, 0.0),
+        half_axes_mm=_triple(half),
+        stem_depth_mm=float(rng.uniform(3.0, 4.2)),
+        stem_width=float(rng.uniform(0.27, 0.33)),
+        blossom_depth_mm=float(rng.uniform(0.5, 1.0)),
+        groove_depth_mm=float(rng.uniform(0.6, 1.0)),
+        groove_width=float(rng.uniform(0.10, 0.14)),
+        cubic=cubic,
+    )
+    skin = _standing(skin)
+    low, high = box_mm(skin)
+    half_box = (high - low) / 2
+    centre = (low + high) / 2 + np.array(PIT_RAISED) * half_box + rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
+    semi_axes = np.array(PIT_OVER_BOX) * half_box * rng.normal(1.0, PIT_SIZE_SD, 3)
+    pit = Pit(centre_mm=_triple(centre), semi_axes_mm=_triple(semi_axes))
+    return SampleFruit(
+        fruit_id=fruit_id,
+        seed=seed,
+        skin=skin,
+        pit=pit,
+        E_MPa=E_MPa,
+        poisson_ratio=POISSON_RATIO,
+        ripeness=ripeness,
+    )
+
+
+def box_mm(skin: Skin) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
+    """Lowest and highest corner of the skin's axis-aligned box."""
+    points = skin.points_mm(even_sphere(96).directions)
+    return points.min(axis=0), points.max(axis=0)
+
+
+def skin_mesh(skin: Skin, *, cells: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """Vertices and outward triangles of the skin, 12 cells^2 triangles."""
+    sphere = even_sphere(cells)
+    return skin.points_mm(sphere.directions), sphere.triangles()
+
+
+def scanned_mesh(
+    fruit: SampleFruit, *, cells: int, error_mm: float
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
+    rng = np.random.default_rng([fruit.seed, 2])
+    sphere = even_sphere(cells)
+    waves = rng.normal(size=(24, 3)) * 5.0
+    phase = rng.uniform(0, 2 * np.pi, 24)
+    wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)
+    wobble *= error_mm / np.sqrt(np.mean(wobble**2))
+    return fruit.skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
+
+
+def mesh_volume_mm3(vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]) -> float:
+    """Volume inside a closed outward surface: sum of a . (b x c) / 6."""
+    a, b, c = (vertices[triangles[:, k]] for k in range(3))
+    return float(np.einsum("ni,ni->", a, np.cross(b, c)) / 6.0)
+
+
+def _standing(skin: Skin) -> Skin:
+    low, high = box_mm(skin)
+    middle = (low + high) / 2
+    return replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
+
+
+def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

@@ -1,0 +1,132 @@
+"""A tactile grasp of a sample fruit: two jaws close on it in simulation; the recording they would give."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.contact import Gel, at_markers
+from samples.flesh import Law, flesh_of
+from samples.fruit import SampleFruit
+from samples.grasp_plan import Hold, Programme
+from samples.hexahedra import SHIPPED, Fineness, flesh_bricks
+from samples.sensor_noise import SensorNoise, measured
+from samples.squeeze import Moment, Squeeze, at_rest, squeeze_of, step
+from tactile.recording import GelPad, Recording
+
+SENSOR = "20x20 marker gel"
+MARKER_AREA_MM2 = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Grasp:
+    """A simulated recording and its truth: marker values without noise, and every moment."""
+
+    recording: Recording
+    true_displacement_mm: tuple[Float[np.ndarray, "t n 3"], ...]
+    true_force_N: tuple[Float[np.ndarray, "t n 3"], ...]
+    moments: tuple[Moment, ...]
+    squeeze: Squeeze
+
+
+def simulate(
+    fruit: SampleFruit,
+    hold: Hold,
+    programme: Programme,
+    *,
+    rng: np.random.Generator,
+    gel: Gel | None = None,
+    noise: SensorNoise | None = None,
+    law: Law = "neo-hookean",
+    fineness: Fineness = SHIPPED,
+    progress: Callable[[str], None] | None = None,
+) -> Grasp:
+    """The recording of one grasp. Every frame is solved to equilibrium; frames where nothing moved share it.
+
+    Raises NotInEquilibrium where a step does not converge or the patch outgrows the pad.
+    """
+    gel = gel or Gel()
+    bricks = flesh_bricks(fruit, hold.turns[0][:, 2], fineness)
+    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law=law)
+    squeeze = squeeze_of(flesh, gel, hold.turns, hold.touch_mm)
+    moments: list[Moment] = []
+    travels = programme.travel_mm.tolist()
+    for k, travel in enumerate(travels):
+        if k == 0:
+            moments.append(at_rest(squeeze, hold.origins(travel)))
+        elif travel == travels[k - 1]:
+            moments.append(moments[-1])
+        else:
+            moments.append(step(squeeze, moments[-1], hold.origins(travel)))
+        if progress is not None:
+            progress(f"{fruit.fruit_id}: frame {k + 1} of {len(travels)}")
+    return _recorded(fruit, hold, programme, squeeze, tuple(moments), noise or SensorNoise(), rng)
+
+
+def marker_grid() -> Float[np.ndarray, "400 3"]:
+    """20 x 20 markers, 1 mm apart, on the flat gel face."""
+    line = np.arange(20) - 9.5
+    x, y = np.meshgrid(line, line, indexing="ij")
+    return np.stack([x.ravel(), y.ravel(), np.zeros(400)], axis=1)
+
+
+def _recorded(
+    fruit: SampleFruit, hold: Hold, programme: Programme, squeeze: Squeeze, moments: tuple[Moment, ...],
+    noise: SensorNoise, rng: np.random.Generator,
+) -> Grasp:  # fmt: skip
+    rest = marker_grid()
+    pads, shifts, forces = [], [], []
+    for side, name in enumerate(("left", "right")):
+        shift = np.stack([_marker_shift(squeeze, m, side, rest) for m in moments])
+        stiffness = np.array(
+            [squeeze.gel.kt_MPa_per_mm, squeeze.gel.kt_MPa_per_mm, squeeze.gel.kn_MPa_per_mm]
+        )
+        force = -stiffness * MARKER_AREA_MM2 * shift
+        poses = np.broadcast_to(np.eye(4), (len(moments), 4, 4)).copy()
+        poses[:, :3, :3] = hold.turns[side]
+        poses[:, :3, 3] = [hold.origins(travel)[side] for travel in programme.travel_mm.tolist()]
+        felt, pushed = measured(shift, force, noise, rng)
+        pads.append(
+            GelPad(
+                name=name,
+                pose=poses,
+                rest_mm=rest,
+                displacement_mm=felt,
+                force_N=pushed,
+                gel_kn_MPa_per_mm=squeeze.gel.kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=squeeze.gel.kt_MPa_per_mm,
+            )
+        )
+        shifts.append(shift)
+        forces.append(force)
+    gap = np.linalg.norm(hold.touch_mm[1] - hold.touch_mm[0])
+    recording = Recording(
+        fruit_id=fruit.fruit_id,
+        category="nectarine",
+        loading="grasp",
+        support="free",
+        sensor=SENSOR,
+        time_s=programme.time_s,
+        aperture_mm=gap - 2 * programme.travel_mm,
+        pads=tuple(pads),
+    )
+    return Grasp(
+        recording=recording,
+        true_displacement_mm=tuple(shifts),
+        true_force_N=tuple(forces),
+        moments=moments,
+        squeeze=squeeze,
+    )
+
+
+def _marker_shift(
+    squeeze: Squeeze, moment: Moment, side: int, rest_mm: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """How far the skin has carried each marker from its rest place; zero where it does not touch."""
+    anchors = moment.anchors[side]
+    carried = anchors.position_mm[:, :2] - anchors.gel_point_mm
+    values = np.concatenate([carried, anchors.position_mm[:, 2:]], axis=1)
+    seen = at_markers(rest_mm[:, :2], anchors.gel_point_mm, values, squeeze.faces[side].cells)
+    touches = np.nan_to_num(seen[:, 2], nan=1.0) < 0
+    return np.where(touches[:, None], seen, 0.0)

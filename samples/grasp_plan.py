@@ -1,0 +1,86 @@
+"""How the jaws go: along which line they meet the fruit, and how far they close from frame to frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.cubed_sphere import even_sphere
+from samples.fruit import SampleFruit
+
+DEEPEST_MM = 1.5
+"""How far each jaw goes past its first touch; the patch of a soft fruit then still fits on the gel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Programme:
+    """How the jaws move: `travel_mm` of each jaw past first touch (negative: in the air), by frame."""
+
+    time_s: Float[np.ndarray, " t"]
+    travel_mm: Float[np.ndarray, " t"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hold:
+    """Where the jaws are: rotations (pad to fruit), left then right, and the origins at first touch."""
+
+    turns: tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]
+    touch_mm: Float[np.ndarray, "2 3"]
+
+    def origins(self, travel_mm: float) -> Float[np.ndarray, "2 3"]:
+        """Faces' origins after a travel of each jaw."""
+        return self.touch_mm + travel_mm * np.stack([turn[:, 2] for turn in self.turns])
+
+
+def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> Programme:
+    """Ten frames in the air, a load to two thirds, off, a load to the deepest, a hold, off, five in air."""
+    air, away = np.full(10, -clearance_mm), -0.12
+    first = np.linspace(0, 0.66 * deepest_mm, 7)[1:]
+    off = np.linspace(0.66 * deepest_mm, away, 5)[1:]
+    second = np.linspace(0, deepest_mm, 9)[1:]
+    hold = np.full(3, deepest_mm)
+    last = np.linspace(deepest_mm, away, 7)[1:]
+    travel = np.concatenate([air, first, off, second, hold, last, air[:5]])
+    still = np.abs(np.diff(travel)) < 1e-9
+    pause = np.where(still, 0.1, np.abs(np.diff(travel)) / speed_mm_per_s)
+    at_hold = np.abs(travel[1:] - deepest_mm) < 1e-9
+    pause[still & at_hold] = 0.5
+    return Programme(time_s=np.concatenate([[0.0], np.cumsum(pause)]), travel_mm=travel)
+
+
+def hold_along(fruit: SampleFruit, *, azimuth_deg: float, tilt_deg: float, uneven_mm: float = 0.02) -> Hold:
+    """Jaws along a direction, centred between their first touches; the left comes `uneven_mm` late."""
+    azimuth, tilt = np.radians(azimuth_deg), np.radians(tilt_deg)
+    axis = np.array([np.cos(azimuth) * np.cos(tilt), np.sin(azimuth) * np.cos(tilt), np.sin(tilt)])
+    across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    up = np.cross(axis, across)
+    skin = fruit.skin.points_mm(even_sphere(200).directions)
+    near, far = skin[np.argmin(skin @ axis)], skin[np.argmax(skin @ axis)]
+    middle = (near + far) / 2
+    aside = middle - axis * (middle @ axis)
+    return Hold(
+        turns=(np.stack([across, up, axis], axis=1), np.stack([-across, up, -axis], axis=1)),
+        touch_mm=np.stack([aside + axis * (near @ axis - uneven_mm), aside + axis * (far @ axis)]),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannedGrasp:
+    """One grasp to simulate: the recording's name, where the jaws are, how they move."""
+
+    name: str
+    hold: Hold
+    programme: Programme
+
+
+def planned_grasps(fruit: SampleFruit, *, count: int) -> tuple[PlannedGrasp, ...]:
+    """Grasps about 90 degrees apart, clear of the suture's groove, each at a speed of its own."""
+    rng = np.random.default_rng([fruit.seed, 6])
+    first = rng.uniform(32.0, 58.0)
+    plans = []
+    for k in range(count):
+        azimuth = first + 90.0 * (k % 2) + rng.normal(0.0, 3.0)
+        hold = hold_along(fruit, azimuth_deg=azimuth, tilt_deg=rng.normal(0.0, 3.0))
+        programme = two_cycles(deepest_mm=DEEPEST_MM, speed_mm_per_s=float(rng.uniform(0.8, 2.5)))
+        plans.append(PlannedGrasp(name=f"grasp-{k + 1}", hold=hold, programme=programme))
+    return tuple(plans)

@@ -1,0 +1,228 @@
+"""Photographs of a sample fruit on the mat, path-traced (Mitsuba 3), denoised (Open Image Denoise).
+
+Neither renderer is needed to grade: they are the optional extra `samples`, imported when a photo is asked
+for.
+"""
+
+import importlib
+import os
+from collections.abc import Callable, Iterator
+from ctypes.util import find_library
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.mat import Mat
+from samples.appearance import mat_texture, skin_colours, table_texture
+from samples.cubed_sphere import even_sphere
+from samples.failure import RendererMissing
+from samples.fruit import SampleFruit, box_mm
+from samples.viewpoints import View, rings
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotoOptions:
+    """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels)."""
+
+    width_px: int = 1280
+    height_px: int = 960
+    samples_per_pixel: int = 8
+    jpeg_quality: int = 72
+    noise_levels: float = 0.8
+    skin_cells: int = 160
+
+
+def write_photos(
+    folder: Path,
+    fruit: SampleFruit,
+    mat: Mat,
+    *,
+    views: int,
+    options: PhotoOptions,
+    progress: Callable[[str], None] | None = None,
+) -> tuple[View, ...]:
+    """Render `views` photos into `folder` as 000.jpg, 001.jpg, ... without EXIF; returns the true views.
+
+    The same fruit and options give the same pictures. Raises RendererMissing.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    low, high = box_mm(fruit.skin)
+    rng = np.random.default_rng([fruit.seed, 3])
+    where = rings(
+        views, rng, aim_mm=(0.0, 0.0, 0.42 * float(high[2] - low[2])),
+        width_px=options.width_px, height_px=options.height_px,
+    )  # fmt: skip
+    for k, image in enumerate(rendered(fruit, mat, where, options=options)):
+        flags = [cv2.IMWRITE_JPEG_QUALITY, options.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        cv2.imwrite(str(folder / f"{k:03d}.jpg"), image, flags)
+        if progress is not None:
+            progress(f"{fruit.fruit_id}: photo {k + 1} of {views}")
+    return where
+
+
+def rendered(
+    fruit: SampleFruit, mat: Mat, views: tuple[View, ...], *, options: PhotoOptions
+) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+    """One BGR picture per view, rendered when asked for. Raises RendererMissing."""
+    mi = _mitsuba()
+    denoise = _denoiser()
+    rng = np.random.default_rng([fruit.seed, 4])
+    scene = mi.load_dict(_scene(mi, fruit, mat, options, rng))
+    integrator = mi.load_dict(
+        {"type": "aov", "aovs": "a:albedo,n:sh_normal", "path": {"type": "path", "max_depth": 5}}
+    )
+    gain = float(rng.uniform(0.9, 1.1))
+    for k, view in enumerate(views):
+        layers = np.array(
+            mi.render(
+                scene, sensor=mi.load_dict(_sensor(mi, view)), integrator=integrator,
+                spp=options.samples_per_pixel, seed=k + 1,
+            )
+        )  # fmt: skip
+        colour, albedo, normal = (np.ascontiguousarray(layers[..., c : c + 3]) for c in (0, 3, 6))
+        yield _developed(gain * denoise(colour, albedo, normal), options, rng)
+
+
+def _scene(
+    mi: Any, fruit: SampleFruit, mat: Mat, options: PhotoOptions, rng: np.random.Generator
+) -> dict[str, Any]:
+    high = float(box_mm(fruit.skin)[1][2])
+    to = mi.ScalarTransform4f
+    turn = float(rng.uniform(0, 360))
+    lights = {}
+    for k, (azimuth, tilt, power) in enumerate(((turn, 38.0, 11.0), (turn + 150.0, 55.0, 6.0))):
+        frame = to().rotate([0, 0, 1], azimuth).rotate([0, 1, 0], tilt).translate([0, 0, 700])
+        frame = frame @ to().scale([150, 110, 1]).rotate([1, 0, 0], 180)
+        radiance = {"type": "rgb", "value": [power * c for c in (1.0, 0.95, 0.88)]}
+        lights[f"softbox{k}"] = {
+            "type": "rectangle", "to_world": frame, "emitter": {"type": "area", "radiance": radiance},
+        }  # fmt: skip
+    bitmap = {"type": "bitmap", "raw": True, "wrap_mode": "mirror"}
+    sheet = to().translate([0, 0, -0.02]).scale([mat.width_mm / 2, mat.height_mm / 2, 1])
+    return {
+        "type": "scene",
+        "sky": {"type": "constant", "radiance": {"type": "rgb", "value": [0.38, 0.40, 0.43]}},
+        **lights,
+        "table": {
+            "type": "rectangle",
+            "to_world": to().translate([0, 0, -0.3]).rotate([0, 0, 1], turn).scale([900, 900, 1]),
+            "bsdf": {
+                "type": "diffuse", "reflectance": {**bitmap, "bitmap": mi.Bitmap(table_texture(rng))},
+            },
+        },
+        "mat": {
+            "type": "rectangle",
+            "to_world": sheet,
+            "bsdf": {"type": "diffuse", "reflectance": {**bitmap, "bitmap": mi.Bitmap(_upright(mat))}},
+        },
+        "fruit": _skin(mi, fruit, options),
+        "ceiling": {
+            "type": "rectangle",
+            "to_world": to().translate([0, 0, 1500 + high]).scale([200, 200, 1]).rotate([1, 0, 0], 180),
+            "emitter": {"type": "area", "radiance": {"type": "rgb", "value": [2.0, 2.0, 2.1]}},
+        },
+    }  # fmt: skip
+
+
+def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
+    sphere = even_sphere(options.skin_cells)
+    points, triangles = fruit.skin.points_mm(sphere.directions), sphere.triangles()
+    colours = skin_colours(
+        sphere.directions, ripeness=fruit.ripeness, rng=np.random.default_rng([fruit.seed, 5])
+    )
+    coat = mi.load_dict(
+        {
+            "type": "principled",
+            "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
+            "roughness": 0.38,
+            "specular": 0.45,
+            "clearcoat": 0.6,
+            "clearcoat_gloss": 0.75,
+        }
+    )
+    properties = mi.Properties()
+    properties["bsdf"] = coat
+    mesh = mi.Mesh("skin", len(points), len(triangles), has_vertex_normals=True, props=properties)
+    mesh.add_attribute("vertex_color", 3, colours.astype(np.float32).ravel())
+    values = mi.traverse(mesh)
+    values["vertex_positions"] = points.astype(np.float32).ravel()
+    values["faces"] = triangles.astype(np.uint32).ravel()
+    values["vertex_normals"] = _normals(points, triangles).astype(np.float32).ravel()
+    values.update()
+    return mesh
+
+
+def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:
+    # the renderer lays a bitmap's first row along v = 0, the rectangle's -y side
+    return np.ascontiguousarray(mat_texture(mat)[::-1])
+
+
+def _sensor(mi: Any, view: View) -> dict[str, Any]:
+    world_from_cam = np.linalg.inv(view.cam_from_world)
+    # Mitsuba's camera looks along +z with x to the left and y up
+    pose = world_from_cam @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    return {
+        "type": "perspective",
+        "fov_axis": "x",
+        "fov": float(np.degrees(2 * np.arctan(view.width_px / 2 / view.focal_px))),
+        "near_clip": 10.0,
+        "far_clip": 5000.0,
+        "to_world": mi.ScalarTransform4f(pose),
+        "film": {
+            "type": "hdrfilm", "width": view.width_px, "height": view.height_px, "pixel_format": "rgb",
+            "rfilter": {"type": "box"},  # the denoiser expects pixels whose noise is independent
+        },
+        "sampler": {"type": "independent"},
+    }  # fmt: skip
+
+
+def _normals(points: Float[np.ndarray, "n 3"], triangles: np.ndarray) -> Float[np.ndarray, "n 3"]:
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    facet = np.cross(b - a, c - a)
+    total = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(total, triangles[:, k], facet)
+    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
+
+
+def _developed(
+    light: Float[np.ndarray, "h w 3"], options: PhotoOptions, rng: np.random.Generator
+) -> UInt8[np.ndarray, "h w 3"]:
+    tone = np.clip(light, 0.0, None)
+    tone = np.where(tone > 0.7, 0.7 + 0.3 * np.tanh((tone - 0.7) / 0.3), tone)
+    srgb = np.where(tone <= 0.0031308, 12.92 * tone, 1.055 * np.maximum(tone, 1e-9) ** (1 / 2.4) - 0.055)
+    levels = 255.0 * srgb + options.noise_levels * rng.normal(size=srgb.shape)
+    return np.ascontiguousarray(np.clip(np.rint(levels), 0, 255)[..., ::-1], dtype=np.uint8)
+
+
+def _mitsuba() -> Any:
+    try:
+        mi = importlib.import_module("mitsuba")
+    except ImportError as missing:
+        raise RendererMissing(
+            "Photos of sample fruit need the renderer Mitsuba 3, which is not installed; "
+            'run: pip install "drupe[samples]"'
+        ) from missing
+    if mi.variant() is None:
+        fast = "DRJIT_LIBLLVM_PATH" in os.environ or find_library("LLVM") or find_library("LLVM-15")
+        mi.set_variant("llvm_ad_rgb" if fast else "scalar_rgb")
+    return mi
+
+
+def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    try:
+        oidn = importlib.import_module("pyoidn")
+    except ImportError as missing:
+        raise RendererMissing(
+            "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
+            'run: pip install "drupe[samples]"'
+        ) from missing
+
+    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        return np.asarray(oidn.denoise(colour, albedo=albedo, normal=normal, hdr=True))
+
+    return denoise

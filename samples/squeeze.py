@@ -1,0 +1,249 @@
+"""One fruit between two gel pads, step by step, every step in equilibrium at finite strain.
+
+The flesh's linear compliance of all nodes that a pad can reach is computed once; a step then alternates
+between the contact (semi-smooth Newton on that small dense compliance) and what finite strain adds (one
+residual and two solves with the factorised linear stiffness), sped up by Anderson mixing, until the whole
+residual is small.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from samples.contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
+from samples.factors import Solve, factorise
+from samples.failure import NotInEquilibrium
+from samples.flesh import Flesh
+
+REACH_MM = 9.8
+TOLERANCE = 5e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Face:
+    """The skin in front of one pad: its nodes, those the pad can reach, its cells (local numbers)."""
+
+    turn: Float[np.ndarray, "3 3"]
+    nodes: Int[np.ndarray, " n"]
+    reachable: Int[np.ndarray, " r"]
+    cells: Int[np.ndarray, "k 3 3"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Squeeze:
+    """Everything that stays the same over a recording."""
+
+    flesh: Flesh
+    gel: Gel
+    faces: tuple[Face, ...]
+    solve: Solve
+    dofs: Int[np.ndarray, "r 3"]
+    compliance: Float[np.ndarray, "c c"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Moment:
+    """One instant in equilibrium; per face the anchors and the nodal force on the skin (fruit frame, N)."""
+
+    q: Float[np.ndarray, " u"]
+    anchors: tuple[Anchors, ...]
+    force_N: tuple[Float[np.ndarray, "n 3"], ...]
+    residual: float
+
+
+def squeeze_of(
+    flesh: Flesh, gel: Gel, turns: tuple[Float[np.ndarray, "3 3"], ...], origins: Float[np.ndarray, "p 3"]
+) -> Squeeze:
+    """Prepare: faces in front of pads with the given rotations (pad to fruit) that point at `origins`."""
+    bricks = flesh.bricks
+    faces = []
+    for turn, origin in zip(turns, origins, strict=True):
+        local = (bricks.nodes_mm - origin) @ turn
+        centre = local[bricks.skin_cells[:, 1, 1]]
+        corners = local[bricks.skin_cells]
+        normal = np.cross(corners[:, 2, 1] - corners[:, 0, 1], corners[:, 1, 2] - corners[:, 1, 0])
+        near = (np.abs(centre[:, :2]).max(axis=1) < 17.0) & (
+            normal[:, 2] < -0.3 * np.linalg.norm(normal, axis=1)
+        )
+        nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
+        reachable = np.flatnonzero(np.linalg.norm(local[nodes, :2], axis=1) < REACH_MM)
+        faces.append(Face(turn=turn, nodes=nodes, reachable=reachable, cells=cells.reshape(-1, 3, 3)))
+    number = np.full(len(bricks.nodes_mm), -1)
+    number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
+    touched = np.concatenate([number[f.nodes[f.reachable]] for f in faces])
+    dofs = 3 * touched[:, None] + np.arange(3)
+    solve = factorise(flesh.stiffness)
+    flat = dofs.ravel()
+    columns = []
+    for part in np.array_split(np.arange(len(flat)), max(1, len(flat) // 150)):
+        unit = np.zeros((flesh.unknowns, len(part)))
+        unit[flat[part], np.arange(len(part))] = 1.0
+        columns.append(solve(unit)[flat])
+    compliance = np.concatenate(columns, axis=1)
+    return Squeeze(flesh=flesh, gel=gel, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance)
+
+
+def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> Moment:
+    """The moment before anything touches."""
+    q = np.zeros(squeeze.flesh.unknowns)
+    places = _positions(squeeze, q, origins)
+    return Moment(
+        q=q,
+        anchors=tuple(untouched(x) for x in places),
+        force_N=tuple(np.zeros_like(x) for x in places),
+        residual=0.0,
+    )
+
+
+def step(squeeze: Squeeze, before: Moment, origins: Float[np.ndarray, "p 3"], *, rounds: int = 60) -> Moment:
+    """The next moment, with the pads' faces at `origins` (fruit frame, mm).
+
+    Raises NotInEquilibrium when `rounds` rounds leave more than TOLERANCE of the force unbalanced, or
+    when the patch leaves the pad.
+    """
+    flesh = squeeze.flesh
+    q, history = before.q.copy(), _Mixing()
+    residual = np.inf
+    for _ in range(rounds):
+        excess = flesh.excess(q)
+        freely = -squeeze.solve(excess)
+        anchors, areas = _lagged(squeeze, before, q, origins)
+        loads = _contact(squeeze, freely, origins, anchors, areas, start=q)
+        mapped = freely + squeeze.solve(_spread(squeeze, loads))
+        forces = _forces(squeeze, mapped, origins, *_lagged(squeeze, before, mapped, origins))
+        balance = flesh.stiffness @ mapped + flesh.excess(mapped) - _spread(squeeze, forces)
+        size = max(float(np.linalg.norm(forces)), 1e-3)
+        residual = float(np.linalg.norm(balance)) / size
+        if residual < TOLERANCE:
+            return _finished(squeeze, before, mapped, origins, residual)
+        q = history.mixed(q, mapped)
+    raise NotInEquilibrium(f"the step stopped at a residual of {residual:.1e} of the contact force")
+
+
+def _positions(
+    squeeze: Squeeze, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
+) -> list[Float[np.ndarray, "n 3"]]:
+    now = squeeze.flesh.bricks.nodes_mm + squeeze.flesh.displacement(q)
+    return [(now[f.nodes] - o) @ f.turn for f, o in zip(squeeze.faces, origins, strict=True)]
+
+
+def _lagged(
+    squeeze: Squeeze, before: Moment, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    anchors, areas = [], []
+    for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
+        anchor = gel_points(held, x)
+        anchors.append(anchor)
+        areas.append(gel_areas(anchor, face.cells))
+    return anchors, areas
+
+
+def _forces(
+    squeeze: Squeeze, q: np.ndarray, origins: np.ndarray, anchors: list[np.ndarray], areas: list[np.ndarray]
+) -> Float[np.ndarray, "r 3"]:
+    """Force on every reachable node, fruit frame."""
+    found = []
+    places = _positions(squeeze, q, origins)
+    for face, x, anchor, area in zip(squeeze.faces, places, anchors, areas, strict=True):
+        load, _ = traction(squeeze.gel, x, anchor)
+        found.append((load * area[:, None])[face.reachable] @ face.turn.T)
+    return np.concatenate(found)
+
+
+def _contact(
+    squeeze: Squeeze,
+    freely: np.ndarray,
+    origins: np.ndarray,
+    anchors: list[np.ndarray],
+    areas: list[np.ndarray],
+    *,
+    start: np.ndarray,
+) -> Float[np.ndarray, "r 3"]:
+    """Solve u = freely + C f(u) for the reachable nodes; returns f. Semi-smooth Newton with halved steps."""
+    base = squeeze.flesh.bricks.nodes_mm
+    rest, turns, feet, area = [], [], [], []
+    for face, origin, anchor, a in zip(squeeze.faces, origins, anchors, areas, strict=True):
+        r = face.reachable
+        rest.append(base[face.nodes[r]] - origin)
+        turns.append(np.broadcast_to(face.turn, (len(r), 3, 3)))
+        feet.append(anchor[r])
+        area.append(a[r])
+    at, turn = np.concatenate(rest), np.concatenate(turns)
+    foot, weight = np.concatenate(feet), np.concatenate(area)
+
+    def load(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = np.einsum("ni,nij->nj", at + u, turn)
+        force, slope = traction(squeeze.gel, x, foot)
+        force = np.einsum("nij,nj->ni", turn, force) * weight[:, None]
+        return force, np.einsum("nij,njk,nlk->nil", turn, slope, turn) * weight[:, None, None]
+
+    given = freely[squeeze.dofs]
+    u = start[squeeze.dofs]
+    force, slope = load(u)
+    miss = u - given - (squeeze.compliance @ force.ravel()).reshape(-1, 3)
+    for _ in range(40):
+        if np.abs(miss).max() < 1e-10:
+            break
+        active = np.flatnonzero(np.abs(slope).max(axis=(1, 2)) > 0)
+        move = -miss
+        if len(active):
+            block = (3 * active[:, None] + np.arange(3)).ravel()
+            small = squeeze.compliance[np.ix_(block, block)]
+            product = np.einsum("anj,njk->ank", small.reshape(len(block), -1, 3), slope[active])
+            inner = np.linalg.solve(
+                np.eye(len(block)) - product.reshape(len(block), -1), -miss[active].ravel()
+            ).reshape(-1, 3)
+            pushed = np.einsum("nij,nj->ni", slope[active], inner)
+            move = -miss + (squeeze.compliance[:, block] @ pushed.ravel()).reshape(-1, 3)
+        best = np.linalg.norm(miss)
+        for share in (1.0, 0.5, 0.25, 0.125):
+            trial = u + share * move
+            force, slope = load(trial)
+            left = trial - given - (squeeze.compliance @ force.ravel()).reshape(-1, 3)
+            if np.linalg.norm(left) < best:
+                break
+        u, miss = trial, left
+    return force
+
+
+def _spread(squeeze: Squeeze, loads: Float[np.ndarray, "r 3"]) -> Float[np.ndarray, " u"]:
+    full = np.zeros(squeeze.flesh.unknowns)
+    np.add.at(full, squeeze.dofs.ravel(), loads.ravel())
+    return full
+
+
+def _finished(
+    squeeze: Squeeze, before: Moment, q: np.ndarray, origins: np.ndarray, residual: float
+) -> Moment:
+    anchors, forces = [], []
+    for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
+        anchor = gel_points(held, x)
+        load, _ = traction(squeeze.gel, x, anchor)
+        force = load * gel_areas(anchor, face.cells)[:, None]
+        outside = np.ones(len(x), dtype=bool)
+        outside[face.reachable] = False
+        if np.any(force[outside]):
+            raise NotInEquilibrium("the contact patch grew past the pad: squeeze less or move the pads")
+        anchors.append(settled(squeeze.gel, held, x))
+        forces.append(force @ face.turn.T)
+    return Moment(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)
+
+
+class _Mixing:
+    """Anderson mixing over the last few rounds (Walker and Ni 2011, type II)."""
+
+    def __init__(self, depth: int = 6) -> None:
+        self._depth = depth
+        self._mapped: list[np.ndarray] = []
+        self._change: list[np.ndarray] = []
+
+    def mixed(self, q: np.ndarray, mapped: np.ndarray) -> np.ndarray:
+        self._mapped = [*self._mapped[-self._depth :], mapped]
+        self._change = [*self._change[-self._depth :], mapped - q]
+        if len(self._change) == 1:
+            return mapped
+        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
+        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
+        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
+        return np.asarray(mapped - moves @ share)

@@ -1,0 +1,65 @@
+"""Where the photographer stood: rings of hand-held views round the mat's centre."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """A pinhole view: mat frame (mm) to camera (x right, y down, z ahead), principal point central."""
+
+    cam_from_world: Float[np.ndarray, "4 4"]
+    focal_px: float
+    width_px: int
+    height_px: int
+
+    def pixels(self, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Image coordinates; the centre of the first pixel is (0, 0)."""
+        seen = points_mm @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
+        middle = np.array([self.width_px - 1, self.height_px - 1]) / 2
+        return np.asarray(self.focal_px * seen[:, :2] / seen[:, 2:] + middle)
+
+
+def rings(
+    count: int, rng: np.random.Generator, *, aim_mm: tuple[float, float, float], width_px: int, height_px: int
+) -> tuple[View, ...]:
+    """`count` views in three rings about 18, 42 and 66 degrees up, jittered as hands are.
+
+    One camera: the focal length, about 1.48 image widths, is the same in every view.
+    """
+    focal_px = float(rng.uniform(1.45, 1.52) * width_px)
+    low, middle = round(count * 0.5), round(count * 0.33)
+    sizes = (low, middle, count - low - middle)
+    views = []
+    for size, elevation_deg in zip(sizes, (18.0, 42.0, 66.0), strict=True):
+        start = rng.uniform(0, 360.0)
+        for k in range(size):
+            azimuth = np.radians(start + 360.0 * k / size + rng.normal(0, 3.0))
+            elevation = np.radians(elevation_deg + rng.normal(0, 1.5))
+            reach = rng.normal(315.0, 9.0)
+            where = reach * np.array(
+                [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+            )
+            aim = np.asarray(aim_mm) + rng.normal(0, 3.0, 3)
+            cam_from_world = _look(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
+            views.append(
+                View(cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px)
+            )
+    return tuple(views)
+
+
+def _look(
+    eye: Float[np.ndarray, " 3"], aim: Float[np.ndarray, " 3"], *, roll: float
+) -> Float[np.ndarray, "4 4"]:
+    ahead = (aim - eye) / np.linalg.norm(aim - eye)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    down = np.cross(ahead, right)
+    c, s = np.cos(roll), np.sin(roll)
+    rotation = np.stack([c * right + s * down, c * down - s * right, ahead])
+    pose = np.eye(4)
+    pose[:3, :3] = rotation
+    pose[:3, 3] = -rotation @ eye
+    return pose
