@@ -1,0 +1,44 @@
+"""A graded sample batch against its known moduli: order (Kendall's tau) and relative error of every E.
+
+    python benchmarks/sample_answers.py RESULTS ANSWERS.json [--tau 1.0] [--error 0.08]
+
+Exit status 1 where the order or an error misses its bound.
+"""
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+import pandas as pd
+from scipy.stats import kendalltau
+
+
+def main() -> int:
+    """Prints the table and returns the exit status."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path, help="what `drupe grade` wrote")
+    parser.add_argument("answers", type=Path, help="answers.json of the sample batch")
+    parser.add_argument("--tau", type=float, default=1.0, help="least Kendall's tau (default %(default)s)")
+    parser.add_argument("--error", type=float, default=0.08, help="largest relative error (default %(default)s)")
+    options = parser.parse_args()
+
+    ranking = pd.read_csv(options.results / "ranking.csv", dtype={"fruit_id": str})
+    truth = {
+        name: answer["E_MPa"] for name, answer in json.loads(options.answers.read_text())["fruits"].items()
+    }
+    graded = ranking[ranking["E_MPa"].notna()].copy()
+    graded["truth_MPa"] = graded["fruit_id"].map(truth)
+    graded["error"] = graded["E_MPa"] / graded["truth_MPa"] - 1
+    graded["error_over_sd"] = (graded["E_MPa"] - graded["truth_MPa"]) / graded["E_sd_MPa"]
+    columns = ["rank", "fruit_id", "E_MPa", "E_sd_MPa", "truth_MPa", "error", "error_over_sd"]
+    print(graded[columns].to_string(index=False, float_format=lambda x: f"{x:.4g}"))
+    tau = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
+    worst = float(graded["error"].abs().max())
+    print(f"Kendall's tau {tau:.2f} over {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")
+    missed = len(graded) < len(truth) or not (tau >= options.tau and worst <= options.error)
+    return int(missed)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
