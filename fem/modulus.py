@@ -19,15 +19,21 @@ from fem.modulus_warnings import warnings_of
 
 NOISY = 0.1
 """A first-touch fit with more relative noise than this knows less than the absolute surface does."""
+NO_WORK_SD = 0.5
+"""Relative spread where force and displacement do not even do positive work on each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodEstimate:
-    """One method's modulus; `noise_sd_MPa`: noise and scale errors of the sensor, `sd_MPa` with the
-    model's."""
+    """One method's modulus.
+
+    `own_sd_MPa`: what this recording alone brings, noise and scale errors of the sensor and misfit of the
+    model (half the relative difference between the two methods, which weigh frames differently). `sd_MPa`:
+    that with the model's part.
+    """
 
     E_MPa: float
-    noise_sd_MPa: float
+    own_sd_MPa: float
     sd_MPa: float
 
 
@@ -97,9 +103,13 @@ def _from_first_touch(
     )
     modulus = _require_positive(fit.compliance)
     by_force = (ratio.force_noise, ratio.force_scale)
-    least_squares = _method(modulus, (fit.compliance_sd * modulus, *by_force), budget)
-    by_energy = (ratio.displacement_noise, ratio.gel_scale, *by_force)
-    energy = _method(ratio.modulus_MPa, by_energy, budget) if ratio.work_Nmm > 0 else None
+    elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
+    misfit = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
+    noise_mm = float(tracks.sd_mm.mean())
+    excess = max(1.0, fit.residual_rms_mm / noise_mm)
+    least_squares = _method(modulus, (excess * fit.compliance_sd * modulus, misfit, *by_force), budget)
+    by_energy = (ratio.displacement_noise, ratio.gel_scale, misfit, *by_force)
+    energy = _method(ratio.modulus_MPa, by_energy, budget) if elastic else None
     frames = modulus_per_frame(history, tracks, fit, loaded)
     return ModulusEstimate(
         E_MPa=modulus,
@@ -115,7 +125,6 @@ def _from_first_touch(
             frames,
             least_squares_MPa=modulus,
             energy_MPa=energy.E_MPa if energy else None,
-            noise_MPa=np.hypot(least_squares.noise_sd_MPa, energy.noise_sd_MPa if energy else 0.0),
             residual_rms_mm=fit.residual_rms_mm,
             fruit_moves=fruit_moves,
         ),
@@ -167,7 +176,7 @@ def _absolute(
 def _method(modulus: float, relative: tuple[float, ...], budget: ErrorBudget) -> MethodEstimate:
     noise = float(np.sqrt(np.sum(np.square(relative))))
     total = float(np.hypot(noise, budget.model_sd))
-    return MethodEstimate(E_MPa=modulus, noise_sd_MPa=noise * modulus, sd_MPa=total * modulus)
+    return MethodEstimate(E_MPa=modulus, own_sd_MPa=noise * modulus, sd_MPa=total * modulus)
 
 
 def _require_positive(compliance: float) -> float:

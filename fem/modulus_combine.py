@@ -31,7 +31,7 @@ def combine_grasps(estimates: Sequence[ModulusEstimate]) -> FruitModulus:
         raise ValueError("combine_grasps needs at least one estimate, found none")
     log = np.log([estimate.E_MPa for estimate in estimates])
     model = np.array([estimate.model_sd_MPa / estimate.E_MPa for estimate in estimates])
-    noise = np.array([estimate.least_squares.noise_sd_MPa / estimate.E_MPa for estimate in estimates])
+    noise = np.array([estimate.least_squares.own_sd_MPa / estimate.E_MPa for estimate in estimates])
     own = noise**2 + LOCAL_SHARE * model**2
     between = _between(log, own)
     weight = 1 / (own + between)

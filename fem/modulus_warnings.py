@@ -21,7 +21,6 @@ def warnings_of(
     *,
     least_squares_MPa: float,
     energy_MPa: float | None,
-    noise_MPa: float,
     residual_rms_mm: float,
     fruit_moves: bool,
 ) -> tuple[str, ...]:
@@ -33,8 +32,7 @@ def warnings_of(
             "step): there is no energy estimate, and the least-squares one is doubtful"
         )
     else:
-        apart = abs(energy_MPa - least_squares_MPa)
-        if apart > np.hypot(METHODS_APART * least_squares_MPa, 3 * noise_MPa):
+        if abs(np.log(energy_MPa / least_squares_MPa)) > METHODS_APART:
             found.append(
                 f"the energy ratio gives {energy_MPa:.3f} MPa and least squares "
                 f"{least_squares_MPa:.3f} MPa, further "

@@ -15,6 +15,8 @@ BEYOND_NOISE = 4.0
 """A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""
 TOTAL_BEYOND_NOISE = 8.0
 """A pad touches when its total normal force exceeds this many of its own (coloured noise has a wide tail)."""
+STARTS_IN_CONTACT = 0.2
+"""A recording whose quiet first frames carry more than this share of the peak force starts in contact."""
 REACH_CELLS = 2.5
 """Markers this many spacings around the touching ones belong to the patch: the rim's force is below the noise
 of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."""
@@ -95,27 +97,29 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
 
 
 def _frames_in_air(pad: GelPad) -> int:
-    """How many leading frames carry no contact: their total normal force stays with that of the first few."""
+    """How many leading frames carry no contact: their total normal force does not rise above its noise.
+
+    Noise is the markers' own, or, where that is more, what they have in common. A recording that starts in
+    contact has none.
+    """
     total = pad.force_N[:, :, 2].sum(axis=1)
-    seed = min(FEWEST_AIR_FRAMES, len(total))
-    spread = max(
-        noise_in_contact(pad.force_N).sd * np.sqrt(pad.rest_mm.shape[0]),
-        float(total[:seed].std(ddof=1)) if seed > 1 else 0.0,
-    )
+    markers = noise_in_contact(pad.force_N).sd * np.sqrt(len(pad.rest_mm))
+    common = noise_in_contact(total[:, None, None] * np.ones((1, 1, 3))).sd
     # The drift of a sensor at rest is slow; contact is a rise above the running mean of what came before.
     running = np.cumsum(total) / np.arange(1, len(total) + 1)
-    rises = total[1:] - running[:-1] > max(TOTAL_BEYOND_NOISE * spread, 1e-9)
-    return int(np.argmax(rises)) + 1 if rises.any() else len(total)
+    rises = total[1:] - running[:-1] > max(TOTAL_BEYOND_NOISE * max(markers, common), 1e-9)
+    air = int(np.argmax(rises)) + 1 if rises.any() else len(total)
+    return 0 if running[air - 1] > STARTS_IN_CONTACT * total.max() > 0 else air
 
 
 def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
     # One frame of guard: the first touch begins between two frames.
     quiet = slice(0, max(air_frames - 1, 0))
-    usable = air_frames - 1 >= FEWEST_AIR_FRAMES
-    moved = noise_in_air(pad.displacement_mm[quiet]) if usable else noise_in_contact(pad.displacement_mm)
-    pushed = noise_in_air(pad.force_N[quiet]) if usable else noise_in_contact(pad.force_N)
-    if usable and pushed.sd == 0.0:  # a deadband: the air says nothing, contact does
-        moved, pushed = noise_in_contact(pad.displacement_mm), noise_in_contact(pad.force_N)
+    # A deadband writes exact zeros: such air says nothing, contact does.
+    silent = air_frames > 1 and float((pad.force_N[quiet] == 0.0).mean()) > 0.5
+    measure = noise_in_air if air_frames - 1 >= FEWEST_AIR_FRAMES and not silent else noise_in_contact
+    still = quiet if measure is noise_in_air else slice(None)
+    moved, pushed = measure(pad.displacement_mm[still]), measure(pad.force_N[still])
     displacement = pad.displacement_mm - moved.offset
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)

@@ -8,6 +8,9 @@ from jaxtyping import Float
 FEWEST_AIR_FRAMES = 5
 """Below this the spread of the frames in the air says too little, and frame-to-frame differences are used."""
 
+MEDIAN_OF_GAUSSIAN = 0.6745
+"""The median of the absolute value of a Gaussian of unit spread."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
@@ -47,16 +50,15 @@ def noise_in_contact(values: Float[np.ndarray, "t n 3"]) -> Noise:
     """The noise of a recording without usable frames in the air; no offset can be known, so it is zero.
 
     A signal that is smooth over three frames has no second difference; white noise of spread sd has one of
-    sqrt(6) sd. The median over the quieter half of the frames keeps jumps of the signal out.
+    sqrt(6) sd. The median over the quieter half of the frames keeps jumps of the signal out; what does not
+    change at all (a deadband) is left out.
     """
     zero = np.zeros(values.shape[1:])
     if len(values) < 3:
         return Noise(offset=zero, sd=0.0, lag1=0.0)
-    bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2]).reshape(len(values) - 2, -1)
-    live = bends[:, bends.max(axis=0) > 0]
-    if live.size == 0:
+    bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2])
+    per_frame = [float(np.median(frame[frame > 0])) for frame in bends if (frame > 0).any()]
+    if not per_frame:
         return Noise(offset=zero, sd=0.0, lag1=0.0)
-    per_frame = np.median(live, axis=1)
     quiet = np.sort(per_frame)[: max(1, len(per_frame) // 2)]
-    gaussian_median = 0.6745
-    return Noise(offset=zero, sd=float(quiet.mean() / gaussian_median / np.sqrt(6)), lag1=0.0)
+    return Noise(offset=zero, sd=float(quiet.mean() / MEDIAN_OF_GAUSSIAN / np.sqrt(6)), lag1=0.0)

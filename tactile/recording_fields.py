@@ -42,7 +42,7 @@ class GroupReader:
         if isinstance(value, bytes):
             value = value.decode("utf-8", errors="replace")
         if not isinstance(value, str):
-            raise self._refuse(f"attribute {name}", repr(value), "a text", "write it as a string")
+            raise self._refuse(f"attribute {name}", _said(value), "a text", "write it as a string")
         return value
 
     def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
@@ -52,7 +52,7 @@ class GroupReader:
         value = self.text(name)
         if value not in allowed:
             expected = " or ".join(sorted(allowed))
-            raise self._refuse(f"attribute {name}", repr(value), expected, "is it a drupe recording?")
+            raise self._refuse(f"attribute {name}", _said(value), expected, "is it a drupe recording?")
         return value
 
     def version(self, name: str, known: int) -> None:
@@ -60,7 +60,7 @@ class GroupReader:
         value = self._attribute(name)
         if not isinstance(value, int | np.integer) or int(value) != known:
             advice = "convert the file, or use a release of drupe that reads this version"
-            raise self._refuse(f"attribute {name}", repr(value), f"version {known}", advice)
+            raise self._refuse(f"attribute {name}", _said(value), f"version {known}", advice)
 
     def positive(self, name: str) -> float:
         """A numeric attribute above zero."""
@@ -68,7 +68,7 @@ class GroupReader:
         number = float(value) if isinstance(value, int | float | np.number) else float("nan")
         if not (np.isfinite(number) and number > 0):
             raise self._refuse(
-                f"attribute {name}", repr(value), "a number above zero", "correct the sensor's constants"
+                f"attribute {name}", _said(value), "a number above zero", "correct the sensor's constants"
             )
         return number
 
@@ -157,5 +157,12 @@ class GroupReader:
             raise self._refuse(name, f"shape {tuple(data.shape)}", f"shape {expected}", advice)
 
     def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
-        where = f"{field} of /{self.prefix}" if field.startswith("attribute") else f"{self.prefix}{field}"
-        return unreadable(self.path, where.rstrip("/") if self.prefix else where, found, expected, advice)
+        attribute = field.startswith("attribute ")
+        inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
+        where = field + inside if attribute else self.prefix + field
+        return unreadable(self.path, where, found, expected, advice)
+
+
+def _said(value: object) -> str:
+    """A value as the user wrote it: numpy's scalars without their type."""
+    return repr(value.item() if isinstance(value, np.generic) else value)

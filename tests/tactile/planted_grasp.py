@@ -1,0 +1,88 @@
+"""A grasp of a ball between two gel pads, with everything that is to be found in it known."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tactile.recording import GelPad, Recording
+
+RADIUS_MM = 25.0
+KN_MPA_PER_MM = 0.2
+
+
+@dataclass(frozen=True)
+class Planted:
+    recording: Recording
+    onset: dict[str, np.ndarray]
+    clean_force_z_N: dict[str, np.ndarray]
+    sd_mm: float
+    sd_N: float
+    lag1: float
+    air_frames: int
+
+
+def travel_path(air: int, step_mm: float, cycles: int) -> np.ndarray:
+    """Jaw travel per pad: in the air, then ramps in, holds, and ramps out again."""
+    ramp = np.linspace(-1.2 * step_mm, 7 * step_mm, 9)
+    one = np.concatenate([ramp, np.full(5, ramp[-1]), ramp[::-1]])
+    return np.concatenate([np.full(air, -1.5), *[one] * cycles, np.full(10, -1.5)])
+
+
+def coloured(rng: np.random.Generator, shape: tuple[int, ...], sd: float) -> np.ndarray:
+    """A moving average along the first axis with lag-1 correlation 0.3 or so."""
+    white = rng.normal(size=(shape[0] + 1, *shape[1:]))
+    share = 0.35
+    return sd * (white[1:] + share * white[:-1]) / np.hypot(1, share)
+
+
+def planted_grasp(
+    rng: np.random.Generator, *, air: int = 25, step_mm: float = 0.15, cycles: int = 1, noise: float = 1.0
+) -> Planted:
+    """Half of the pads' travel goes into the gel, half into the ball; only normal force."""
+    sd_mm, sd_N = 0.004 * noise, 0.001 * noise
+    travel = travel_path(air, step_mm, cycles)
+    grid = np.arange(-7.0, 7.5, 1.0)
+    rest = np.stack(np.meshgrid(grid, grid, indexing="ij"), axis=-1).reshape(-1, 2)
+    rest = np.column_stack([rest, np.zeros(len(rest))])
+    sagitta = (rest**2).sum(axis=1) / (2 * RADIUS_MM)
+    pads, onset, clean = [], {}, {}
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        depth = np.maximum(travel[:, None] - sagitta, 0.0) / 2
+        displacement = np.zeros((*depth.shape, 3))
+        displacement[:, :, 2] = -depth
+        force = np.zeros_like(displacement)
+        force[:, :, 2] = KN_MPA_PER_MM * depth
+        clean[name] = force[:, :, 2].sum(axis=1)
+        onset[name] = np.where((depth > 0).any(axis=0), (depth > 0).argmax(axis=0), -1)
+        displacement += (
+            coloured(rng, displacement.shape, sd_mm) + rng.normal(size=(1, *rest.shape)) * sd_mm / 2
+        )
+        force += coloured(rng, force.shape, sd_N) + rng.normal(size=(1, *rest.shape)) * sd_N / 2
+        pose = np.tile(np.eye(4), (len(travel), 1, 1))
+        pose[:, :3, 2] = [-side, 0, 0]
+        pose[:, :3, 0] = [0, 1, 0]
+        pose[:, :3, 1] = np.cross(pose[0, :3, 2], pose[0, :3, 0])
+        pose[:, 0, 3] = side * (RADIUS_MM - travel)
+        pads.append(
+            GelPad(
+                name=name,
+                pose=pose,
+                rest_mm=rest,
+                displacement_mm=displacement,
+                force_N=force,
+                gel_kn_MPa_per_mm=KN_MPA_PER_MM,
+                gel_kt_MPa_per_mm=0.05,
+            )
+        )
+    recording = Recording(
+        fruit_id="ball",
+        category="plum",
+        loading="grasp",
+        support="free",
+        sensor="planted",
+        time_s=np.arange(len(travel)) * 0.1,
+        aperture_mm=2 * (RADIUS_MM - travel),
+        pads=tuple(pads),
+    )
+    lag1 = 0.35 / (1 + 0.35**2)
+    return Planted(recording, onset, clean, sd_mm, sd_N, lag1, air)

@@ -1,0 +1,190 @@
+"""Planted noise, touches and forces are found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_grasp import planted_grasp
+
+from tactile.contact import Phase, find_contact
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.noise import noise_in_air, noise_in_contact
+from tactile.recording import IndenterPad
+
+
+@pytest.fixture(scope="module")
+def contact(planted):
+    return find_contact(planted.recording, source="planted.h5")
+
+
+def test_onset_is_the_planted_one_or_the_next_frame(planted, contact):
+    for pad in contact.pads:
+        truth = planted.onset[pad.name]
+        late = pad.onset - truth
+        both = (truth >= 0) & (pad.onset >= 0)
+        assert (late[both] >= 0).all()
+        assert np.mean(late[both] <= 1) > 0.97
+        assert not (pad.onset[truth < 0] >= 0).any()
+        assert np.mean(pad.onset[truth >= 0] >= 0) > 0.95
+
+
+def test_noise_is_the_planted_one(planted, contact):
+    for pad in contact.pads:
+        assert pad.displacement_noise.sd == pytest.approx(planted.sd_mm, rel=0.03)
+        assert pad.force_noise.sd == pytest.approx(planted.sd_N, rel=0.03)
+        assert pad.force_noise.lag1 == pytest.approx(planted.lag1, abs=0.05)
+
+
+def test_the_offset_of_the_reference_frame_is_taken_out(planted, contact):
+    for pad, raw in zip(contact.pads, planted.recording.pads, strict=True):
+        before = raw.force_N[: planted.air_frames].mean(axis=0)
+        assert np.abs(before).max() > planted.sd_N
+        after = pad.force_N[: planted.air_frames].mean(axis=0)
+        assert np.abs(after).max() < 0.2 * planted.sd_N
+
+
+def test_total_force_is_the_planted_one(planted, contact):
+    for pad in contact.pads:
+        truth = planted.clean_force_z_N[pad.name]
+        assert pad.total_normal_N == pytest.approx(truth, abs=6 * planted.sd_N * np.sqrt(len(pad.rest_mm)))
+
+
+def test_the_patch_holds_all_force_and_little_more(planted, contact):
+    for pad in contact.pads:
+        peak = int(np.argmax(pad.total_normal_N))
+        inside = np.linalg.norm(pad.force_N[peak, pad.patch].sum(axis=0))
+        assert inside == pytest.approx(planted.clean_force_z_N[pad.name].max(), rel=0.01)
+        touched = pad.onset >= 0
+        assert (pad.patch[touched]).all()
+        reach = np.linalg.norm(pad.rest_mm[pad.patch], axis=1).max()
+        assert reach <= np.linalg.norm(pad.rest_mm[touched], axis=1).max() + 3.6
+
+
+def test_phases_follow_the_jaws(contact):
+    order = "".join(phase[0] for phase in contact.phase).strip("a")
+    assert order == "l" * order.count("l") + "h" * order.count("h") + "u" * order.count("u")
+    assert contact.phase[0] is Phase.AIR
+    assert contact.phase[-1] is Phase.AIR
+    assert order.count("h") == 6
+
+
+def test_two_cycles_are_two_contacts():
+    contact = find_contact(planted_grasp(np.random.default_rng(3), cycles=2).recording, source="x")
+    for pad in contact.pads:
+        centre = int(np.argmin(np.linalg.norm(pad.rest_mm, axis=1)))
+        assert set(pad.episode[:, centre]) == {-1, 0, 1}
+
+
+def test_positions_and_forces_turn_with_the_fruit_frame(planted, contact):
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    motion = np.eye(4)
+    motion[:3, :3], motion[:3, 3] = turn, [3.0, -40.0, 5.0]
+    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in planted.recording.pads)
+    moved = find_contact(replace(planted.recording, pads=pads), source="x")
+    for a, b in zip(contact.pads, moved.pads, strict=True):
+        np.testing.assert_array_equal(a.episode, b.episode)
+        np.testing.assert_allclose(a.position_mm @ turn.T + motion[:3, 3], b.position_mm, atol=1e-9)
+        np.testing.assert_allclose(a.force_N @ turn.T, b.force_N, atol=1e-12)
+
+
+def opened(recording):
+    """The same frames, but the jaws never close."""
+    air = slice(0, 20)
+    pads = tuple(
+        replace(pad, pose=pad.pose[air], displacement_mm=pad.displacement_mm[air], force_N=pad.force_N[air])
+        for pad in recording.pads
+    )
+    return replace(recording, time_s=recording.time_s[air], aperture_mm=recording.aperture_mm[air], pads=pads)
+
+
+def test_a_grasp_in_the_air_never_touches(planted):
+    with pytest.raises(TactileFailure, match=r"^air\.h5: pads/left/force_N: .*never touches") as caught:
+        find_contact(opened(planted.recording), source="air.h5")
+    assert caught.value.problem is TactileProblem.NEVER_TOUCHES
+
+
+def test_exact_zeros_never_touch(planted):
+    recording = opened(planted.recording)
+    still = tuple(replace(p, force_N=0 * p.force_N, displacement_mm=0 * p.force_N) for p in recording.pads)
+    with pytest.raises(TactileFailure) as caught:
+        find_contact(replace(recording, pads=still), source="x")
+    assert caught.value.problem is TactileProblem.NEVER_TOUCHES
+
+
+def test_one_pad_that_misses_is_named(planted):
+    left, right = planted.recording.pads
+    dead = replace(right, force_N=np.tile(right.force_N[:5], (20, 1, 1))[: len(right.force_N)])
+    with pytest.raises(TactileFailure, match="pads/right/force_N"):
+        find_contact(replace(planted.recording, pads=(left, dead)), source="x")
+
+
+def test_a_bare_indenter_is_not_graded_yet(planted):
+    pose = planted.recording.pads[0].pose
+    tip = IndenterPad(name="tip", pose=pose, force_z_N=np.ones(len(pose)), indenter="ball", radius_mm=3.0)
+    with pytest.raises(TactileFailure, match="not supported by grade") as caught:
+        find_contact(replace(planted.recording, loading="press", pads=(tip,)), source="x")
+    assert caught.value.problem is TactileProblem.NO_MARKERS
+
+
+def test_without_air_the_noise_comes_from_contact(planted):
+    late = slice(planted.air_frames + 2, len(planted.recording.time_s) - 12)
+    pads = tuple(
+        replace(p, pose=p.pose[late], displacement_mm=p.displacement_mm[late], force_N=p.force_N[late])
+        for p in planted.recording.pads
+    )
+    recording = replace(
+        planted.recording,
+        time_s=planted.recording.time_s[late],
+        aperture_mm=planted.recording.aperture_mm[late],
+        pads=pads,
+    )
+    contact = find_contact(recording, source="x")
+    for pad in contact.pads:
+        assert (pad.onset >= 0).sum() > 20
+        assert 0.3 * planted.sd_N < pad.force_noise.sd < 3 * planted.sd_N
+
+
+def test_a_deadband_before_contact_does_not_pass_for_silence(planted):
+    pads = []
+    for pad in planted.recording.pads:
+        quiet = np.abs(pad.force_N[:, :, 2]) < 4 * planted.sd_N
+        pads.append(replace(pad, force_N=np.where(quiet[:, :, None], 0.0, pad.force_N)))
+    contact = find_contact(replace(planted.recording, pads=tuple(pads)), source="x")
+    for pad in contact.pads:
+        assert pad.force_noise.sd > 0.3 * planted.sd_N
+        assert (pad.onset >= planted.air_frames).sum() > 20
+
+
+def test_one_loaded_frame_alone_is_a_contact(planted):
+    peak = slice(planted.air_frames + 10, planted.air_frames + 11)
+    pads = tuple(
+        replace(p, pose=p.pose[peak], displacement_mm=p.displacement_mm[peak], force_N=p.force_N[peak])
+        for p in planted.recording.pads
+    )
+    one = replace(
+        planted.recording,
+        time_s=planted.recording.time_s[peak],
+        aperture_mm=planted.recording.aperture_mm[peak],
+        pads=pads,
+    )
+    contact = find_contact(one, source="x")
+    assert contact.phase == (Phase.HOLD,)
+    assert all((pad.onset == 0).sum() > 20 for pad in contact.pads)
+
+
+def test_noise_of_a_moving_average_in_air():
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=(41, 300, 3))
+    noise = noise_in_air(0.7 + 2.0 * (white[1:] + 0.5 * white[:-1]) / np.hypot(1, 0.5))
+    assert noise.sd == pytest.approx(2.0, rel=0.02)
+    assert noise.lag1 == pytest.approx(0.4, abs=0.03)
+    assert noise.sd_of_mean_inflation == pytest.approx(np.sqrt(1.4 / 0.6), rel=0.05)
+    assert noise.offset.mean() == pytest.approx(0.7, abs=0.05)
+
+
+def test_noise_under_a_smooth_signal_comes_from_its_bends():
+    rng = np.random.default_rng(0)
+    signal = np.linspace(0, 5, 30)[:, None, None] * np.ones((1, 200, 3))
+    noise = noise_in_contact(signal + rng.normal(size=signal.shape) * 0.02)
+    assert noise.sd == pytest.approx(0.02, rel=0.1)

@@ -1,0 +1,212 @@
+"""What is written is read back, and what is not a recording is refused with a sentence that says why."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+
+
+def assert_same(a: object, b: object) -> None:
+    assert type(a) is type(b)
+    for name, value in vars(a).items():
+        other = getattr(b, name)
+        if isinstance(value, np.ndarray):
+            np.testing.assert_allclose(value, other, rtol=1e-7, atol=1e-9, err_msg=name)
+        elif name == "pads":
+            for mine, theirs in zip(value, other, strict=True):
+                assert_same(mine, theirs)
+        else:
+            assert value == other, name
+
+
+def test_what_is_written_is_read_back(planted, tmp_path):
+    write_recording(tmp_path / "a.h5", planted.recording)
+    assert_same(planted.recording, read_recording(tmp_path / "a.h5"))
+
+
+def test_optional_fields_come_back_too(planted, tmp_path):
+    recording = planted.recording
+    frames = len(recording.time_s)
+    picture = np.arange(4 * 5 * 3, dtype=np.uint8).reshape(4, 5, 3)
+    left = replace(
+        recording.pads[0],
+        thickness_mm=4.0,
+        gel_E_MPa=0.3,
+        gel_nu=0.48,
+        images=np.repeat(picture[None], frames, axis=0),
+        images_reference=picture,
+    )
+    full = replace(recording, support="base", wrench_N=np.ones((frames, 6)), pads=(left, recording.pads[1]))
+    write_recording(tmp_path / "a.h5", full)
+    assert_same(full, read_recording(tmp_path / "a.h5", images=True))
+    assert read_recording(tmp_path / "a.h5").pads[0].images is None
+
+
+def test_a_bare_indenter_is_a_legal_pad(planted, tmp_path):
+    frames = len(planted.recording.time_s)
+    tip = IndenterPad(
+        name="tip",
+        pose=planted.recording.pads[0].pose,
+        force_z_N=np.linspace(0, 1, frames),
+        indenter="ball",
+        radius_mm=3.0,
+    )
+    press = replace(planted.recording, loading="press", support="base", pads=(tip,))
+    write_recording(tmp_path / "a.h5", press)
+    assert_same(press, read_recording(tmp_path / "a.h5"))
+
+
+def test_a_press_stands_on_its_base_unless_it_says_otherwise(planted, tmp_path):
+    press = replace(
+        planted.recording, loading="press", pads=(replace(planted.recording.pads[0], name="tip"),)
+    )
+    write_recording(tmp_path / "a.h5", press)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        del file.attrs["support"]
+    assert read_recording(tmp_path / "a.h5").support == "base"
+
+
+def drop(name):
+    def change(file):
+        del file[name]
+
+    return change
+
+
+def put(name, change_values):
+    def change(file):
+        values = np.array(file[name])
+        del file[name]
+        file[name] = change_values(values)
+
+    return change
+
+
+def attribute(name, value, of="/"):
+    def change(file):
+        if value is None:
+            del file[of].attrs[name]
+        else:
+            file[of].attrs[name] = value
+
+    return change
+
+
+def poke(index, value):
+    def change_values(values):
+        values[index] = value
+        return values
+
+    return change_values
+
+
+REFUSALS = {
+    "no format": (attribute("format", None), "attribute format"),
+    "another format": (attribute("format", "something-else"), "attribute format"),
+    "no version": (attribute("version", None), "attribute version"),
+    "a later version": (attribute("version", 2), "attribute version"),
+    "a version in words": (attribute("version", "one"), "attribute version"),
+    "an unknown loading": (attribute("loading", "squeeze"), "attribute loading"),
+    "an unknown support": (attribute("support", "glued"), "attribute support"),
+    "no fruit": (attribute("fruit_id", None), "attribute fruit_id"),
+    "a number for a sensor": (attribute("sensor", 3), "attribute sensor"),
+    "no time": (drop("time_s"), "time_s"),
+    "time that runs back": (put("time_s", poke(7, 0.0)), "time_s"),
+    "time that stands still": (put("time_s", poke(7, 0.6)), "time_s"),
+    "time as text": (put("time_s", lambda v: [str(x) for x in v]), "time_s"),
+    "no aperture": (drop("aperture_mm"), "aperture_mm"),
+    "a short aperture": (put("aperture_mm", lambda v: v[:-1]), "aperture_mm"),
+    "a five-column wrench": (lambda f: f.create_dataset("wrench_N", data=np.ones((60, 5))), "wrench_N"),
+    "no pads": (drop("pads"), "pads"),
+    "one pad of a grasp": (drop("pads/right"), "pads/right"),
+    "no pose": (drop("pads/left/pose"), "pads/left/pose"),
+    "a pose too few": (put("pads/left/pose", lambda v: v[1:]), "pads/left/pose"),
+    "a pose in metres and scaled": (put("pads/left/pose", lambda v: v * 1.01), "pads/left/pose"),
+    "a mirroring pose": (put("pads/left/pose", lambda v: v * [-1, 1, 1, 1]), "pads/left/pose"),
+    "no rest": (drop("pads/left/rest_mm"), "pads/left/rest_mm"),
+    "rest in the plane": (put("pads/left/rest_mm", lambda v: v[:, :2]), "pads/left/rest_mm"),
+    "no displacement": (drop("pads/right/displacement_mm"), "pads/right/displacement_mm"),
+    "a marker less": (put("pads/left/displacement_mm", lambda v: v[:, 1:]), "pads/left/displacement_mm"),
+    "no force": (drop("pads/left/force_N"), "pads/left/force_N"),
+    "NaN in force": (put("pads/left/force_N", poke((3, 5, 1), np.nan)), "pads/left/force_N"),
+    "infinite displacement": (
+        put("pads/left/displacement_mm", poke((0, 0, 0), np.inf)),
+        "pads/left/displacement_mm",
+    ),
+    "no gel stiffness": (
+        attribute("gel_kn_MPa_per_mm", None, "pads/left"),
+        "attribute gel_kn_MPa_per_mm of /pads/left",
+    ),
+    "a soft gel below zero": (
+        attribute("gel_kt_MPa_per_mm", -1.0, "pads/left"),
+        "attribute gel_kt_MPa_per_mm of /pads/left",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSALS)
+def test_refused_with_file_field_found_expected_and_advice(name, planted, tmp_path):
+    change, field = REFUSALS[name]
+    path = tmp_path / "grasp-7.h5"
+    write_recording(path, planted.recording)
+    with h5py.File(path, "a") as file:
+        change(file)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(path)
+    assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
+    sentence = str(caught.value)
+    assert sentence.startswith(f"grasp-7.h5: {field}: found ")
+    assert ", expected " in sentence
+    assert "; " in sentence
+    assert "\n" not in sentence
+
+
+def test_a_value_that_is_not_finite_is_placed(planted, tmp_path):
+    path = tmp_path / "a.h5"
+    write_recording(path, planted.recording)
+    with h5py.File(path, "a") as file:
+        file["pads/left/force_N"][3, 5, 1] = np.nan
+    with pytest.raises(TactileFailure, match=r"index \(3, 5, 1\)"):
+        read_recording(path)
+
+
+def broken_files(path: Path, recording: Recording) -> None:
+    write_recording(path / "whole.h5", recording)
+    whole = (path / "whole.h5").read_bytes()
+    (path / "half.h5").write_bytes(whole[: len(whole) // 2])
+    (path / "head.h5").write_bytes(whole[:100])
+    (path / "empty.h5").write_bytes(b"")
+    (path / "text.h5").write_text("not a recording")
+
+
+@pytest.mark.parametrize("name", ["half.h5", "head.h5", "empty.h5", "text.h5", "absent.h5"])
+def test_a_broken_or_absent_file_is_named(name, planted, tmp_path):
+    broken_files(tmp_path, planted.recording)
+    with pytest.raises(TactileFailure, match=rf"^{name}: the file: found ") as caught:
+        read_recording(tmp_path / name)
+    assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
+
+
+def test_an_indenter_needs_its_shape(planted, tmp_path):
+    pose = planted.recording.pads[0].pose
+    tip = IndenterPad(name="tip", pose=pose, force_z_N=np.zeros(len(pose)), indenter="ball", radius_mm=3.0)
+    write_recording(tmp_path / "a.h5", replace(planted.recording, loading="press", pads=(tip,)))
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["pads/tip"].attrs["indenter"] = "cone"
+    with pytest.raises(
+        TactileFailure, match="attribute indenter of /pads/tip: found 'cone', expected ball or"
+    ):
+        read_recording(tmp_path / "a.h5")
+
+
+def test_poses_in_single_precision_pass(planted, tmp_path):
+    pads = tuple(
+        replace(pad, pose=pad.pose.astype(np.float32).astype(np.float64)) for pad in planted.recording.pads
+    )
+    write_recording(tmp_path / "a.h5", replace(planted.recording, pads=pads))
+    assert isinstance(read_recording(tmp_path / "a.h5").pads[0], GelPad)
