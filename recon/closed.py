@@ -1,0 +1,37 @@
+"""Facts of triangle meshes: closed or not, volume, normals. Vertices in mm, faces counter-clockwise from
+outside.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
+    """How many directed edges lack their opposite or occur twice; 0 for a closed, consistently turned
+    manifold.
+    """
+    if len(faces) == 0:
+        return 1
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    width = int(edges.max()) + 1
+    ahead, count = np.unique(edges[:, 0] * width + edges[:, 1], return_counts=True)
+    back = edges[:, 1] * width + edges[:, 0]
+    return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
+
+
+def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> float:
+    """Sum of a . (b x c) / 6 over the faces; positive when they look outward."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def vertex_normals(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Unit normals at the vertices, faces weighted by area."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    flat = np.cross(b - a, c - a)
+    sums = np.stack(
+        [np.bincount(faces.ravel(), np.repeat(flat[:, k], 3), len(vertices)) for k in range(3)], axis=1
+    )
+    return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))

@@ -1,0 +1,152 @@
+"""The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> Poisson surface -> closed,
+scaled mesh.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from recon.camera import straightened
+from recon.closed import vertex_normals
+from recon.failure import ReconFailure, ReconProblem
+from recon.mat import Mat
+from recon.motion import cameras_from_motion
+from recon.photos import Photo, require_enough
+from recon.poses import cameras_from_mat
+from recon.quality import ReconQuality, outline_rms_mm, seen_share, warnings_of, widest_gap_deg
+from recon.relief import with_relief
+from recon.repair import RepairedMesh, repaired
+from recon.scale import scaled_to_height, spread_of_scale
+from recon.silhouettes import find_fruit
+from recon.stage_clock import Progress, StageClock, one_thread
+from recon.surface import poisson_surface
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconOptions:
+    """What a batch may set: faces of the mesh, fineness of the hull (ball level), and the search for
+    relief.
+    """
+
+    max_faces: int = 6000
+    level: int = 6
+    relief: bool = True
+    height_sd_mm: float = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reconstruction:
+    """A closed fruit mesh (mm, faces outward), its relative scale error and surface error, and how it came
+    about.
+
+    `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
+    0).
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    scale_sd: float
+    surface_sd_mm: float
+    quality: ReconQuality
+    warnings: tuple[str, ...]
+    seconds: dict[str, float]
+    frame: str
+
+
+def reconstruct(
+    photos: Sequence[Photo],
+    *,
+    mat: Mat | None,
+    height_mm: float | None,
+    options: ReconOptions | None = None,
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """The fruit of a set of photos as a closed mesh in mm.
+
+    Scale comes from the mat, or without one from the fruit's height. The same photos give the same mesh:
+    every library runs in one thread with a fixed seed. Raises ReconFailure: too-few-views, mat-not-found,
+    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, missing-library.
+    """
+    options = options or ReconOptions()
+    require_enough(len(photos), where="The set")
+    if mat is None and (height_mm is None or not height_mm > 0):
+        raise ReconFailure(
+            ReconProblem.NO_SCALE,
+            "There is neither a marker mat (mat.json) nor a positive height_mm for this fruit; give one of "
+            "them for scale.",
+        )
+    clock = StageClock(progress)
+    with one_thread():
+        with clock.stage("poses", 0.0):
+            poses = (
+                cameras_from_mat(photos, mat)
+                if mat
+                else cameras_from_motion(photos, height_mm=height_mm or 1.0)
+            )
+            pairs = [
+                straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)
+            ]
+            images, cameras = [image for image, _ in pairs], [camera for _, camera in pairs]
+        with clock.stage("outlines", 0.25):
+            fruit = find_fruit(
+                images, cameras, low_mm=poses.box[0], high_mm=poses.box[1], level=options.level
+            )
+            images, cameras = (
+                [images[i] for i in fruit.used.tolist()],
+                [cameras[i] for i in fruit.used.tolist()],
+            )
+        with clock.stage("relief", 0.7):
+            vertices, relief_share = fruit.vertices, 0.0
+            if options.relief:
+                vertices, relief_share = with_relief(vertices, fruit.faces, images, cameras)
+        with clock.stage("surface", 0.85):
+            mesh = closed_surface(
+                vertices, vertex_normals(vertices, fruit.faces), max_faces=options.max_faces
+            )
+            vertices, faces = mesh.vertices, mesh.faces
+        with clock.stage("quality", 0.95):
+            outline_mm = outline_rms_mm(vertices, faces, fruit.silhouettes)
+            scale_sd = poses.scale_sd
+            if mat is None and height_mm is not None:
+                vertices, factor = scaled_to_height(vertices, height_mm)
+                outline_mm *= factor
+                scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
+            quality = ReconQuality(
+                views_given=len(photos),
+                views_used=len(fruit.used),
+                reprojection_px=poses.reprojection_px,
+                silhouette_iou=fruit.agreement,
+                outline_rms_mm=outline_mm,
+                clear_outline_share=fruit.clear_share,
+                focal_px=poses.cameras[0].focal_px,
+                focal_sd_px=poses.focal_sd_px,
+                k1=poses.cameras[0].k1,
+                widest_gap_deg=widest_gap_deg(np.array([c.place for c in cameras]), fruit.vertices.mean(0)),
+                seen_share=seen_share(
+                    fruit.vertices,
+                    vertex_normals(fruit.vertices, fruit.faces),
+                    np.array([c.place for c in cameras]),
+                ),
+                decimation_rms_mm=mesh.deviation_rms_mm,
+                relief_share=relief_share,
+            )
+    return Reconstruction(
+        vertices=vertices,
+        faces=faces,
+        scale_sd=scale_sd,
+        surface_sd_mm=float(np.hypot(quality.outline_rms_mm, quality.decimation_rms_mm)),
+        quality=quality,
+        warnings=poses.warnings + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max())),
+        seconds=clock.seconds,
+        frame="mat" if mat is not None else "shape",
+    )
+
+
+def closed_surface(
+    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], *, max_faces: int
+) -> RepairedMesh:
+    """Oriented points to one closed mesh: Poisson, then repair and decimation."""
+    vertices, faces = poisson_surface(points, normals)
+    return repaired(vertices, faces, max_faces=max_faces)

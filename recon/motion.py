@@ -1,0 +1,217 @@
+"""Cameras without a mat: pycolmap's structure from motion, turned upright on the plane that the fruit stands
+on.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pycolmap
+from jaxtyping import Float
+
+from recon.camera import Camera
+from recon.failure import ReconFailure, ReconProblem
+from recon.photos import Photo, require_enough
+from recon.poses import Poses
+from recon.scale import Box
+
+MOST_FEATURES = 3000
+LONGEST_SIDE_PX = 1280
+FEWEST_VIEWS = 3
+SEED = 1
+
+
+def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
+
+    The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh
+    settles it), z up from the support plane, the fruit near the z axis, x towards the first camera. Works
+    where the ground or the fruit has texture. pycolmap reads pictures from a scratch folder that is gone
+    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together),
+    no-fruit.
+    """
+    require_enough(len(photos), where="The set")
+    with tempfile.TemporaryDirectory() as scratch:
+        model = _mapped(photos, Path(scratch))
+    registered = 0 if model is None else model.num_reg_images()
+    if model is None or registered < max(FEWEST_VIEWS, len(photos) / 2):
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"Only {registered} of {len(photos)} photos hang together by features they share; without a mat "
+            f"the fruit "
+            "needs a textured ground and neighbouring photos at most 20 degrees apart: print the mat (drupe "
+            "mat) or take more.",
+        )
+    rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
+    cameras = [_camera(photos[i], image) for i, image in rows]
+    cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
+    upright = _upright(cloud, cameras)
+    cameras = [c.moved(upright) for c in cameras]
+    cloud = cloud @ upright[:3, :3].T + upright[:3, 3]
+    world, box = _placed(cloud, cameras, height_mm)
+    cameras = [c.moved(world) for c in cameras]
+    focal = model.cameras[rows[0][1].camera_id]
+    return Poses(
+        cameras=tuple(cameras),
+        used=np.array([i for i, _ in rows], int),
+        reprojection_px=float(model.compute_mean_reprojection_error()),
+        scale_sd=float("inf"),
+        focal_sd_px=0.002 * float(focal.params[0]),
+        points=cloud @ world[:3, :3].T + world[:3, 3],
+        box=box,
+        warnings=()
+        if registered > 0.8 * len(photos)
+        else (f"{len(photos) - registered} of {len(photos)} photos could not be placed.",),
+    )
+
+
+def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction | None:
+    pictures = scratch / "pictures"
+    pictures.mkdir()
+    for i, photo in enumerate(photos):
+        cv2.imwrite(str(pictures / f"{i:06d}.png"), photo.image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    database = scratch / "features.db"
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
+    pycolmap.set_random_seed(SEED)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "SIMPLE_RADIAL"
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads, extraction.use_gpu = 1, False
+    extraction.max_image_size = LONGEST_SIDE_PX
+    extraction.sift.max_num_features = MOST_FEATURES
+    extraction.sift.first_octave = 0
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads, matching.use_gpu = 1, False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = SEED
+    same_size = len({p.image.shape for p in photos}) == 1
+    mode = pycolmap.CameraMode.SINGLE if same_size else pycolmap.CameraMode.PER_IMAGE
+    known = [p.focal_px for p in photos if p.focal_px is not None]
+    if known and same_size:
+        height, width = photos[0].image.shape[:2]
+        reader.camera_params = f"{float(np.median(known))},{width / 2},{height / 2},0"
+    pycolmap.extract_features(
+        database,
+        pictures,
+        camera_mode=mode,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+    pycolmap.match_exhaustive(
+        database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
+    )
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = 1, SEED
+    options.mapper.num_threads, options.mapper.random_seed = 1, SEED
+    options.triangulation.random_seed = SEED
+    options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_VIEWS, False, False
+    models = pycolmap.incremental_mapping(database, pictures, scratch, options=options)
+    return max(models.values(), key=lambda m: m.num_reg_images()) if models else None
+
+
+def _camera(photo: Photo, image: pycolmap.Image) -> Camera:
+    params = image.camera.params
+    pose = np.eye(4)
+    pose[:3] = image.cam_from_world().matrix()
+    height, width = photo.image.shape[:2]
+    return Camera(
+        name=photo.name,
+        width_px=width,
+        height_px=height,
+        focal_px=float(params[0]),
+        k1=float(params[3]),
+        cam_from_world=pose,
+    )
+
+
+def _upright(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
+    """The motion that puts the plane of most points at z = 0, the cameras above it and the place they look at
+    at x = y = 0.
+    """
+    aim = _aim(cameras)
+    places = np.array([c.place for c in cameras])
+    distance = float(np.median(np.linalg.norm(places - aim, axis=1)))
+    near = cloud[np.linalg.norm(cloud - aim, axis=1) < 0.8 * distance]
+    if len(near) < 20:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"Only {len(near)} points were found where the photos look; use the mat or a textured ground.",
+        )
+    rng = np.random.default_rng(SEED)
+    tolerance = 0.005 * distance
+    best, count = np.zeros(len(near), bool), 0
+    for _ in range(600):
+        a, b, c = near[rng.choice(len(near), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        if np.linalg.norm(normal) < 1e-9 * distance**2:
+            continue
+        normal /= np.linalg.norm(normal)
+        side = (places - a) @ normal
+        close = np.abs((near - a) @ normal) < tolerance
+        if close.sum() > count and (np.abs(side.sum()) > 0.95 * np.abs(side).sum()):
+            best, count = close, int(close.sum())
+    if count < 15:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            "No plane that the fruit stands on was found; use the mat or a flat, textured ground.",
+        )
+    for _ in range(5):
+        middle = near[best].mean(0)
+        normal = np.linalg.svd(near[best] - middle, full_matrices=False)[2][2]
+        best = np.abs((near - middle) @ normal) < tolerance * 0.7
+    if np.sum((places - middle) @ normal) < 0:
+        normal = -normal
+    foot = aim - ((aim - middle) @ normal) * normal
+    x = places[0] - foot
+    x -= (x @ normal) * normal
+    x /= np.linalg.norm(x)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([x, np.cross(normal, x), normal])
+    pose[:3, 3] = -pose[:3, :3] @ foot
+    return pose
+
+
+def _aim(cameras: Sequence[Camera]) -> Float[np.ndarray, "3"]:
+    """The point nearest to all optical axes."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for c in cameras:
+        ray = c.cam_from_world[2, :3]
+        off = np.eye(3) - np.outer(ray, ray)
+        A, b = A + off, b + off @ c.place
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
+
+
+def _placed(
+    cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera], height_mm: float
+) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
+
+    Points well over the plane and near where the photos look are the fruit's.
+    """
+    distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
+    flat = np.abs(cloud[:, 2]) < 0.03 * distance
+    noise = 1.5 * float(np.median(np.abs(cloud[flat, 2]))) if flat.any() else 0.0
+    over = cloud[
+        (cloud[:, 2] > max(0.02 * distance, 6 * noise))
+        & (np.hypot(cloud[:, 0], cloud[:, 1]) < 0.3 * distance)
+    ]
+    if len(over) < 12:
+        raise ReconFailure(
+            ReconProblem.NO_FRUIT,
+            f"Only {len(over)} points stand over the ground where the photos look; without a mat the "
+            f"fruit's skin needs "
+            "some texture: print the mat (drupe mat) or check that the fruit is in the photos.",
+        )
+    middle = np.median(over[:, :2], axis=0)
+    away = np.hypot(*(over[:, :2] - middle).T)
+    over = over[away < 3 * np.median(away)]
+    tall = float(np.percentile(over[:, 2], 98))
+    wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
+    factor = height_mm / tall
+    world = np.diag([factor, factor, factor, 1.0])
+    world[:2, 3] = -factor * middle
+    half = 1.7 * factor * max(wide, 0.5 * tall)
+    return world, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))

@@ -1,0 +1,30 @@
+"""Imports of native libraries that load system libraries: a missing one is a sentence with the package to
+install.
+"""
+
+from types import ModuleType
+
+from recon.failure import ReconFailure, ReconProblem
+
+DEBIAN_PACKAGES = "libgl1 libgomp1 libusb-1.0-0 libx11-6"
+
+
+def open3d() -> ModuleType:
+    """Open3D, or ReconFailure (missing-library)."""
+    try:
+        import open3d as module
+    except (ImportError, OSError) as error:
+        raise missing_library("open3d", error) from error
+    module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
+    loaded: ModuleType = module
+    return loaded
+
+
+def missing_library(name: str, error: Exception) -> ReconFailure:
+    """The failure that says what could not be loaded and which packages bring it."""
+    return ReconFailure(
+        ReconProblem.MISSING_LIBRARY,
+        f"{name} cannot be loaded ({error}); install it with pip, and the system libraries that it loads "
+        f"with: "
+        f"apt-get install {DEBIAN_PACKAGES}",
+    )

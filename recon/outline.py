@@ -1,0 +1,205 @@
+"""A fruit's outline to a fraction of a pixel: the best closed path across the odds, then the colour step
+itself.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from recon.camera import Camera
+from recon.hull import Silhouette
+from recon.mask import Window
+
+SAMPLES = 1024
+LEASH = 12.0
+EDGE_GAIN = 15.0
+EDGE_LAB = 40.0
+EDGE_PX = 2.0
+MOST_ODDS = 2.5
+BAND_PX = 12.0
+EDGE_REACH_PX = 7
+MOST_EDGE_SHIFT_PX = 3.0
+CLEAR_STEP = 0.05
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A closed curve in shrunk pixels of a window, its outward normals, and the share found on a clear
+    edge.
+    """
+
+    points: Float[np.ndarray, "n 2"]
+    normals: Float[np.ndarray, "n 2"]
+    clear_share: float
+
+
+def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
+    """The outer edge of a mask's largest part as evenly spaced samples; None for an empty mask."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return None
+    largest = max(contours, key=cv2.contourArea)[:, 0].astype(float)
+    if len(largest) < 20:
+        return None
+    return _even(largest, smooth=4.0)
+
+
+def snapped(
+    outline: Outline,
+    odds: Float[np.ndarray, "h w"],
+    colours: Float[np.ndarray, "h w 3"],
+    *,
+    reach_px: float,
+    step_px: float = 0.5,
+    bend: float = 2.0,
+) -> Outline:
+    """The closed path within `reach_px` of an outline that parts the odds best along a step of colour.
+
+    Sample i may shift by d along its normal; its gain is the sum of odds inside d less those outside, plus
+    the colour step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole
+    reach. Neighbours may differ by one step, at a cost of `bend`: maximised exactly by dynamic programming
+    over the ring (started and ended at the same shift, found by a first run).
+    """
+    shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
+    wide = round(EDGE_PX / step_px)
+    longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
+    at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
+    values = cv2.remap(
+        odds.astype(np.float32), at[:, wide:-wide], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    values = np.clip(values, -MOST_ODDS, MOST_ODDS) * step_px
+    total = np.cumsum(values, axis=1)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
+    k = np.arange(len(shifts)) + wide
+    inside, outside = sums[:, k] - sums[:, k - wide], sums[:, k + 1 + wide] - sums[:, k + 1]
+    step = np.linalg.norm((outside - inside) / wide, axis=2)
+    gain = 2 * total - values - total[:, -1:] + EDGE_GAIN * np.minimum(step / EDGE_LAB, 1.0)
+    gain -= LEASH * (shifts / reach_px) ** 2
+    middle = len(gain) // 2
+    path = _best_path(np.roll(gain, middle, axis=0), bend, None)
+    path = _best_path(gain, bend, int(path[middle]))
+    moved = outline.points + shifts[path][:, None] * outline.normals
+    return _even(moved, smooth=1.5)
+
+
+def _best_path(gain: Float[np.ndarray, "n k"], bend: float, fixed: int | None) -> np.ndarray:
+    count, width = gain.shape
+    best = gain[0].copy()
+    if fixed is not None:
+        best[:] = -np.inf
+        best[fixed] = gain[0, fixed]
+    back = np.zeros((count, width), np.int8)
+    for i in range(1, count):
+        left = np.concatenate([[-np.inf], best[:-1]]) - bend
+        right = np.concatenate([best[1:], [-np.inf]]) - bend
+        choices = np.stack([left, best, right])
+        back[i] = choices.argmax(0) - 1
+        best = choices.max(0) + gain[i]
+    path = np.zeros(count, int)
+    path[-1] = int(best.argmax()) if fixed is None else fixed
+    for i in range(count - 1, 0, -1):
+        path[i - 1] = path[i] + back[i, path[i]]
+    return path
+
+
+def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
+    """The outline on the colour step of the whole-resolution window, which is returned unshrunk.
+
+    Along each normal, with F and B the mean colours 3 to 7 px inside and outside, the pixel's share of fruit
+    is a = (c - B).(F - B) / |F - B|²; the edge is where a crosses one half. Samples without a clear step (|F
+    - B| small, no crossing within 3 px) keep the shift of their neighbours.
+    """
+    whole = Window(window.image, window.corner_px, 1)
+    points = outline.points * window.shrink + (window.shrink - 1) / 2
+    curve = _even(points, smooth=1.0)
+    colours = (window.image.astype(np.float32) / 255) ** 2.2
+    shifts = np.arange(-EDGE_REACH_PX, EDGE_REACH_PX + 0.25, 0.5)
+    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    fruit = profile[:, shifts <= -3].mean(1)
+    behind = profile[:, shifts >= 3].mean(1)
+    step = fruit - behind
+    square = np.sum(step**2, axis=1)
+    share = np.sum((profile - behind[:, None]) * step[:, None], axis=2) / np.maximum(square, 1e-6)[:, None]
+    share = ndimage.gaussian_filter1d(share, 1.5, axis=0, mode="wrap")
+    near = np.abs(shifts) <= MOST_EDGE_SHIFT_PX
+    inner, outer = share[:, :-1][:, near[:-1]], share[:, 1:][:, near[:-1]]
+    crossing = (inner >= 0.5) & (outer < 0.5)
+    where = shifts[:-1][near[:-1]] + 0.5 * (inner - 0.5) / np.maximum(inner - outer, 1e-6)
+    where = np.where(crossing, where, np.inf)
+    pick = np.abs(where).argmin(1)
+    shift = where[np.arange(len(where)), pick]
+    clear = np.isfinite(shift) & (square > CLEAR_STEP**2)
+    if clear.sum() < 0.2 * len(clear):
+        return Outline(curve.points, curve.normals, float(clear.mean())), whole
+    shift = _fill_ring(np.where(clear, shift, 0.0), clear)
+    moved = curve.points + shift[:, None] * curve.normals
+    fine = _even(moved, smooth=1.0)
+    return Outline(fine.points, fine.normals, float(clear.mean())), whole
+
+
+def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:
+    """The found outline, but the expected one wherever the found one lies more than `inward_px` inside it.
+
+    A hull that most views agree on is hardly larger than the fruit; an outline far inside it has followed a
+    highlight, a reflection or a likeness of colour, and must not carve.
+    """
+    _, nearest = KDTree(expected.points).query(found.points)
+    signed = np.sum((found.points - expected.points[nearest]) * expected.normals[nearest], axis=1)
+    wrong = ndimage.binary_dilation(np.pad(signed < -inward_px, 16, mode="wrap"), iterations=8)[16:-16]
+    if not wrong.any():
+        return found
+    weight = ndimage.gaussian_filter1d(wrong.astype(float), 4.0, mode="wrap")[:, None]
+    even = _even(found.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
+    return Outline(even.points, even.normals, found.clear_share * float(1 - wrong.mean()))
+
+
+def enlarged(outline: Outline, factor: int) -> Outline:
+    """An outline in pixels that are `factor` times smaller."""
+    return _even(outline.points * factor + (factor - 1) / 2, smooth=0.0)
+
+
+def silhouette_of_outline(outline: Outline, window: Window, camera: Camera) -> Silhouette:
+    """Signed distance to the curve: exact to first order within 12 px, clipped there."""
+    columns, rows = window.small_size_px
+    inside = np.zeros((rows, columns), np.uint8)
+    cv2.fillPoly(inside, [np.rint(outline.points * 16).astype(np.int32)], 1, shift=4)
+    band = BAND_PX / window.shrink
+    signed = np.where(inside > 0, band, -band).astype(np.float32)
+    edge = np.zeros_like(inside)
+    cv2.polylines(edge, [np.rint(outline.points).astype(np.int32)], True, 1, thickness=int(2 * band) + 1)
+    y, x = np.nonzero(edge)
+    pixels = np.stack([x, y], axis=1).astype(float)
+    _, nearest = KDTree(outline.points).query(pixels)
+    signed[y, x] = np.clip(
+        -np.sum((pixels - outline.points[nearest]) * outline.normals[nearest], axis=1), -band, band
+    )
+    return Silhouette(signed * window.shrink, window, camera)
+
+
+def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    weight = ndimage.gaussian_filter1d(known.astype(float), 6.0, mode="wrap")
+    smooth = ndimage.gaussian_filter1d(values * known, 6.0, mode="wrap") / np.maximum(weight, 1e-3)
+    return np.where(known, np.clip(values, smooth - 0.7, smooth + 0.7), smooth)
+
+
+def _even(points: Float[np.ndarray, "n 2"], *, smooth: float) -> Outline:
+    """Resample a closed curve to even spacing; normals from a slightly smoothed copy, pointing outward."""
+    closed = np.concatenate([points, points[:1]])
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
+    even = np.stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])], axis=1)
+    samples_per_px = SAMPLES / max(along[-1], 1e-6)
+    if smooth > 0:
+        even = ndimage.gaussian_filter1d(even, smooth * samples_per_px, axis=0, mode="wrap")
+    smoother = ndimage.gaussian_filter1d(even, 2 * samples_per_px, axis=0, mode="wrap")
+    tangent = np.roll(smoother, -1, 0) - np.roll(smoother, 1, 0)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    area = np.sum(even[:, 0] * np.roll(even[:, 1], -1) - even[:, 1] * np.roll(even[:, 0], -1))
+    return Outline(even, normal if area > 0 else -normal, 0.0)

@@ -1,0 +1,125 @@
+"""Reads the photos of one fruit: upright BGR images, small enough to work on, and the focal length if a
+camera wrote it.
+"""
+
+import struct
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from recon.failure import ReconFailure, ReconProblem
+
+SUFFIXES = (".jpg", ".jpeg", ".png")
+FEWEST_PHOTOS = 3
+FULL_FRAME_WIDTH_MM = 36.0
+
+
+@dataclass(frozen=True)
+class Photo:
+    """One picture: its file name, its pixels (BGR), and the focal length in its own pixels where EXIF
+    tells.
+    """
+
+    name: str
+    image: UInt8[np.ndarray, "h w 3"]
+    focal_px: float | None = None
+
+
+def photo_paths(folder: Path) -> tuple[Path, ...]:
+    """The photo files of a folder, by name; other files are no photos."""
+    if not folder.is_dir():
+        return ()
+    return tuple(
+        sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
+    )
+
+
+def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
+    """One photo, turned upright as EXIF says, shrunk to `longest_side_px` where it is larger.
+
+    Raises ReconFailure (unreadable-photo) that names the file when it is empty, cut short or no picture.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _unreadable(path, f"cannot be opened ({error.strerror})") from error
+    if not data:
+        raise _unreadable(path, "is empty")
+    if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-4096:]:
+        raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise _unreadable(path, "cannot be decoded") from error
+    if image is None:
+        raise _unreadable(path, "is no picture that can be decoded")
+    height, width = image.shape[:2]
+    focal_px = exif_focal_px(data, longest_px=max(height, width))
+    shrink = longest_side_px / max(height, width)
+    if shrink < 1:
+        size = (round(width * shrink), round(height * shrink))
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        focal_px = None if focal_px is None else focal_px * shrink
+    return Photo(path.name, np.asarray(image, np.uint8), focal_px)
+
+
+def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ...]:
+    """All photos of a folder, by name.
+
+    Raises ReconFailure: too-few-views under three photos, unreadable-photo for the first file that is none.
+    """
+    paths = photo_paths(folder)
+    require_enough(len(paths), where=str(folder))
+    return tuple(read_photo(path, longest_side_px=longest_side_px) for path in paths)
+
+
+def require_enough(count: int, *, where: str) -> None:
+    """Refuse fewer than three photos."""
+    if count < FEWEST_PHOTOS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"{where} holds {count} photo{'' if count == 1 else 's'}; a shape needs at least "
+            f"{FEWEST_PHOTOS}, "
+            "and 24 all around the fruit are advised: take more photos.",
+        )
+
+
+def exif_focal_px(data: bytes, *, longest_px: int) -> float | None:
+    """Focal length in pixels from the EXIF tag FocalLengthIn35mmFilm of a JPEG, None where there is none.
+
+    f_px = f_35 / 36 mm * longest side. Tag numbers: Exif 2.32 (CIPA DC-008), 0x8769 and 0xA405.
+    """
+    start = data.find(b"Exif\x00\x00", 0, 65536)
+    if start < 0:
+        return None
+    tiff = data[start + 6 : start + 6 + 65536]
+    order = {b"II": "<", b"MM": ">"}.get(tiff[:2])
+    if order is None:
+        return None
+    try:
+        (first,) = struct.unpack_from(order + "I", tiff, 4)
+        exif = _tag(tiff, order, first, 0x8769)
+        focal_35mm = None if exif is None else _tag(tiff, order, exif, 0xA405)
+    except struct.error:
+        return None
+    return focal_35mm / FULL_FRAME_WIDTH_MM * longest_px if focal_35mm else None
+
+
+def _tag(tiff: bytes, order: str, directory: int, wanted: int) -> int | None:
+    (count,) = struct.unpack_from(order + "H", tiff, directory)
+    for entry in range(directory + 2, directory + 2 + 12 * count, 12):
+        tag, kind = struct.unpack_from(order + "HH", tiff, entry)
+        if tag == wanted:
+            value: int = struct.unpack_from(order + ("H" if kind == 3 else "I"), tiff, entry + 8)[0]
+            return value
+    return None
+
+
+def _unreadable(path: Path, fault: str) -> ReconFailure:
+    return ReconFailure(
+        ReconProblem.UNREADABLE_PHOTO,
+        f"{path.name} in {path.parent} {fault}; expected a whole JPEG or PNG: copy it again or remove it.",
+    )

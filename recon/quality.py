@@ -1,0 +1,92 @@
+"""How good a reconstruction is, in numbers that a person can check, and the warnings that follow from
+them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from recon.hull import Silhouette, drawn
+from recon.outline import outline_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconQuality:
+    """Counts, residuals and agreement of one reconstruction."""
+
+    views_given: int
+    views_used: int
+    reprojection_px: float
+    silhouette_iou: float
+    outline_rms_mm: float
+    clear_outline_share: float
+    focal_px: float
+    focal_sd_px: float
+    k1: float
+    widest_gap_deg: float
+    seen_share: float
+    decimation_rms_mm: float
+    relief_share: float
+
+
+def outline_rms_mm(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
+) -> float:
+    """Root mean square distance between the mesh's projected rim and the outlines seen, mm at the fruit."""
+    squares = []
+    for s in silhouettes:
+        rim = outline_of(drawn(vertices, faces, s.window, s.camera))
+        if rim is None:
+            continue
+        at = np.rint(rim.points).astype(int)
+        depth = float(np.median(s.camera.into(vertices)[:, 2]))
+        squares.append((s.distance_px[at[:, 1], at[:, 0]] * depth / s.camera.focal_px) ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else float("inf")
+
+
+def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "3"]) -> float:
+    """The widest horizontal angle, seen from the fruit, without a camera."""
+    angles = np.sort(np.degrees(np.arctan2(places[:, 1] - middle[1], places[:, 0] - middle[0])))
+    return float(np.max(np.diff(np.concatenate([angles, angles[:1] + 360.0]))))
+
+
+def seen_share(
+    vertices: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], places: Float[np.ndarray, "v 3"]
+) -> float:
+    """Share of vertices that face at least two cameras (self-occlusion, rare on fruit, is left out)."""
+    facing = np.zeros(len(vertices), int)
+    for place in places:
+        facing += np.einsum("ij,ij->i", place - vertices, normals) > 0
+    return float((facing >= 2).mean())
+
+
+def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
+    """True sentences about what may be wrong, for staff to read."""
+    out = []
+    q = quality
+    if q.views_used < 12:
+        out.append(f"Only {q.views_used} views show the fruit; the shape is coarser than with 24.")
+    if q.views_used < 0.75 * q.views_given:
+        out.append(f"{q.views_given - q.views_used} of {q.views_given} photos were left out.")
+    if q.widest_gap_deg > 75:
+        out.append(
+            f"No photo was taken over {q.widest_gap_deg:.0f} degrees around the fruit; that side is guessed."
+        )
+    if q.reprojection_px > 1.5:
+        out.append(
+            f"Camera poses fit to {q.reprojection_px:.1f} px only; photos may be blurred or the mat not flat."
+        )
+    if q.silhouette_iou < 0.97:
+        out.append(
+            f"Outlines agree to {100 * q.silhouette_iou:.1f} % only; something else may stand in the photos."
+        )
+    if q.outline_rms_mm > 0.01 * largest_mm:
+        out.append(f"The mesh misses the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")
+    if q.seen_share < 0.8:
+        out.append(
+            f"Only {100 * q.seen_share:.0f} % of the surface faces two cameras or more; take photos from "
+            f"more heights."
+        )
+    return tuple(out)
