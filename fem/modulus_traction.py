@@ -2,7 +2,7 @@
 
 Each marker's force is its traction times its cell. Between markers the traction is interpolated linearly on
 their Delaunay triangles, t(x) = sum_i f_i phi_i(x) / a_i with a_i the integral of phi_i, and integrated
-with a three-point rule per triangle at the material points that the triangle covers on the fruit. As point
+with a twelve-point rule per triangle at the material points that the triangle covers on the fruit. As point
 loads the answer would depend on the mesh; as traction it does not.
 """
 
@@ -13,10 +13,20 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial import Delaunay
 
-RULE = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
-"""Barycentric coordinates of the three-point rule, exact for the quadratic phi_i phi_j."""
+CORNERS = np.eye(3)
+MIDDLES = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
+QUARTERS = np.stack([np.stack([CORNERS[k], MIDDLES[k], MIDDLES[k - 1]]) for k in range(3)] + [MIDDLES])
+RULE = np.einsum("pk,qkc->qpc", (1 + 3 * CORNERS) / 6, QUARTERS).reshape(12, 3)
+"""Barycentric coordinates of twelve points, three in each quarter; exact to second degree.
+
+With markers 1 mm apart the loads lie 0.25 mm apart. Three points per triangle make E 0.6 % too high where the
+mesh's edges are 1 mm, twelve change it by less than 0.1 % between edges of 2 and 1 mm.
+"""
 LONGEST_SIDE = 3.0
 """Triangles with a side longer than this many marker spacings bridge separate patches: they are left out."""
+
+SHEAR = 1e-3
+"""Far above rounding, far below what changes a triangulation that is not a tie."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +70,7 @@ def marker_weights(
     cell = np.bincount(triangles.ravel(), np.repeat(area / 3, 3), minlength=len(rest_mm))
     alone = np.flatnonzero(cell == 0)
     points = np.einsum("rk,mkx->mrx", RULE, surface_mm[triangles]).reshape(-1, 3)
-    load = (area[:, None, None] / 3 * RULE) / cell[triangles][:, None, :]
+    load = (area[:, None, None] / len(RULE) * RULE) / cell[triangles][:, None, :]
     rows = np.concatenate([np.repeat(np.arange(len(points)), 3), len(points) + np.arange(len(alone))])
     columns = np.concatenate([np.repeat(triangles[:, None, :], len(RULE), axis=1).ravel(), alone])
     values = np.concatenate([load.ravel(), np.ones(len(alone))])
@@ -69,19 +79,22 @@ def marker_weights(
 
 
 def _cells(flat_mm: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-    """Delaunay triangles between neighbouring markers and their areas; none where the markers span no
-    area."""
-    none = np.empty((0, 3), dtype=np.int64), np.empty(0)
+    """Triangles between neighbouring markers and their areas; none where the markers span no area.
+
+    The diagonals of a square grid are anybody's choice, and a random one gives its markers uneven cells. So
+    two triangulations count half each: those that are Delaunay after a slight shear to either side.
+    """
     if len(flat_mm) < 3 or np.linalg.matrix_rank(flat_mm - flat_mm.mean(axis=0), tol=1e-6) < 2:
-        return none
-    triangles = np.asarray(Delaunay(flat_mm).simplices, dtype=np.int64)
+        return np.empty((0, 3), dtype=np.int64), np.empty(0)
+    sheared = [flat_mm + shear * flat_mm[:, ::-1] * [1.0, 0.0] for shear in (SHEAR, -SHEAR)]
+    triangles = np.vstack([np.asarray(Delaunay(points).simplices, dtype=np.int64) for points in sheared])
     corners = flat_mm[triangles]
     sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
     edge_1, edge_2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = 0.5 * np.abs(edge_1[:, 0] * edge_2[:, 1] - edge_1[:, 1] * edge_2[:, 0])
     shortest = np.median(sides.min(axis=1))
     kept = (sides.max(axis=1) < LONGEST_SIDE * shortest) & (area > 1e-3 * np.median(area))
-    return triangles[kept], area[kept]
+    return triangles[kept], 0.5 * area[kept]
 
 
 def _rigid(arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3 6"]:

@@ -1,0 +1,160 @@
+"""The fit finds the planted compliance, and its error bar covers it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.modulus_energy import energy_ratio, since_first_touch
+from fem.modulus_fit import MarkerTracks, fit_compliance, rigid_motion
+
+E_MPA = 0.7
+
+
+def planted_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12):
+    """Two patches that touch one after another, a compliance field of their own, everything else random."""
+    flat = rng.uniform(-6, 6, (2, 40, 2))
+    place = np.vstack(
+        [np.column_stack([flat[0], np.full(40, 25.0)]), np.column_stack([flat[1], np.full(40, -25.0)])]
+    )
+    side = np.sign(place[:, 2])
+    load = np.concatenate([np.linspace(0.1, 1, frames // 2), np.linspace(1, 0.2, frames - frames // 2)])
+    bowl = 1.2 - (place[:, :2] ** 2).sum(axis=1) / 60
+    unit = np.zeros((frames, len(place), 3))
+    unit[:, :, 2] = -np.outer(load**1.3, side * bowl)
+    unit[:, :, :2] = 0.1 * load[:, None, None] * place[:, :2] / 6
+    first = rng.integers(0, 4, len(place))
+    episode = np.where(np.arange(frames)[:, None] >= first, 0, -1)
+    motion = rng.normal(size=(frames, 6)) * 0.3 * moves
+    gel = np.zeros_like(unit)
+    gel[:, :, 2] = np.outer(load, side * (0.6 + 0.1 * rng.normal(size=len(place))))
+    scale = scale_sd * rng.normal(size=len(place))
+    truth = unit / E_MPA + np.einsum("nxk,tk->tnx", rigid_motion(place), motion)
+    anywhere = rng.normal(size=(1, len(place), 3)) * 0.2
+    seen = place + anywhere + truth + scale[:, None] * gel + noise_mm * rng.normal(size=truth.shape)
+    force = np.zeros_like(unit)
+    force[:, :, 2] = -np.outer(load, side)
+    normal = np.zeros_like(place)
+    normal[:, 2] = side
+    tracks = MarkerTracks(
+        place_mm=place,
+        normal=normal,
+        position_mm=seen,
+        unit_displacement=unit,
+        gel_displacement_mm=gel,
+        episode=episode,
+        sd_mm=np.full(len(place), noise_mm or 1e-3),
+        lag1=np.zeros(len(place)),
+    )
+    return tracks, force, np.einsum("nxk,tk->tnx", rigid_motion(place), motion)
+
+
+def test_the_planted_modulus_is_found_whatever_the_surface_and_the_motion():
+    tracks, _, _ = planted_tracks(np.random.default_rng(0))
+    fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=True)
+    assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-4)
+    assert fit.residual_rms_mm < 1e-5
+
+
+def test_scale_errors_within_their_spread_do_not_bias_it():
+    errors = []
+    for seed in range(20):
+        tracks, _, _ = planted_tracks(np.random.default_rng(seed), noise_mm=0.004, scale_sd=0.004)
+        errors.append(1 / fit_compliance(tracks, scale_sd=0.004, fruit_moves=True).compliance / E_MPA - 1)
+    assert np.mean(errors) == pytest.approx(0.0, abs=3 * np.std(errors) / np.sqrt(20) + 1e-4)
+
+
+def test_the_error_bar_covers_the_truth():
+    scores = []
+    for seed in range(60):
+        tracks, _, _ = planted_tracks(np.random.default_rng(100 + seed), noise_mm=0.004, scale_sd=0.004)
+        fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
+        scores.append((fit.compliance - 1 / E_MPA) / fit.compliance_sd)
+    assert 0.8 < np.std(scores) < 1.2
+    assert np.mean(np.abs(scores) < 1.645) > 0.82
+
+
+def test_a_fixed_base_leaves_no_motion():
+    tracks, _, _ = planted_tracks(np.random.default_rng(0), moves=False)
+    fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=False)
+    assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-9)
+    assert not fit.motion_mm.any()
+
+
+def test_residuals_are_the_noise():
+    tracks, _, _ = planted_tracks(np.random.default_rng(0), noise_mm=0.004)
+    fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
+    assert 0.75 * 0.004 < fit.residual_rms_mm < 1.02 * 0.004
+    assert np.isnan(fit.residual_mm[tracks.episode < 0]).all()
+
+
+def turned(tracks, turn, shift):
+    return replace(
+        tracks,
+        place_mm=tracks.place_mm @ turn.T + shift,
+        normal=tracks.normal @ turn.T,
+        position_mm=tracks.position_mm @ turn.T + shift,
+        unit_displacement=tracks.unit_displacement @ turn.T,
+        gel_displacement_mm=tracks.gel_displacement_mm @ turn.T,
+    )
+
+
+def test_the_frame_of_reference_does_not_matter():
+    tracks, force, _ = planted_tracks(np.random.default_rng(4), noise_mm=0.004, scale_sd=0.004)
+    turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn))
+    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
+    there = fit_compliance(turned(tracks, turn, np.array([40.0, -7, 9])), scale_sd=0.004, fruit_moves=True)
+    assert there.compliance == pytest.approx(here.compliance, rel=1e-9)
+    assert there.compliance_sd == pytest.approx(here.compliance_sd, rel=1e-9)
+    assert force.shape == there.residual_mm.shape
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_units_of_force_scale_the_modulus(factor):
+    tracks, _, _ = planted_tracks(np.random.default_rng(4), noise_mm=0.004)
+    here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
+    stiffer = fit_compliance(
+        replace(tracks, unit_displacement=factor * tracks.unit_displacement), scale_sd=0.004, fruit_moves=True
+    )
+    assert stiffer.compliance * factor == pytest.approx(here.compliance, rel=1e-9)
+    assert stiffer.compliance_sd * factor == pytest.approx(here.compliance_sd, rel=1e-9)
+
+
+def test_a_later_contact_has_a_place_of_its_own():
+    tracks, _, _ = planted_tracks(np.random.default_rng(0))
+    episode = tracks.episode.copy()
+    episode[7:] = 1
+    elsewhere = tracks.position_mm.copy()
+    elsewhere[7:] += np.random.default_rng(1).normal(size=(1, *elsewhere.shape[1:]))
+    fit = fit_compliance(
+        replace(tracks, episode=episode, position_mm=elsewhere), scale_sd=1e-9, fruit_moves=True
+    )
+    assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-4)
+
+
+def ratio(tracks, force, motion):
+    return energy_ratio(tracks, force, motion, force_sd_N=0.01, gel_scale_sd=0.004, force_scale_sd=0.01)
+
+
+def test_the_energy_ratio_finds_it_too():
+    tracks, force, motion = planted_tracks(np.random.default_rng(0))
+    assert ratio(tracks, force, motion).modulus_MPa == pytest.approx(E_MPA, rel=1e-9)
+
+
+def test_the_energy_ratios_error_bar_covers_the_truth():
+    scores = []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        tracks, force, motion = planted_tracks(rng, noise_mm=0.02, scale_sd=0.02)
+        found = energy_ratio(tracks, force, motion, force_sd_N=0.0, gel_scale_sd=0.02, force_scale_sd=0.0)
+        sd = found.modulus_MPa * np.hypot(found.displacement_noise, found.gel_scale)
+        scores.append((found.modulus_MPa - E_MPA) / sd)
+    assert 0.75 < np.std(scores) < 1.25
+
+
+def test_changes_count_from_the_first_frame_of_a_contact():
+    values = np.arange(5.0)[:, None, None] * np.ones((1, 2, 3))
+    episode = np.array([[-1, 0], [0, 0], [0, -1], [-1, 1], [1, 1]])
+    expected = np.array([[0, 0], [0, 1], [1, 0], [0, 0], [0, 1]])
+    np.testing.assert_array_equal(since_first_touch(values, episode)[:, :, 0], expected)

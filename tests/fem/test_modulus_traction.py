@@ -1,0 +1,73 @@
+"""A traction field spread between markers loses neither force nor moment."""
+
+import numpy as np
+import pytest
+
+from fem.modulus_traction import TractionField, marker_weights
+
+
+def grid(half: float = 6.0, step: float = 1.0):
+    axis = np.arange(-half, half + step / 2, step)
+    flat = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    return np.column_stack([flat, np.zeros(len(flat))])
+
+
+def on_ball(flat: np.ndarray, radius_mm: float = 20.0) -> np.ndarray:
+    return np.column_stack([flat[:, :2], np.sqrt(radius_mm**2 - (flat[:, :2] ** 2).sum(axis=1))])
+
+
+@pytest.fixture
+def field():
+    rest = grid()
+    places = on_ball(rest)
+    between, weights = marker_weights(rest, places)
+    return TractionField(points_mm=on_ball(between), marker_mm=places, weights=weights)
+
+
+def resultant(points, force):
+    return np.hstack([force.sum(axis=1), np.cross(points, force).sum(axis=1)])
+
+
+def test_total_force_and_moment_are_kept(field):
+    force = np.random.default_rng(1).normal(size=(4, len(field.marker_mm), 3))
+    before = resultant(field.marker_mm, force)
+    after = resultant(field.points_mm, field.forces(force))
+    np.testing.assert_allclose(after, before, rtol=0, atol=1e-9 * np.abs(before).max())
+
+
+def test_the_correction_of_the_moment_is_small(field):
+    force = np.random.default_rng(1).normal(size=(1, len(field.marker_mm), 3))
+    plain = field.weights @ force[0]
+    assert np.abs(field.forces(force)[0] - plain).max() < 0.01 * np.abs(plain).max()
+
+
+def test_every_markers_force_is_spread_whole(field):
+    np.testing.assert_allclose(np.asarray(field.weights.sum(axis=0)).ravel(), 1.0, atol=1e-12)
+
+
+def test_an_even_traction_stays_even_away_from_the_rim():
+    rest = grid()
+    between, weights = marker_weights(rest, rest)
+    spread = weights @ np.ones(len(rest))
+    inner = (np.abs(between[:, :2]) < 4.5).all(axis=1)
+    np.testing.assert_allclose(spread[inner], spread[inner][0], rtol=1e-12)
+
+
+def test_a_linear_traction_has_its_moment_without_correction_inside():
+    rest = grid()
+    between, weights = marker_weights(rest, rest)
+    force = np.where((np.abs(rest[:, :2]) < 4.5).all(axis=1), 1 + 0.1 * rest[:, 0], 0.0)
+    assert between[:, 0] @ (weights @ force) == pytest.approx(rest[:, 0] @ force, rel=1e-9)
+
+
+@pytest.mark.parametrize("rest", [np.zeros((1, 3)), np.eye(3)[:2], np.column_stack([np.arange(5.0)] * 3)])
+def test_markers_that_span_no_area_carry_their_own_force(rest):
+    between, weights = marker_weights(rest, rest)
+    np.testing.assert_allclose(between, rest)
+    np.testing.assert_allclose(weights.toarray(), np.eye(len(rest)))
+
+
+def test_separate_patches_are_not_bridged():
+    rest = np.vstack([grid(2.0), grid(2.0) + np.array([15.0, 0, 0])])
+    between, _ = marker_weights(rest, rest)
+    assert not ((between[:, 0] > 2.5) & (between[:, 0] < 12.5)).any()
