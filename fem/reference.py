@@ -21,10 +21,10 @@ def hertz_sphere_force_N(
 
 
 def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
-    """K of ASABE S368 for a body with two principal radii on a plate; 1.3514 for a sphere.
+    """K of ASABE S368 for a body with two principal radii on a plate; 1.350 for a sphere (tabulated: 1.351).
 
     The standard tabulates K over cos theta = |1/R - 1/R'| / (1/R + 1/R'); here it follows from the elliptic
-    integrals behind that table (Johnson 1985, eqs. 4.25-4.32). With e the eccentricity of the contact ellipse,
+    integrals behind that table (Johnson 1985, eqs. 4.25-4.32). With e the eccentricity of the ellipse and
     k = b/a: (1/R') / (1/R) = (E(e)/k^2 - K(e)) / (K(e) - E(e)) gives k, and the approach
     d = (9 F^2 / (16 E*^2 Re))^(1/3) F2(k), set equal to the standard's formula, gives K.
     """
@@ -58,8 +58,8 @@ def s368_plate_modulus_MPa(
 ) -> float:
     """Apparent modulus of a convex body under one flat plate, from force and deformation at that contact.
 
-    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4, "Compression test of
-    food materials of convex shape", single-plate formula.
+    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4,
+    "Compression test of food materials of convex shape", single-plate formula.
     """
     shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
     curvature = 1 / radius_mm + 1 / other_radius_mm
@@ -88,7 +88,8 @@ def embedded_sphere_stiffness_N_per_mm(*, E_MPa: float, poisson_ratio: float, ra
     """Force per displacement of a rigid sphere bonded in an infinite elastic medium.
 
     F/u = 24 pi mu (1 - nu) a / (5 - 6 nu); 6 pi mu a where nu is 1/2, as Stokes has it for a viscous fluid.
-    Source: Lur'e, "Three-Dimensional Problems of the Theory of Elasticity", 1964; also Kanaun and Levin 2008.
+    Source: Lur'e, "Three-Dimensional Problems of the Theory of Elasticity", 1964; rederived in Puljiz and
+    Menzel, Physical Review E 99, 053002, 2019.
     """
     mu = E_MPa / (2 * (1 + poisson_ratio))
     return 24 * np.pi * mu * (1 - poisson_ratio) * radius_mm / (5 - 6 * poisson_ratio)

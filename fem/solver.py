@@ -5,7 +5,7 @@ without pivoting, as the matrices are symmetric positive definite.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import pymetis
@@ -16,6 +16,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from fem.failure import FemFailure, FemProblem
 
 
+@runtime_checkable
 class Factor(Protocol):
     """A factorised matrix K."""
 
@@ -63,7 +64,7 @@ def nested_dissection(matrix: csr_array) -> Int[np.ndarray, " d"]:
         return members
     links = (np.ones(other.sum()), (rows[other], columns[other]))
     graph = csr_array(coo_array(links, shape=(n_groups, n_groups)))
-    ranked, _ = pymetis.nested_dissection(xadj=graph.indptr, adjncy=graph.indices)
+    ranked, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(graph.indptr, graph.indices))
     start = np.r_[0, np.cumsum(np.bincount(group))]
     return np.concatenate([members[start[g] : start[g + 1]] for g in ranked])
 

@@ -30,7 +30,7 @@ def simplified(
 
 
 def fill(
-    surfaces: list[tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]],
+    surfaces: list[tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"]]],
     *,
     edge_mm: float,
     envelope_mm: float,

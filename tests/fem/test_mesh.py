@@ -1,0 +1,109 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fem_shapes import ball
+
+from fem.curve import t10_jacobians
+from fem.failure import FemFailure, FemProblem
+from fem.mesh import t6_volume_mm3, tetrahedralise
+from fem.tets import boundary_faces, smallest_dihedral_deg
+from fem.triangles import enclosed_volume_mm3
+
+
+def test_fruit_and_pit_keep_their_volumes(nectarine):
+    fruit = enclosed_volume_mm3(*ball(4000, semi_axes_mm=(30.5, 29.5, 28.5)))
+    pit = enclosed_volume_mm3(*ball(2000, semi_axes_mm=(15, 10, 12.5)))
+    found = t6_volume_mm3(nectarine.nodes_mm, nectarine.outer_faces)
+    assert found == pytest.approx(fruit, rel=5e-4)
+    assert found - nectarine.volume_mm3 == pytest.approx(pit, rel=3e-3)
+
+
+def test_elements_are_well_shaped(nectarine):
+    jacobian = t10_jacobians(nectarine.nodes_mm, nectarine.tets)
+    assert (jacobian.min(axis=1) > 0.1 * jacobian.max(axis=1)).all()
+    assert smallest_dihedral_deg(nectarine.nodes_mm, nectarine.tets[:, :4]).min() > 5
+
+
+def test_every_node_of_skin_and_pit_lies_on_the_surface_given(nectarine):
+    skin = nectarine.nodes_mm[nectarine.outer_nodes]
+    assert np.abs(np.linalg.norm(skin / [30.5, 29.5, 28.5], axis=1) - 1).max() < 2e-3
+    pit = nectarine.nodes_mm[nectarine.pit_nodes] - [0.5, -0.4, 0.8]
+    assert np.abs(np.linalg.norm(pit / [15, 10, 12.5], axis=1) - 1).max() < 5e-3
+
+
+def test_boundary_is_the_skin_and_the_pit_and_skin_normals_point_outward(nectarine):
+    corners, _ = boundary_faces(nectarine.tets[:, :4])
+    of_pit = np.isin(corners, nectarine.pit_nodes).all(axis=1)
+    assert (~of_pit).sum() == len(nectarine.outer_faces)
+    assert not np.isin(nectarine.pit_nodes, nectarine.outer_nodes).any()
+    a, b, c = np.moveaxis(nectarine.nodes_mm[nectarine.outer_faces[:, :3]], 1, 0)
+    assert (np.einsum("fx,fx->f", np.cross(b - a, c - a), a) > 0).all()
+
+
+def test_mid_edge_nodes_are_shared_and_sit_between_their_corners(nectarine):
+    x = nectarine.nodes_mm[nectarine.tets]
+    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]):
+        off = np.linalg.norm(x[:, 4 + k] - (x[:, i] + x[:, j]) / 2, axis=1)
+        assert (off < 0.2 * np.linalg.norm(x[:, i] - x[:, j], axis=1)).all()
+    assert len(np.unique(nectarine.tets)) == len(nectarine.nodes_mm)
+
+
+def test_mesh_is_fine_at_the_pads_and_coarse_elsewhere():
+    outer = ball(4000, semi_axes_mm=(30, 29, 28))
+    pad = np.array([[30.0, 0, 0]])
+    mesh = tetrahedralise(
+        *outer, None, None, edge_mm=7.0, refine_at_mm=pad, refine_radius_mm=4.0, refine_edge_mm=1.8
+    )
+    corner = mesh.nodes_mm[mesh.outer_faces[:, :3]]
+    edge = np.linalg.norm(corner - np.roll(corner, 1, axis=1), axis=2).mean(axis=1)
+    away = np.linalg.norm(corner.mean(axis=1) - pad, axis=1)
+    assert 1.2 < np.median(edge[away < 4]) < 2.2
+    assert np.median(edge[away > 25]) > 5
+    assert smallest_dihedral_deg(mesh.nodes_mm, mesh.tets[:, :4]).min() > 4
+    assert t6_volume_mm3(mesh.nodes_mm, mesh.outer_faces) == pytest.approx(mesh.volume_mm3, rel=1e-12)
+
+
+def test_meshing_leaves_no_file_and_no_word_behind(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    tetrahedralise(*ball(600, semi_axes_mm=(10, 10, 10)), None, None, edge_mm=5.0)
+    assert Path.cwd() == tmp_path
+    assert not list(tmp_path.iterdir())
+    assert capfd.readouterr() == ("", "")
+
+
+FRUIT = ball(800, semi_axes_mm=(30, 30, 30))
+PIT = ball(300, semi_axes_mm=(12, 9, 10))
+
+
+def refused(*surfaces):
+    with pytest.raises(FemFailure) as failure:
+        tetrahedralise(*surfaces, edge_mm=6.0)
+    return failure.value
+
+
+def test_an_open_surface_is_refused():
+    failure = refused(FRUIT[0], FRUIT[1][:-3], *PIT)
+    assert failure.problem is FemProblem.NOT_WATERTIGHT
+    assert "fruit" in failure.detail
+
+
+def test_a_surface_with_nan_is_refused():
+    vertices = PIT[0].copy()
+    vertices[5, 1] = np.nan
+    failure = refused(*FRUIT, vertices, PIT[1])
+    assert failure.problem is FemProblem.BAD_SURFACE
+    assert "pit" in failure.detail
+
+
+@pytest.mark.parametrize("scale", [2.6, 4.0])
+def test_a_pit_that_reaches_out_of_the_fruit_is_refused(scale):
+    failure = refused(*FRUIT, scale * PIT[0], PIT[1])
+    assert failure.problem is FemProblem.PIT_OUTSIDE_FRUIT
+    assert "mm out of the fruit at" in failure.detail
+
+
+def test_surfaces_wound_inside_out_give_the_same_flesh():
+    mesh = tetrahedralise(FRUIT[0], FRUIT[1][:, ::-1], PIT[0], PIT[1][:, ::-1], edge_mm=8.0)
+    wanted = enclosed_volume_mm3(*FRUIT) - enclosed_volume_mm3(*PIT)
+    assert mesh.volume_mm3 == pytest.approx(wanted, rel=3e-3)

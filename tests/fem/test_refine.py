@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+from fem_shapes import cube_mesh
+
+from fem.refine import bisect_once, size_near
+from fem.tets import boundary_faces, signed_volumes_mm3, smallest_dihedral_deg
+
+
+def refined(passes=10):
+    nodes, tets = cube_mesh(2, uneven=0.2)
+    tets = tets[:, :4]
+    nodes = nodes[: tets.max() + 1]
+    size = size_near(np.array([[0.0, 0.0, 0.0]]), radius_mm=0.1, edge_mm=0.06, growth=0.5)
+    for _ in range(passes):
+        before = len(nodes)
+        nodes, tets = bisect_once(nodes, tets, size)
+        if len(nodes) == before:
+            break
+    return nodes, tets
+
+
+def test_bisection_fills_the_same_body_with_upright_elements():
+    nodes, tets = refined()
+    volume = signed_volumes_mm3(nodes, tets)
+    assert (volume > 0).all()
+    assert volume.sum() == pytest.approx(1, rel=1e-13)
+
+
+def test_bisected_mesh_conforms():
+    nodes, tets = refined()
+    faces, _ = boundary_faces(tets)
+    on_wall = (np.isclose(nodes[faces], 0).all(axis=1) | np.isclose(nodes[faces], 1).all(axis=1)).any(axis=1)
+    assert on_wall.all()  # a hanging node would leave unmatched faces inside
+
+
+def test_edges_reach_the_wanted_length_and_no_angle_collapses():
+    nodes, tets = refined(30)
+    near = np.linalg.norm(nodes[tets].mean(axis=1), axis=1) < 0.12
+    edges = np.linalg.norm(
+        nodes[tets[near][:, [0, 0, 0, 1, 1, 2]]] - nodes[tets[near][:, [1, 2, 3, 2, 3, 3]]], axis=2
+    )
+    assert edges.max() < 0.1
+    assert 0.03 < np.median(edges) < 0.08
+    assert smallest_dihedral_deg(nodes, tets).min() > 8

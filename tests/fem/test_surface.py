@@ -1,0 +1,84 @@
+import numpy as np
+import pytest
+
+from fem.elements import t6_shape
+from fem.failure import FemFailure, FemProblem
+from fem.rigid_core import rigid_modes
+from fem.surface import locate, skin_quadrature
+from fem.triangles import closest_on_triangles
+
+
+@pytest.fixture(scope="module")
+def scattered(nectarine):
+    rng = np.random.default_rng(3)
+    face = rng.integers(len(nectarine.outer_faces), size=500)
+    weights = t6_shape(rng.dirichlet(np.ones(3), 500)[:, 1:])
+    return np.einsum("pn,pnx->px", weights, nectarine.nodes_mm[nectarine.outer_faces[face]])
+
+
+def test_points_of_the_curved_skin_are_found_where_they_are(nectarine, scattered):
+    found = locate(nectarine, scattered)
+    assert found.distance_mm.max() < 1e-9
+    assert np.abs(found.point_mm - scattered).max() < 1e-9
+
+
+def test_points_above_the_skin_fall_on_its_foot(nectarine, scattered):
+    foot = locate(nectarine, scattered)
+    found = locate(nectarine, foot.point_mm + 0.7 * foot.normal)
+    assert np.abs(found.distance_mm - 0.7).max() < 1e-2
+    assert np.linalg.norm(found.point_mm - foot.point_mm, axis=1).max() < 0.06
+
+
+def test_a_quadratic_field_is_read_off_exactly_where_faces_are_flat(nectarine, scattered):
+    found = locate(nectarine, scattered)
+    linear = nectarine.nodes_mm @ np.array([[1.0, 0.2, 0.0], [0.5, -1, 0.3], [0, 2, 1]]) + 4
+    read = found.sample(linear[None])[0]
+    assert (
+        np.abs(read - (scattered @ np.array([[1.0, 0.2, 0.0], [0.5, -1, 0.3], [0, 2, 1]]) + 4)).max() < 1e-9
+    )
+    assert np.allclose(found.interpolation.sum(axis=1), 1, atol=1e-13)
+
+
+def test_forces_spread_to_nodes_keep_total_force_and_moment(nectarine, scattered):
+    found = locate(nectarine, scattered + np.random.default_rng(0).normal(0, 0.2, scattered.shape))
+    force = np.random.default_rng(1).normal(0, 0.1, (3, len(scattered), 3))
+    nodal = found.point_load(force)
+    origin = np.zeros(3)
+    wanted = np.einsum("pxk,fpx->fk", rigid_modes(found.point_mm, centre_mm=origin), force)
+    given = np.einsum("nxk,fnx->fk", rigid_modes(nectarine.nodes_mm, centre_mm=origin), nodal)
+    assert np.abs(given - wanted).max() < 1e-9
+
+
+def test_even_pressure_on_the_whole_skin_is_balanced(nectarine):
+    points, area_mm2 = skin_quadrature(nectarine)
+    load = points.point_load((-0.1 * area_mm2[:, None] * points.normal)[None])
+    centre = nectarine.nodes_mm.mean(axis=0)
+    resultant = np.einsum("nxk,nx->k", rigid_modes(nectarine.nodes_mm, centre_mm=centre), load[0])
+    # the divergence theorem holds for force on any closed surface and for moment too
+    assert np.abs(resultant).max() < 1e-9 * np.abs(load).sum()
+
+
+def test_skin_area_is_that_of_the_ball(solid_ball):
+    assert skin_quadrature(solid_ball)[1].sum() == pytest.approx(4 * np.pi * 20**2, rel=2e-3)
+
+
+def test_points_off_the_skin_are_refused(nectarine):
+    with pytest.raises(FemFailure, match=r"1 of 2 contact points lie more than 2 mm off the skin") as refused:
+        locate(nectarine, np.array([[30.0, 0.5, 0.5], [40.0, 0, 0]]), within_mm=2.0)
+    assert refused.value.problem is FemProblem.OFF_SURFACE
+    with pytest.raises(FemFailure, match="non-finite"):
+        locate(nectarine, np.array([[np.nan, 0, 0]]))
+
+
+def test_closest_points_agree_with_brute_force():
+    rng = np.random.default_rng(5)
+    vertices, points = rng.normal(size=(40, 3)), rng.normal(size=(60, 3))
+    faces = np.array([rng.choice(40, 3, replace=False) for _ in range(50)])
+    fast = closest_on_triangles(points, vertices, faces)
+    weights = rng.dirichlet(np.full(3, 0.5), 4000)
+    weights = np.vstack([weights, np.eye(3)])
+    cloud = np.einsum("wk,fkx->fwx", weights, vertices[faces]).reshape(-1, 3)
+    brute = np.linalg.norm(points[:, None] - cloud[None], axis=2).min(axis=1)
+    assert (fast.distance_mm <= brute + 1e-12).all()
+    assert (fast.distance_mm > brute - 0.05).all()
+    assert np.allclose(np.einsum("pk,pkx->px", fast.barycentric, vertices[faces[fast.face]]), fast.point_mm)
