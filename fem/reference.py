@@ -17,7 +17,7 @@ def hertz_sphere_force_N(
     F = 4/3 E/(1 - nu^2) R^(1/2) d^(3/2).  Source: Johnson, "Contact Mechanics", 1985, eq. 4.23.
     """
     plane_strain_MPa = E_MPa / (1 - poisson_ratio**2)
-    return 4 / 3 * plane_strain_MPa * float(np.sqrt(radius_mm)) * indentation_mm**1.5
+    return float(4 / 3 * plane_strain_MPa * np.sqrt(radius_mm) * indentation_mm**1.5)
 
 
 def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
