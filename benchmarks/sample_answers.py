@@ -16,11 +16,13 @@ from scipy.stats import kendalltau
 
 def main() -> int:
     """Prints the table and returns the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("results", type=Path, help="what `drupe grade` wrote")
     parser.add_argument("answers", type=Path, help="answers.json of the sample batch")
     parser.add_argument("--tau", type=float, default=1.0, help="least Kendall's tau (default %(default)s)")
-    parser.add_argument("--error", type=float, default=0.08, help="largest relative error (default %(default)s)")
+    parser.add_argument("--error", type=float, default=0.08, help="largest relative error (%(default)s)")
     options = parser.parse_args()
 
     ranking = pd.read_csv(options.results / "ranking.csv", dtype={"fruit_id": str})
@@ -35,7 +37,7 @@ def main() -> int:
     print(graded[columns].to_string(index=False, float_format=lambda x: f"{x:.4g}"))
     tau = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
     worst = float(graded["error"].abs().max())
-    print(f"Kendall's tau {tau:.2f} over {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")
+    print(f"Kendall's tau {tau:.2f}, {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")
     missed = len(graded) < len(truth) or not (tau >= options.tau and worst <= options.error)
     return int(missed)
 

@@ -29,6 +29,9 @@ LIBRARIES = (
 )
 
 
+HEADER = "__header__"
+
+
 @dataclass(frozen=True)
 class Artifact:
     """What a stage hands on: named arrays, and facts that JSON can hold."""
@@ -77,7 +80,8 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) 
     artifact = compute()
     buffer = io.BytesIO()
     header = json.dumps({"key": key, "facts": artifact.facts})
-    np.savez_compressed(buffer, **{"__header__": np.array(header)}, **dict(artifact.arrays))
+    named: dict[str, Any] = {HEADER: np.array(header), **artifact.arrays}
+    np.savez_compressed(buffer, **named)
     write_whole(path, buffer.getvalue())
     return artifact
 
@@ -86,10 +90,10 @@ def _load(path: Path, key: str) -> Artifact | None:
     """The stored artifact, or None where there is none of this key (a damaged file counts as none)."""
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
-            header = json.loads(str(stored["__header__"]))
+            header = json.loads(str(stored[HEADER]))
             if header["key"] != key:
                 return None
-            arrays = {name: stored[name] for name in stored.files if name != "__header__"}
+            arrays = {name: stored[name] for name in stored.files if name != HEADER}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
         return None
     return Artifact(arrays=arrays, facts=header["facts"])

@@ -1,6 +1,7 @@
 """`drupe check`: every problem of a batch at once, without computing anything."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 from pipeline.batch import Batch, open_batch
@@ -10,7 +11,7 @@ from pipeline.problem import BatchRefused, Problem
 from recon.failure import ReconFailure
 from recon.mesh_file import read_mesh
 from recon.photos import read_photo, require_enough
-from recon.pit import require_watertight
+from recon.pit import require_closed
 from tactile.failure import TactileFailure
 from tactile.recording import read_recording
 
@@ -32,18 +33,22 @@ def fruit_problems(batch: Batch, row: FruitRow) -> Iterator[Problem]:
         yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
         return
     if folder.fruit_ply.is_file():
-        yield from _tried(row, folder.fruit_ply, lambda: require_watertight(*read_mesh(folder.fruit_ply)))
+        yield from _tried(row, folder.fruit_ply, partial(_closed_mesh, folder.fruit_ply))
     else:
         yield from _photo_problems(batch, row, folder)
     if folder.pit_ply.is_file():
-        yield from _tried(row, folder.pit_ply, lambda: require_watertight(*read_mesh(folder.pit_ply)))
+        yield from _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
     grasps = folder.grasp_files()
     if not grasps:
         raw = folder.raw_grasp_folders()
         found = f"found frames in {raw[0].name}/, which this version cannot read" if raw else "found none"
         yield _at(row, folder.root / "grasps", f"needs at least one .h5 recording, {found}.")
     for path in grasps:
-        yield from _tried(row, path, lambda path=path: read_recording(path))
+        yield from _tried(row, path, partial(read_recording, path))
+
+
+def _closed_mesh(path: Path) -> None:
+    require_closed(*read_mesh(path), what=path.name)
 
 
 def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
@@ -54,7 +59,7 @@ def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterato
     photos = folder.photo_files()
     yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where=str(folder.photos)))
     for path in photos:
-        yield from _tried(row, path, lambda path=path: read_photo(path))
+        yield from _tried(row, path, partial(read_photo, path))
 
 
 def _strays(batch: Batch) -> tuple[Problem, ...]:

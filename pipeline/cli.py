@@ -1,6 +1,5 @@
 """The `drupe` command."""
 
-import json
 import os
 import sys
 import traceback
@@ -11,6 +10,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.paper import Paper
 from pipeline.problem import BatchRefused, Problem
 from pipeline.system_libraries import missing_libraries
 
@@ -90,19 +90,15 @@ def mat(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")
     ] = Path(),
+    paper: Annotated[Paper, typer.Option(help="The sheet it is printed on.")] = Paper.A4,
+    cherry: Annotated[bool, typer.Option("--cherry", help="Half-size tags and blank, for cherries.")] = False,
 ) -> None:
     """Write the marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
-    from pipeline.layout import write_whole
-    from recon.mat import mat_mapping, standard_mat, tag_bits
-    from reports.mat_sheet import mat_sheet_pdf
+    from pipeline.mat import write_mat
 
-    sheet = standard_mat()
-    bits = {tag: tag_bits(sheet.dictionary, tag) for tag in sheet.corners_mm}
-    write_whole(folder / "mat.pdf", mat_sheet_pdf(sheet.corners_mm, bits))
-    write_whole(folder / "mat.json", json.dumps(mat_mapping(sheet)) + "\n")
-    typer.echo(
-        f"wrote {folder / 'mat.pdf'} and {folder / 'mat.json'}: print the PDF at 100 % and measure its bar"
-    )
+    for path in write_mat(folder, paper=paper, cherry=cherry):
+        typer.echo(f"wrote {path}")
+    typer.echo("print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml")
 
 
 @app.command()

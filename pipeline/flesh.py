@@ -68,6 +68,4 @@ def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
     size = own.size_sd or (prior.size_sd if prior else OWN_PIT_SIZE_SD)
     if shape.record.surface_sd_mm is None:
         return ErrorBudget(pit_offset_sd_mm=offset, pit_size_sd=size)
-    return ErrorBudget(
-        pit_offset_sd_mm=offset, pit_size_sd=size, surface_sd_mm=shape.record.surface_sd_mm
-    )
+    return ErrorBudget(pit_offset_sd_mm=offset, pit_size_sd=size, surface_sd_mm=shape.record.surface_sd_mm)

@@ -38,7 +38,7 @@ def read_fruits(path: Path) -> tuple[FruitRow, ...]:
     if "fruit_id" not in table.columns:
         problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)
-    rows = [_row(path, i + 2, record, problems) for i, record in enumerate(table.to_dict("records"))]
+    rows = [_row(path, i + 2, record, problems) for i, record in enumerate(_records(table))]
     lines: dict[str, list[int]] = {}
     for i, row in enumerate(rows):
         lines.setdefault(row.fruit_id, []).append(i + 2)
@@ -74,6 +74,10 @@ def _table(path: Path) -> pd.DataFrame:
         raise BatchRefused([Problem(str(path), f"is not a readable CSV table: {error}.")]) from None
     table.columns = [str(c).strip() for c in table.columns]
     return table
+
+
+def _records(table: pd.DataFrame) -> list[dict[str, str]]:
+    return [{str(k): str(v) for k, v in record.items()} for record in table.to_dict("records")]
 
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:

@@ -33,9 +33,7 @@ class PlacedGrasp:
         )
 
 
-def place_grasp(
-    path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> PlacedGrasp:
+def place_grasp(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> PlacedGrasp:
     """The recording at `path`, its contact, and where its pads touch; raises TactileFailure."""
     recording = read_recording(path)
     contact = find_contact(recording, source=path.name)
@@ -97,7 +95,7 @@ def estimate(
 
 
 def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
-    """Normal force of each pad against the travel of jaws or indenter since first touch, loaded frames only."""
+    """Normal force of each pad against travel of jaws or indenter since first touch, loaded frames."""
     closing = -1.0 if grasp.recording.loading == "grasp" else 1.0
     path = closing * grasp.recording.aperture_mm
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in grasp.contact.pads], axis=0)

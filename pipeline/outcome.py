@@ -38,11 +38,11 @@ class Outcome(Enum):
     @property
     def code(self) -> str:
         """The short name in the ranking's outcome column."""
-        return self.value[0]
+        return str(self.value[0])
 
     def sentence(self, particulars: str = "") -> str:
         """What happened and what to do next."""
-        return self.value[1].format(particulars)
+        return str(self.value[1]).format(particulars)
 
 
 class FruitEnded(Exception):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -12,11 +14,12 @@ from pipeline.cache import Artifact, cached, stage_key
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import MeshRecord, PitRecord
-from recon.fruit_frame import fruit_frame
+from recon.closed import volume_mm3
+from recon.fruit_frame import to_fruit_frame
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.mesh_file import read_mesh, write_mesh
 from recon.photos import read_photos
-from recon.pit import EmbeddedPit, embed_pit, place_pit, require_watertight
+from recon.pit import embed_pit, place_pit, require_closed
 from reports.photo import thumbnail_jpeg
 
 if TYPE_CHECKING:
@@ -25,7 +28,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """The fruit's surface in the fruit frame (mm), and the pose that leads back to the frame it was made in."""
+    """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
@@ -48,7 +51,7 @@ def fruit_shape(task: FruitTask) -> Shape:
     folder = task.folder
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
-        require_watertight(vertices, faces, source=str(folder.fruit_ply.name))
+        require_closed(vertices, faces, what="fruit.ply")
         return _shape(vertices, faces, np.eye(4), source="fruit.ply", facts={})
     if not folder.photo_files():
         raise FruitEnded(Outcome.NO_SHAPE, str(folder.root))
@@ -73,3 +76,93 @@ def fruit_shape(task: FruitTask) -> Shape:
         source="photos",
         facts=dict(made.facts),
     )
+
+
+def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
+    photos = read_photos(task.folder.photos)
+    made = reconstruct(
+        photos,
+        mat=task.mat,
+        height_mm=task.given.height_mm,
+        options=ReconOptions(max_faces=task.settings.recon.max_faces),
+    )
+    vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
+    small = thumbnail_jpeg(photos[0].image)
+    return Artifact(
+        arrays={
+            "vertices": vertices,
+            "faces": made.faces,
+            "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
+            "photo": np.frombuffer(small, dtype=np.uint8),
+        },
+        facts={
+            "scale_sd": made.scale_sd,
+            "surface_sd_mm": made.surface_sd_mm,
+            "quality": asdict(made.quality),
+            "warnings": list(made.warnings),
+            "seconds": made.seconds,
+        },
+    )
+
+
+def _shape(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    mesh_from_fruit: Float[np.ndarray, "4 4"],
+    *,
+    source: Literal["photos", "fruit.ply"],
+    facts: Mapping[str, Any],
+) -> Shape:
+    box = np.ptp(vertices, axis=0).tolist()
+    return Shape(
+        vertices=vertices,
+        faces=faces,
+        mesh_from_fruit=mesh_from_fruit,
+        warnings=tuple(facts.get("warnings", ())),
+        record=MeshRecord(
+            source=source,
+            vertices=len(vertices),
+            faces=len(faces),
+            volume_mm3=volume_mm3(vertices, faces),
+            height_mm=box[2],
+            box_mm=tuple(box),
+            scale_sd=facts.get("scale_sd"),
+            surface_sd_mm=facts.get("surface_sd_mm"),
+            quality=facts.get("quality", {}),
+        ),
+    )
+
+
+def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
+    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit; raises ReconFailure."""
+    if task.folder.pit_ply.is_file():
+        vertices, faces = read_mesh(task.folder.pit_ply)
+        require_closed(vertices, faces, what="pit.ply")
+        source = "pit.ply"
+    elif task.prior is not None:
+        vertices, faces = place_pit(shape.vertices, shape.faces, task.prior)
+        source = f"prior for {task.prior.category}"
+    else:
+        raise ValueError("a batch without a prior has a fruit without a pit.ply")
+    embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return Pit(
+        vertices=vertices,
+        faces=faces,
+        record=PitRecord(
+            source=source,
+            volume_mm3=embedded.pit_volume_mm3,
+            centre_mm=tuple(((low + high) / 2).tolist()),
+            box_mm=tuple((high - low).tolist()),
+            thinnest_flesh_mm=embedded.thinnest_flesh_mm,
+            flesh_volume_mm3=embedded.flesh_volume_mm3,
+        ),
+    )
+
+
+def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
+    """fruit.ply and pit.ply in the frame that the mesh was made in (with a mat: the mat's)."""
+    results.root.mkdir(parents=True, exist_ok=True)
+    for path, part in ((results.fruit_ply, shape), (results.pit_ply, pit)):
+        placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
+        write_mesh(path, placed, part.faces)

@@ -177,7 +177,7 @@ def _placed(
 
 
 def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
-    """Why a fruit with a mesh has no modulus: its only recording's own failure, all of theirs, or none there."""
+    """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
     if len(failures) == 1:
         return failures[0]
     if failures:

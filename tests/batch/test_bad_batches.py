@@ -1,0 +1,83 @@
+"""A batch that cannot be graded as a whole is refused in one line that names the file and the cause."""
+
+import json
+
+import pytest
+from conftest import drupe
+
+
+def refused(batch):
+    graded = drupe("grade", batch)
+    assert graded.status == 2
+    line = graded.one_line_error()
+    assert not (batch / "results").exists()
+    checked = drupe("check", batch)
+    assert checked.status == 2
+    assert line.removeprefix("drupe: ") in checked.out
+    return line
+
+
+def test_missing_batch_toml(batch):
+    (batch / "batch.toml").unlink()
+    assert "batch.toml: there is no batch.toml" in refused(batch)
+
+
+def test_missing_folder(tmp_path):
+    ran = drupe("grade", tmp_path / "nowhere")
+    assert ran.status == 2
+    assert "no such batch folder" in ran.one_line_error()
+
+
+def test_unknown_key(batch):
+    with (batch / "batch.toml").open("a") as file:
+        file.write("pad_edge = 2\n")
+    assert 'batch.toml: unknown key "mesh.pad_edge"; did you mean "pad_edge_mm"?' in refused(batch)
+
+
+def test_category_without_a_prior(batch):
+    (batch / "batch.toml").write_text('category = "mango"\n')
+    line = refused(batch)
+    assert "batch.toml" in line
+    assert "mango" in line
+    assert "nectarine" in line
+
+
+def test_no_height_and_no_mat(batch):
+    for mesh in (batch / "fruits").glob("*/fruit.ply"):
+        mesh.unlink()
+        (mesh.parent / "photos").mkdir()
+    assert "fruits.csv: no fruit has a height_mm and the batch has no mat.json" in refused(batch)
+
+
+def test_duplicate_fruit_id(batch):
+    table = batch / "fruits.csv"
+    table.write_text(table.read_text() + table.read_text().splitlines()[1] + "\n")
+    line = refused(batch)
+    assert "fruits.csv" in line
+    assert "stands on lines 2, 5" in line
+
+
+@pytest.mark.parametrize("content", ["{", json.dumps({"dict": "APRILTAG_36h11"})])
+def test_broken_mat(batch, content):
+    (batch / "mat.json").write_text(content)
+    assert "mat.json" in refused(batch)
+
+
+def test_geometry_model_that_is_not_there(batch):
+    with (batch / "batch.toml").open("a") as file:
+        file.write('[recon]\ngeometry_model = "vggt.onnx"\n')
+    assert 'batch.toml: "recon.geometry_model": found "vggt.onnx"' in refused(batch)
+
+
+def test_wrong_usage_is_status_two_without_a_traceback():
+    ran = drupe("grade")
+    assert ran.status == 2
+    assert "Traceback" not in ran.err
+    assert "BATCH" in ran.err
+
+
+def test_results_that_cannot_be_written(batch, tmp_path):
+    (tmp_path / "taken").write_text("a file, not a folder")
+    ran = drupe("grade", batch, "--out", tmp_path / "taken")
+    assert ran.status == 2
+    assert "cannot be written" in ran.one_line_error()

@@ -1,0 +1,69 @@
+"""A second run does only what is missing or changed, whatever ended the first."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pandas as pd
+from conftest import drupe, first_fruit
+
+
+def record_times(batch):
+    return {p.parent.name: p.stat().st_mtime_ns for p in (batch / "results" / "fruits").glob("*/record.json")}
+
+
+def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_rest(batch, tmp_path):
+    command = [
+        sys.executable,
+        "-c",
+        "from pipeline.cli import main; main()",
+        "grade",
+        str(batch),
+        "--jobs",
+        "1",
+    ]
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as run:
+        end = time.monotonic() + 300
+        while not record_times(batch):
+            assert run.poll() is None
+            assert time.monotonic() < end
+            time.sleep(0.02)
+        os.killpg(run.pid, signal.SIGKILL)
+    finished = record_times(batch)
+    assert 1 <= len(finished) < 3
+    assert not (batch / "results" / "ranking.csv").exists()
+
+    again = drupe("grade", batch)
+    assert again.status == 0
+    assert f"{len(finished)} of 3 fruit unchanged" in again.err
+    after = record_times(batch)
+    assert {name: after[name] for name in finished} == finished
+    assert len(after) == 3
+
+    whole = drupe("grade", batch, "--out", tmp_path / "whole")
+    assert whole.status == 0
+    one, other = (pd.read_csv(folder / "ranking.csv") for folder in (batch / "results", tmp_path / "whole"))
+    assert one["fruit_id"].tolist() == other["fruit_id"].tolist()
+    assert (one["E_MPa"] / other["E_MPa"] - 1).abs().max() < 0.01
+
+    unchanged = drupe("grade", batch)
+    assert unchanged.status == 0
+    assert "3 of 3 fruit unchanged" in unchanged.err
+    assert record_times(batch) == after
+
+    grasp = first_fruit(batch) / "grasps" / "grasp-1.h5"
+    grasp.rename(grasp.with_name("renamed.h5"))
+    with (batch / "batch.toml").open("a") as file:
+        file.write('[[grading.classes]]\nname = "all"\n')
+    changed = drupe("grade", batch)
+    assert "2 of 3 fruit unchanged" in changed.err
+    ranking = pd.read_csv(batch / "results" / "ranking.csv")
+    assert set(ranking["maturity"]) == {"all"}
+    provenance = json.loads((batch / "results" / "batch.json").read_text())
+    assert provenance["exit_status"] == 0
+    assert "batch.toml" in provenance["inputs"]
