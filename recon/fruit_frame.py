@@ -1,4 +1,6 @@
-"""The fruit frame: stem end up z, suture towards +x, origin under the middle of the fruit on its support plane."""
+"""The fruit frame: stem end up z, suture towards +x, origin under the middle of the fruit on its support
+plane.
+"""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,8 +11,8 @@ def to_fruit_frame(
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
     """A photographed mesh in its fruit frame, and `fruit_from_mesh` that takes it there.
 
-    On a mat the fruit is laid stem end up, suture towards the mat's +x, so that the frame is the mat's, shifted: the
-    origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
+    On a mat the fruit is laid stem end up, suture towards the mat's +x, so that the frame is the mat's,
+    shifted: the origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
 
     >>> to_fruit_frame(np.array([[1.0, 2.0, 3.0], [3.0, 6.0, 4.0]]))[0].tolist()
     [[-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]]

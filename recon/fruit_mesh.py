@@ -3,7 +3,8 @@ scaled mesh.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -11,17 +12,19 @@ from jaxtyping import Float, Int
 from recon.camera import straightened
 from recon.closed import vertex_normals
 from recon.failure import ReconFailure, ReconProblem
+from recon.geometry_model import point_maps
 from recon.mat import Mat
 from recon.motion import cameras_from_motion
 from recon.photos import Photo, require_enough
+from recon.point_route import fruit_points
 from recon.poses import cameras_from_mat
-from recon.quality import ReconQuality, outline_rms_mm, seen_share, warnings_of, widest_gap_deg
+from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, seen_share, warnings_of, widest_gap_deg
 from recon.relief import with_relief
 from recon.repair import RepairedMesh, repaired
 from recon.scale import scaled_to_height, spread_of_scale
 from recon.silhouettes import find_fruit
 from recon.stage_clock import Progress, StageClock, one_thread
-from recon.surface import poisson_surface
+from recon.surface import distances_mm, poisson_surface
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +37,7 @@ class ReconOptions:
     level: int = 6
     relief: bool = True
     height_sd_mm: float = 0.2
+    providers: tuple[str, ...] = ("CPUExecutionProvider",)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,13 +74,7 @@ def reconstruct(
     no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, missing-library.
     """
     options = options or ReconOptions()
-    require_enough(len(photos), where="The set")
-    if mat is None and (height_mm is None or not height_mm > 0):
-        raise ReconFailure(
-            ReconProblem.NO_SCALE,
-            "There is neither a marker mat (mat.json) nor a positive height_mm for this fruit; give one of "
-            "them for scale.",
-        )
+    _require_scale(photos, mat, height_mm)
     clock = StageClock(progress)
     with one_thread():
         with clock.stage("poses", 0.0):
@@ -142,6 +140,69 @@ def reconstruct(
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
     )
+
+
+def reconstruct_with_model(
+    photos: Sequence[Photo],
+    model: Path,
+    *,
+    mat: Mat | None,
+    height_mm: float | None,
+    options: ReconOptions | None = None,
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """The same from the points of a geometry model (ONNX) instead of outlines; scale and frame as in
+    `reconstruct`.
+
+    Raises ReconFailure: bad-geometry-model, and what `reconstruct` raises.
+    """
+    options = options or ReconOptions()
+    _require_scale(photos, mat, height_mm)
+    clock = StageClock(progress)
+    with one_thread():
+        with clock.stage("model", 0.0):
+            maps = point_maps(photos, model, providers=options.providers)
+            points, normals, scale_sd = fruit_points(maps, photos, mat=mat, height_mm=height_mm)
+        with clock.stage("surface", 0.7):
+            mesh = closed_surface(points, normals, max_faces=options.max_faces)
+            vertices, faces = mesh.vertices, mesh.faces
+            vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
+        with clock.stage("quality", 0.9):
+            miss_mm = float(np.sqrt(np.mean(distances_mm(points, vertices, faces) ** 2)))
+            if mat is None and height_mm is not None:
+                vertices, factor = scaled_to_height(vertices, height_mm)
+                miss_mm *= factor
+                scale_sd = spread_of_scale(height_mm, options.height_sd_mm, miss_mm)
+            quality = replace(
+                NOTHING_KNOWN,
+                views_given=len(photos),
+                views_used=len(photos),
+                outline_rms_mm=miss_mm,
+                decimation_rms_mm=mesh.deviation_rms_mm,
+                relief_share=1.0,
+            )
+    return Reconstruction(
+        vertices=vertices,
+        faces=faces,
+        scale_sd=scale_sd,
+        surface_sd_mm=float(np.hypot(miss_mm, mesh.deviation_rms_mm)),
+        quality=quality,
+        warnings=(
+            "The shape comes from a geometry model; its error is known only from how well its points agree.",
+        ),
+        seconds=clock.seconds,
+        frame="mat" if mat is not None else "shape",
+    )
+
+
+def _require_scale(photos: Sequence[Photo], mat: Mat | None, height_mm: float | None) -> None:
+    require_enough(len(photos), where="The set")
+    if mat is None and (height_mm is None or not height_mm > 0):
+        raise ReconFailure(
+            ReconProblem.NO_SCALE,
+            "There is neither a marker mat (mat.json) nor a positive height_mm for this fruit; give one for "
+            "scale.",
+        )
 
 
 def closed_surface(

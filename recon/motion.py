@@ -13,9 +13,11 @@ from jaxtyping import Float
 
 from recon.camera import Camera
 from recon.failure import ReconFailure, ReconProblem
+from recon.ground import ground_plane, upright
 from recon.photos import Photo, require_enough
 from recon.poses import Poses
 from recon.scale import Box
+from recon.similarity import moved
 
 MOST_FEATURES = 3000
 LONGEST_SIDE_PX = 1280
@@ -47,9 +49,9 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
-    upright = _upright(cloud, cameras)
-    cameras = [c.moved(upright) for c in cameras]
-    cloud = cloud @ upright[:3, :3].T + upright[:3, 3]
+    level = _level(cloud, cameras)
+    cameras = [c.moved(level) for c in cameras]
+    cloud = moved(cloud, level)
     world, box = _placed(cloud, cameras, height_mm)
     cameras = [c.moved(world) for c in cameras]
     focal = model.cameras[rows[0][1].camera_id]
@@ -59,7 +61,7 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         reprojection_px=float(model.compute_mean_reprojection_error()),
         scale_sd=float("inf"),
         focal_sd_px=0.002 * float(focal.params[0]),
-        points=cloud @ world[:3, :3].T + world[:3, 3],
+        points=moved(cloud, world),
         box=box,
         warnings=()
         if registered > 0.8 * len(photos)
@@ -127,7 +129,7 @@ def _camera(photo: Photo, image: pycolmap.Image) -> Camera:
     )
 
 
-def _upright(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
+def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
     """The motion that puts the plane of most points at z = 0, the cameras above it and the place they look at
     at x = y = 0.
     """
@@ -140,38 +142,9 @@ def _upright(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Floa
             ReconProblem.NO_OVERLAP,
             f"Only {len(near)} points were found where the photos look; use the mat or a textured ground.",
         )
-    rng = np.random.default_rng(SEED)
-    tolerance = 0.005 * distance
-    best, count = np.zeros(len(near), bool), 0
-    for _ in range(600):
-        a, b, c = near[rng.choice(len(near), 3, replace=False)]
-        normal = np.cross(b - a, c - a)
-        if np.linalg.norm(normal) < 1e-9 * distance**2:
-            continue
-        normal /= np.linalg.norm(normal)
-        side = (places - a) @ normal
-        close = np.abs((near - a) @ normal) < tolerance
-        if close.sum() > count and (np.abs(side.sum()) > 0.95 * np.abs(side).sum()):
-            best, count = close, int(close.sum())
-    if count < 15:
-        raise ReconFailure(
-            ReconProblem.NO_OVERLAP,
-            "No plane that the fruit stands on was found; use the mat or a flat, textured ground.",
-        )
-    for _ in range(5):
-        middle = near[best].mean(0)
-        normal = np.linalg.svd(near[best] - middle, full_matrices=False)[2][2]
-        best = np.abs((near - middle) @ normal) < tolerance * 0.7
-    if np.sum((places - middle) @ normal) < 0:
-        normal = -normal
-    foot = aim - ((aim - middle) @ normal) * normal
-    x = places[0] - foot
-    x -= (x @ normal) * normal
-    x /= np.linalg.norm(x)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([x, np.cross(normal, x), normal])
-    pose[:3, 3] = -pose[:3, :3] @ foot
-    return pose
+    middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
+    foot = aim - ((aim - middle) @ up) * up
+    return upright(up, foot, places[0] - foot)
 
 
 def _aim(cameras: Sequence[Camera]) -> Float[np.ndarray, "3"]:

@@ -1,6 +1,9 @@
-"""The pit in the fruit: placed by the category's prior, cut out of the fruit by an exact Boolean (manifold3d)."""
+"""The pit in the fruit: placed by the category's prior, cut out of the fruit by an exact Boolean
+(manifold3d).
+"""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import manifold3d
 import numpy as np
@@ -17,7 +20,9 @@ LEAST_FLESH_MM = 0.5
 
 @dataclass(frozen=True)
 class EmbeddedPit:
-    """The flesh as one solid: outer skin and pit wall (faces look out of the flesh), and which faces are pit wall."""
+    """The flesh as one solid: outer skin and pit wall (faces look out of the flesh), and which faces are
+    pit wall.
+    """
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
@@ -30,17 +35,21 @@ class EmbeddedPit:
 def place_pit(
     fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior
 ) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
-    """The prior's pit for a closed fruit mesh given in the fruit frame: a closed mesh with the superellipsoid's volume.
+    """The prior's pit for a closed fruit mesh given in the fruit frame: a closed mesh with the
+    superellipsoid's volume.
 
-    In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up by the
-    fraction of a percent that flat faces lose. Raises ReconFailure (not-watertight) for an open fruit mesh.
+    In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
+    by the fraction of a percent that flat faces lose. Raises ReconFailure (not-watertight) for an open fruit
+    mesh.
     """
     require_closed(fruit_vertices, fruit_faces, what="fruit")
     low, high = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
     half = (high - low) / 2
     semi = np.array(prior.axis_ratios) * half
     directions, faces = ball(LEVEL)
-    shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (-1 / prior.exponent)
+    shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (
+        -1 / prior.exponent
+    )
     fine, fine_faces = ball(LEVEL + 3)
     smooth = fine * np.sum(np.abs(fine) ** prior.exponent, axis=1, keepdims=True) ** (-1 / prior.exponent)
     grow = np.cbrt(volume_mm3(smooth, fine_faces) / volume_mm3(shape, faces))
@@ -55,8 +64,8 @@ def embed_pit(
 ) -> EmbeddedPit:
     """Fruit minus pit, both closed meshes in one frame (mm).
 
-    Raises ReconFailure: not-watertight (either mesh), pit-outside-fruit (the pit is larger than the fruit, sticks out
-    of it, or leaves less than half a millimetre of flesh).
+    Raises ReconFailure: not-watertight (either mesh), pit-outside-fruit (the pit is larger than the fruit,
+    sticks out of it, or leaves less than half a millimetre of flesh).
     """
     fruit = _solid(fruit_vertices, fruit_faces, "fruit")
     pit = _solid(pit_vertices, pit_faces, "pit")
@@ -68,14 +77,17 @@ def embed_pit(
         raise _outside(f"{100 * outside / pit_volume:.1f} % of the pit lies outside the fruit")
     box = fruit.bounding_box()
     size = np.array(box[3:]) - np.array(box[:3])
-    around = manifold3d.Manifold.cube(tuple(3 * size), True).translate(tuple((np.array(box[3:]) + box[:3]) / 2)) - fruit
+    around = (
+        manifold3d.Manifold.cube(tuple(3 * size), True).translate(tuple((np.array(box[3:]) + box[:3]) / 2))
+        - fruit
+    )
     thinnest = float(around.min_gap(pit, float(size.min()) / 2))
     if thinnest < LEAST_FLESH_MM:
         raise _outside(f"The flesh between pit and skin is {thinnest:.2f} mm at its thinnest")
     flesh = (fruit.as_original() - pit.as_original()).to_mesh64()
     faces = np.asarray(flesh.tri_verts, int)
     runs = np.asarray(flesh.run_index) // 3
-    sizes = [abs(_run_volume(flesh, faces[a:b])) for a, b in zip(runs[:-1], runs[1:], strict=True)]
+    sizes = [abs(_run_volume(flesh, faces[a:b])) for a, b in pairwise(runs)]
     on_pit = np.zeros(len(faces), bool)
     smallest = int(np.argmin(sizes))
     on_pit[runs[smallest] : runs[smallest + 1]] = True
@@ -95,23 +107,30 @@ def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     if gaps:
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is not watertight: {gaps} edges lack their second face or are shared by more; "
+            f"The {what}'s mesh is not watertight: {gaps} edges lack their second face or are shared by "
+            f"more; "
             "expected one closed surface: repair it.",
         )
     if volume_mm3(vertices, faces) <= 0:
         raise ReconFailure(
-            ReconProblem.NOT_WATERTIGHT, f"The {what}'s mesh is inside out; expected faces that look outward: flip them."
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is inside out; expected faces that look outward: flip them.",
         )
 
 
-def _solid(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], what: str) -> manifold3d.Manifold:
+def _solid(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], what: str
+) -> manifold3d.Manifold:
     require_closed(vertices, faces, what=what)
-    mesh = manifold3d.Mesh64(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64))
+    mesh = manifold3d.Mesh64(
+        np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)
+    )
     solid = manifold3d.Manifold(mesh)
     if solid.status() != manifold3d.Error.NoError or solid.is_empty():
         raise ReconFailure(
             ReconProblem.NOT_WATERTIGHT,
-            f"The {what}'s mesh is no valid solid ({solid.status().name}); expected one closed surface: repair it.",
+            f"The {what}'s mesh is no valid solid ({solid.status().name}); expected one closed surface: "
+            f"repair it.",
         )
     return solid
 

@@ -15,6 +15,7 @@ from recon.failure import ReconFailure, ReconProblem
 from recon.mat import Mat, detect_tags
 from recon.photos import Photo, require_enough
 from recon.scale import Box, blank_box
+from recon.similarity import fitted_similarity
 
 FEWEST_TAGS = 4
 FEWEST_VIEWS = 3
@@ -256,14 +257,10 @@ def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> f
         A = np.concatenate(rays[key])
         A /= np.linalg.norm(A[:, :3], axis=1, keepdims=True)
         found[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
-    a, b = printed - printed.mean(0), found - found.mean(0)
-    U, _, Vt = np.linalg.svd(b.T @ a)
-    turn = U @ np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    spread = float(np.sum(a**2))
-    scale = float(np.sum((b @ turn) * a)) / spread
-    residual = b - scale * a @ turn.T
-    variance = float(np.sum(residual**2)) / max(3 * len(a) - 7, 1)
-    return float(np.sqrt(variance / spread + (scale - 1) ** 2))
+    T, away = fitted_similarity(printed, found)
+    scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
+    variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
+    return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))
 
 
 def _pinhole(P: Float[np.ndarray, "3 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -31,6 +31,23 @@ class ReconQuality:
     relief_share: float
 
 
+NOTHING_KNOWN = ReconQuality(
+    views_given=0,
+    views_used=0,
+    reprojection_px=float("nan"),
+    silhouette_iou=float("nan"),
+    outline_rms_mm=float("nan"),
+    clear_outline_share=float("nan"),
+    focal_px=float("nan"),
+    focal_sd_px=float("nan"),
+    k1=float("nan"),
+    widest_gap_deg=float("nan"),
+    seen_share=float("nan"),
+    decimation_rms_mm=float("nan"),
+    relief_share=0.0,
+)
+
+
 def outline_rms_mm(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
 ) -> float:

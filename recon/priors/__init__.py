@@ -1,4 +1,6 @@
-"""What is known of a category's pit and flesh before any measurement: numbers in TOML files, each with its source."""
+"""What is known of a category's pit and flesh before any measurement: numbers in TOML files, each with
+its source.
+"""
 
 import math
 import tomllib
@@ -15,9 +17,9 @@ FOLDER = Path(__file__).parent
 class PitPrior:
     """A pit as a superellipsoid in the fruit frame, in shares of the fruit's box, and the spread about it.
 
-    Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k; its centre lies `raised[k]` half-boxes
-    from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid). `offset_sd_mm` is
-    per axis, `size_sd` relative. `sources` says where each number comes from.
+    Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k; its centre lies `raised[k]`
+    half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
+    `offset_sd_mm` is per axis, `size_sd` relative. `sources` says where each number comes from.
     """
 
     category: str
@@ -38,7 +40,8 @@ def known_categories() -> tuple[str, ...]:
 def load_prior(category_or_path: str | Path) -> PitPrior:
     """A shipped category's prior, or one from a TOML file of the same form.
 
-    Raises ReconFailure: no-prior (no such category or file), bad-prior (a field missing, or out of its range).
+    Raises ReconFailure: no-prior (no such category or file), bad-prior (a field missing, or out of its
+    range).
     """
     name = str(category_or_path)
     path = Path(name) if name.endswith(".toml") else FOLDER / f"{name}.toml"
@@ -52,17 +55,18 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ReconFailure(
-            ReconProblem.BAD_PRIOR, f"{path} cannot be read as TOML ({error}); copy a shipped prior and edit it."
+            ReconProblem.BAD_PRIOR,
+            f"{path} cannot be read as TOML ({error}); copy a shipped prior and edit it.",
         ) from error
     sources: dict[str, str] = {}
 
     def number(field: str, low: float, high: float, length: int | None = None) -> Any:
-        entry = table.get(field)
+        entry: Any = table.get(field)
         value = entry.get("value") if isinstance(entry, dict) else None
         source = entry.get("source") if isinstance(entry, dict) else None
-        values = [value] if length is None else value
+        values: Any = [value] if length is None else value
         fits = isinstance(values, list) and len(values) == (length or 1) and all(map(_is_number, values))
-        if not (fits and isinstance(source, str) and source and all(low <= v <= high for v in values or [])):
+        if not (fits and isinstance(source, str) and source and all(low <= v <= high for v in values)):
             kind = "a number" if length is None else f"{length} numbers"
             raise ReconFailure(
                 ReconProblem.BAD_PRIOR,

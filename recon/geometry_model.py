@@ -1,0 +1,135 @@
+"""A learned geometry model (ONNX, VGGT's names): photos in, one 3D point for each pixel out."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import onnxruntime
+from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.photos import Photo
+
+MULTIPLE = 14
+WIDTH_PX = 518
+ENOUGH = (("world_points",), ("depth", "pose_enc"))
+
+
+@dataclass(frozen=True)
+class PointMaps:
+    """Per photo and pixel of the model's grid: a point in the model's own world, and how much it is
+    trusted.
+    """
+
+    points: Float[np.ndarray, "s h w 3"]
+    confidence: Float[np.ndarray, "s h w"]
+    photo_px_per_cell: Float[np.ndarray, "s 2"]
+
+    def cells_of(self, view: int, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+        """Photo pixels (column, row) as cells of the grid."""
+        return np.asarray((pixels + 0.5) / self.photo_px_per_cell[view] - 0.5)
+
+
+def point_maps(
+    photos: Sequence[Photo], model: Path, *, providers: Sequence[str] = ("CPUExecutionProvider",)
+) -> PointMaps:
+    """Run a model of signature images (1, S, 3, H, W), RGB in [0, 1] -> depth (1, S, H, W, 1), depth_conf,
+    world_points (1, S, H, W, 3), world_points_conf, pose_enc (1, S, 9); world_points, or depth with pose_enc,
+    is enough.
+
+    H and W are multiples of 14 (W 518 where the model leaves it open). pose_enc is translation (3) and
+    quaternion (4, scalar last) of the camera from the world, then the vertical and horizontal angle of view
+    in radians. Raises ReconFailure (bad-geometry-model) that names the file and the input or output that is
+    missing or misshapen.
+    """
+    session = _session(model, providers)
+    inputs = {i.name: i.shape for i in session.get_inputs()}
+    if list(inputs) != ["images"]:
+        raise _bad(model, f"takes the inputs {sorted(inputs)}", 'one input "images" of shape (1, S, 3, H, W)')
+    shape = inputs["images"]
+    if len(shape) != 5 or (shape[2] not in (3, "3") and isinstance(shape[2], int)):
+        raise _bad(model, f'has the input "images" of shape {shape}', "(1, S, 3, H, W)")
+    offered = {o.name for o in session.get_outputs()}
+    if not any(set(names) <= offered for names in ENOUGH):
+        raise _bad(
+            model,
+            f'has no output "world_points" (its outputs are {", ".join(sorted(offered)) or "none"})',
+            '"world_points", or "depth" with "pose_enc"',
+        )
+    if isinstance(shape[1], int) and shape[1] != len(photos):
+        raise _bad(
+            model, f"takes exactly {shape[1]} photos, not {len(photos)}", "a model for any number of photos"
+        )
+    height, width = photos[0].image.shape[:2]
+    columns = shape[4] if isinstance(shape[4], int) else WIDTH_PX
+    rows = (
+        shape[3]
+        if isinstance(shape[3], int)
+        else max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
+    )
+    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None]
+    wanted = [
+        n for n in ("world_points", "world_points_conf", "depth", "depth_conf", "pose_enc") if n in offered
+    ]
+    try:
+        outputs = dict(zip(wanted, session.run(wanted, {"images": images}), strict=True))
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        raise _bad(
+            model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
+        ) from error
+    expected = {"world_points": 3, "depth": 1, "world_points_conf": None, "depth_conf": None}
+    for name, last in expected.items():
+        full = (1, len(photos), rows, columns) + (() if last is None else (last,))
+        if name in outputs and outputs[name].shape != full:
+            raise _bad(model, f'gives "{name}" of shape {outputs[name].shape}', f"{full}")
+    if "world_points" in outputs:
+        points = np.asarray(outputs["world_points"][0], float)
+        confidence = outputs.get("world_points_conf")
+    else:
+        points = _unprojected(outputs["depth"][0, ..., 0], outputs["pose_enc"][0])
+        confidence = outputs.get("depth_conf")
+    trust = np.ones(points.shape[:3]) if confidence is None else np.asarray(confidence[0], float)
+    trust = np.where(np.isfinite(points).all(3), trust, -np.inf)
+    scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
+    return PointMaps(np.nan_to_num(points), trust, scale)
+
+
+def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
+    if not model.is_file():
+        raise _bad(model, "does not exist", "an ONNX file")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    try:
+        return onnxruntime.InferenceSession(str(model), options, providers=list(providers))
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        raise _bad(model, f"cannot be loaded ({error})", "an ONNX model") from error
+
+
+def _prepared(image: UInt8[np.ndarray, "h w 3"], columns: int, rows: int) -> Float[np.ndarray, "3 r c"]:
+    small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)[:, :, ::-1]
+    return np.asarray(small.transpose(2, 0, 1), np.float32) / np.float32(255)
+
+
+def _unprojected(
+    depth: Float[np.ndarray, "s h w"], pose: Float[np.ndarray, "s 9"]
+) -> Float[np.ndarray, "s h w 3"]:
+    """X = R' (d K^-1 (u, v, 1) - t) with f = size / (2 tan(angle of view / 2))."""
+    _, rows, columns = depth.shape
+    v, u = np.mgrid[:rows, :columns] + 0.5
+    points = np.empty((*depth.shape, 3))
+    for i, (d, p) in enumerate(zip(depth, np.asarray(pose, float), strict=True)):
+        x = (u - columns / 2) / (columns / 2) * np.tan(p[8] / 2)
+        y = (v - rows / 2) / (rows / 2) * np.tan(p[7] / 2)
+        local = np.stack([x * d, y * d, d], axis=-1) - p[:3]
+        points[i] = local @ Rotation.from_quat(p[3:7]).as_matrix()
+    return points
+
+
+def _bad(model: Path, found: str, expected: str) -> ReconFailure:
+    return ReconFailure(
+        ReconProblem.BAD_GEOMETRY_MODEL, f"The geometry model {model} {found}; expected {expected}."
+    )

@@ -1,0 +1,113 @@
+"""A geometry model's points to a scaled, closed fruit mesh: align to mat or ground, keep the fruit, close."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.geometry_model import PointMaps
+from recon.ground import ground_plane, upright
+from recon.hull import sampled
+from recon.mat import Mat, detect_tags
+from recon.photos import Photo
+from recon.scale import Box, blank_box
+from recon.similarity import moved, robust_similarity
+
+TRUSTED_SHARE = 0.6
+FEWEST_CORNERS = 16
+FEWEST_POINTS = 200
+MOST_POINTS = 60000
+SEED = 1
+
+
+def fruit_points(
+    maps: PointMaps, photos: Sequence[Photo], *, mat: Mat | None, height_mm: float | None
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], float]:
+    """Points of the fruit's skin in mm (z up, ground at z = 0), their outward normals, and the relative scale
+    error.
+
+    The more trusted 60 % of the points count. With a mat, the tag corners' points fix the similarity to the
+    mat's frame; without it, the ground's plane fixes z and the fruit's height the scale (settled later on the
+    mesh). Raises ReconFailure: mat-not-found (fewer than four tags seen), no-overlap (no ground), no-fruit.
+    """
+    normals = _grid_normals(maps.points)
+    usable = np.isfinite(maps.confidence)
+    trusted = usable & (maps.confidence >= np.quantile(maps.confidence[usable], 1 - TRUSTED_SHARE))
+    if mat is not None:
+        world, scale_sd = _world_from_tags(maps, photos, mat)
+        box = blank_box(mat)
+    else:
+        world, box = _world_from_ground(maps.points[trusted], height_mm or 1.0)
+        scale_sd = float("inf")
+    points = moved(maps.points, world)
+    turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
+    standing = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
+    if standing.sum() < FEWEST_POINTS:
+        raise ReconFailure(
+            ReconProblem.NO_FRUIT,
+            f"Only {int(standing.sum())} of the geometry model's trusted points stand over the ground where "
+            f"the fruit "
+            "should be; check the photos, or leave the model out.",
+        )
+    found, outward = points[standing], normals[standing] @ turn.T
+    if len(found) > MOST_POINTS:
+        pick = np.random.default_rng(SEED).choice(len(found), MOST_POINTS, replace=False)
+        found, outward = found[pick], outward[pick]
+    return found, outward, scale_sd
+
+
+def _world_from_tags(
+    maps: PointMaps, photos: Sequence[Photo], mat: Mat
+) -> tuple[Float[np.ndarray, "4 4"], float]:
+    seen, printed = [], []
+    for view, photo in enumerate(photos):
+        tags, corners = detect_tags(photo.image, mat)
+        for tag, pixels in zip(tags.tolist(), corners, strict=True):
+            picture = maps.points[view].astype(np.float32)
+            seen.append(sampled(picture, maps.cells_of(view, pixels), outside=float("nan")))
+            printed.append(mat.corners_mm[tag])
+    source = np.concatenate(seen) if seen else np.empty((0, 3))
+    target = np.concatenate(printed) if printed else np.empty((0, 3))
+    known = np.isfinite(source).all(axis=1)
+    if known.sum() < FEWEST_CORNERS:
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"{len(printed)} tags of the mat were seen in {len(photos)} photos; at least 4 must be to align "
+            f"the model.",
+        )
+    T, away = robust_similarity(source[known].astype(float), target[known])
+    spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))
+    return T, float(np.sqrt(np.mean(away**2))) / spread
+
+
+def _world_from_ground(
+    points: Float[np.ndarray, "n 3"], height_mm: float
+) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    rng = np.random.default_rng(SEED)
+    some = points[rng.choice(len(points), min(4000, len(points)), replace=False)]
+    size = float(np.median(np.linalg.norm(some - np.median(some, axis=0), axis=1)))
+    middle, up = ground_plane(some, tolerance=0.02 * size, above=None, rng=rng)
+    height = (some - middle) @ up
+    over = some[height > 0.1 * max(float(np.percentile(height, 99)), 1e-9)]
+    foot = np.median(over, axis=0)
+    foot = foot - ((foot - middle) @ up) * up
+    T = upright(up, foot, np.roll(up, 1) + 0.1)
+    standing = moved(over, T)
+    tall = float(np.percentile(standing[:, 2], 99))
+    wide = float(np.percentile(np.hypot(standing[:, 0], standing[:, 1]), 90))
+    T[:3] *= height_mm / tall
+    half = 1.7 * height_mm / tall * max(wide, 0.5 * tall)
+    return T, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))
+
+
+def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s h w 3"]:
+    """Normals towards the camera, from the neighbours to the right and below."""
+    right = np.gradient(points, axis=2)
+    down = np.gradient(points, axis=1)
+    normal = np.cross(down, right)
+    return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))
+
+
+def _inside(points: Float[np.ndarray, "*n 3"], box: Box) -> Bool[np.ndarray, "*n"]:
+    return np.asarray(((points >= box[0]) & (points <= box[1])).all(axis=-1))
