@@ -48,8 +48,9 @@ def grade(
     batch: BatchArgument,
     out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
     jobs: Annotated[
-        int, typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core")
-    ] = 0,
+        int | None,
+        typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core"),
+    ] = None,
     time_limit: Annotated[
         float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
     ] = 1800,

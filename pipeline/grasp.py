@@ -100,7 +100,7 @@ def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
     path = closing * grasp.recording.aperture_mm
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in grasp.contact.pads], axis=0)
     first = int(np.argmax(touched))
-    travel = path - path[max(first - 1, 0)]
+    travel = path - path[first]
     return [
         CurveRecord(
             pad=pad.name,
