@@ -1,0 +1,153 @@
+"""A textured egg on a marker mat on a table, seen by ray casting: photos whose truth is known in closed form."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from recon.camera import Camera
+from recon.mat import Mat, standard_mat, tag_bits
+from recon.photos import Photo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Egg:
+    """An ellipsoid that stands on z = 0 (semi-axes in mm)."""
+
+    semi_mm: tuple[float, float, float] = (27.0, 25.0, 24.0)
+    x_mm: float = 2.0
+    y_mm: float = -1.5
+
+    @property
+    def centre(self) -> np.ndarray:
+        return np.array([self.x_mm, self.y_mm, self.semi_mm[2]])
+
+    @property
+    def volume_mm3(self) -> float:
+        return float(4 / 3 * np.pi * np.prod(self.semi_mm))
+
+    def misses_mm(self, points: np.ndarray) -> np.ndarray:
+        """Signed distance to first order, positive outside."""
+        local = (points - self.centre) / np.array(self.semi_mm)
+        size = np.linalg.norm(local, axis=1)
+        return (size - 1) * size / np.linalg.norm(local / np.array(self.semi_mm), axis=1)
+
+
+def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) -> list[Camera]:
+    """Cameras at three heights around the mat, all looking at the fruit's middle."""
+    cameras = []
+    for i in range(count):
+        azimuth = 2 * np.pi * i / count * (1 if count < 8 else 3) + 0.1 * i
+        elevation = np.radians([20.0, 38.0, 60.0][i % 3])
+        ahead = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+        place = np.array([0.0, 0.0, 22.0]) - (280.0 + 5 * (i % 4)) * ahead
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+        pose[:3, 3] = -pose[:3, :3] @ place
+        cameras.append(
+            Camera(
+                name=f"{i:03d}.png",
+                width_px=width,
+                height_px=height,
+                focal_px=1.5 * width,
+                k1=k1,
+                cam_from_world=pose,
+            )
+        )
+    return cameras
+
+
+def photographed(cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, seed: int = 0) -> list[Photo]:
+    """What the cameras see, four rays a pixel, with a little noise."""
+    rng = np.random.default_rng(seed)
+    print_ = _printed(mat or standard_mat()) if mat is not None else None
+    wood = cv2.GaussianBlur(rng.normal(0, 1, (700, 700)), (0, 0), 1.5)
+    wood = wood / wood.std()
+    waves = rng.normal(size=(24, 3)) * np.repeat([0.25, 0.7, 1.6], 8)[:, None]
+    phases = rng.uniform(0, 2 * np.pi, 24)
+    photos = []
+    for camera in cameras:
+        image = _seen(camera, egg, print_, wood, waves, phases)
+        image = image + rng.normal(0, 1.5, image.shape)
+        photos.append(Photo(camera.name, np.clip(image + 0.5, 0, 255).astype(np.uint8)))
+    return photos
+
+
+def point_map(camera: Camera, egg: Egg, rows: int, columns: int) -> np.ndarray:
+    """The world point that each cell of a coarse grid sees."""
+    v, u = np.mgrid[:rows, :columns]
+    pixels = np.stack([(u + 0.5) * camera.width_px / columns, (v + 0.5) * camera.height_px / rows], axis=-1) - 0.5
+    start, rays = _rays(camera, pixels.reshape(-1, 2))
+    along = np.minimum(_onto_egg(start, rays, egg), _onto_ground(start, rays))
+    return (start + np.minimum(along, 2000.0)[:, None] * rays).reshape(rows, columns, 3)
+
+
+def _rays(camera: Camera, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    bent = (pixels - camera.middle_px) / camera.focal_px
+    xy = bent.copy()
+    for _ in range(5):
+        xy = bent / (1 + camera.k1 * np.sum(xy**2, axis=1, keepdims=True))
+    rays = np.column_stack([xy, np.ones(len(xy))]) @ camera.cam_from_world[:3, :3]
+    return camera.place, rays / np.linalg.norm(rays, axis=1, keepdims=True)
+
+
+def _onto_egg(start: np.ndarray, rays: np.ndarray, egg: Egg) -> np.ndarray:
+    o, d = (start - egg.centre) / egg.semi_mm, rays / egg.semi_mm
+    a, b, c = np.sum(d * d, axis=1), d @ o, o @ o - 1
+    under = b * b - a * c
+    return np.where(under > 0, (-b - np.sqrt(np.maximum(under, 0))) / a, np.inf)
+
+
+def _onto_ground(start: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    return np.where(rays[:, 2] < -1e-6, start[2] / np.maximum(-rays[:, 2], 1e-6), np.inf)
+
+
+def _printed(mat: Mat, px_per_mm: int = 4) -> np.ndarray:
+    page = np.full((round(mat.height_mm * px_per_mm), round(mat.width_mm * px_per_mm)), 225, np.uint8)
+    for tag, corners in mat.corners_mm.items():
+        x0, y0 = (corners[0, :2] * [1, -1] + [mat.width_mm / 2, mat.height_mm / 2]) * px_per_mm
+        side = round(mat.tag_mm * px_per_mm)
+        bits = tag_bits(mat.dictionary, tag).astype(np.uint8) * 190 + 35
+        drawn = cv2.resize(bits, (side, side), interpolation=cv2.INTER_NEAREST)
+        page[round(y0) : round(y0) + side, round(x0) : round(x0) + side] = drawn
+    return page
+
+
+def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:
+    rows, columns = camera.height_px * fine, camera.width_px * fine
+    v, u = np.mgrid[:rows, :columns]
+    pixels = (np.stack([u, v], axis=-1).reshape(-1, 2) + 0.5) / fine - 0.5
+    start, rays = _rays(camera, pixels)
+    ground = _onto_ground(start, rays)
+    far = ground > 3000
+    spot = (start + np.where(far, 0.0, ground)[:, None] * rays)[:, :2]
+    grain = cv2.remap(
+        wood, (spot[:, 0] + 350).astype(np.float32).reshape(rows, columns),
+        (spot[:, 1] + 350).astype(np.float32).reshape(rows, columns), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP,
+    ).ravel()  # fmt: skip
+    colour = np.array([70.0, 105.0, 140.0]) + 14 * grain[:, None]
+    colour[far] = [120.0, 115.0, 110.0]
+    if page is not None:
+        scale = 4.0
+        at = spot * [scale, -scale] + [page.shape[1] / 2 - 0.5, page.shape[0] / 2 - 0.5]
+        ink = cv2.remap(
+            page, at[:, 0].astype(np.float32).reshape(rows, columns), at[:, 1].astype(np.float32).reshape(rows, columns),
+            cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0,
+        ).ravel()  # fmt: skip
+        on = (ink > 0) & ~far
+        colour[on] = ink[on, None] * np.array([0.95, 0.98, 1.0])
+    if egg is not None:
+        along = _onto_egg(start, rays, egg)
+        hit = along < np.inf
+        place = start + along[hit, None] * rays[hit]
+        normal = (place - egg.centre) / np.array(egg.semi_mm) ** 2
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        pattern = np.sin((place - egg.centre) @ waves.T * 0.5 + phases).sum(axis=1) / 3.5
+        light = 0.62 + 0.38 * np.clip(normal @ np.array([0.3, 0.2, 0.93]), 0, 1)
+        skin = np.array([45.0, 60.0, 170.0]) + np.array([8.0, 26.0, 20.0]) * pattern[:, None]
+        colour[hit] = skin * light[:, None]
+    linear = (np.clip(colour, 0, 255) / 255) ** 2.2
+    mixed = linear.reshape(camera.height_px, fine, camera.width_px, fine, 3).mean((1, 3))
+    return 255 * mixed ** (1 / 2.2)

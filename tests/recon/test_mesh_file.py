@@ -1,0 +1,55 @@
+"""Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
+
+import numpy as np
+import pytest
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.hull import ball
+from recon.mesh_file import read_mesh, write_mesh
+
+
+def test_ply_round_trip_is_exact(tmp_path):
+    vertices, faces = ball(2)
+    write_mesh(tmp_path / "a.ply", vertices, faces)
+    again, same = read_mesh(tmp_path / "a.ply")
+    assert np.array_equal(again, vertices)
+    assert np.array_equal(same, faces)
+
+
+def test_text_ply_obj_and_stl_are_read(tmp_path):
+    ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    ply += "element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    (tmp_path / "a.ply").write_text(ply)
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1 2/2 4/4 3/3\n")
+    corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (0, 1)))
+    (tmp_path / "a.stl").write_text(f"solid a\nfacet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\nendsolid\n")
+    assert [len(read_mesh(tmp_path / f"a.{s}")[1]) for s in ("ply", "obj", "stl")] == [1, 2, 1]
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.ply", b"ply\nformat ascii 1.0\n", "no PLY header"),
+        ("a.xyz", b"", "expected one of .ply, .stl, .obj"),
+        ("a.obj", b"v 0 0 0\nf 1 2 3\n", "names vertex"),
+        ("a.obj", b"# nothing\n", "holds 0 vertices"),
+        ("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "no number"),
+    ],
+)
+def test_a_broken_mesh_is_named(tmp_path, name, data, words):
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(ReconFailure, match=words) as caught:
+        read_mesh(tmp_path / name)
+    assert caught.value.problem is ReconProblem.UNREADABLE_MESH
+    assert name in str(caught.value)
+
+
+def test_a_truncated_or_missing_file_is_named(tmp_path):
+    vertices, faces = ball(1)
+    path = tmp_path / "cut.ply"
+    write_mesh(path, vertices, faces)
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(ReconFailure, match=r"cut\.ply is broken"):
+        read_mesh(path)
+    with pytest.raises(ReconFailure, match="cannot be opened"):
+        read_mesh(tmp_path / "none.ply")

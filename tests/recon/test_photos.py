@@ -1,0 +1,68 @@
+"""Photos: whole ones are read, shrunk and their EXIF focal length kept; broken ones are named."""
+
+import struct
+
+import cv2
+import numpy as np
+import pytest
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.photos import exif_focal_px, read_photo, read_photos
+
+
+@pytest.fixture
+def folder(tmp_path):
+    image = np.random.default_rng(0).integers(0, 255, (60, 80, 3), dtype=np.uint8)
+    for i in range(3):
+        cv2.imwrite(str(tmp_path / f"{i}.jpg"), image)
+    return tmp_path
+
+
+def test_photos_come_by_name_without_other_files(folder):
+    (folder / "notes.txt").write_text("x")
+    assert [p.name for p in read_photos(folder)] == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda data: data[: len(data) // 2], "cut short"),
+        (lambda data: b"", "is empty"),
+        (lambda data: b"not a picture", "no picture"),
+    ],
+)
+def test_a_corrupt_photo_is_named(folder, spoil, words):
+    path = folder / "1.jpg"
+    path.write_bytes(spoil(path.read_bytes()))
+    with pytest.raises(ReconFailure, match=rf"1\.jpg .*{words}") as caught:
+        read_photos(folder)
+    assert caught.value.problem is ReconProblem.UNREADABLE_PHOTO
+
+
+def test_two_photos_are_too_few(folder):
+    (folder / "2.jpg").unlink()
+    with pytest.raises(ReconFailure, match="holds 2 photos; a shape needs at least 3") as caught:
+        read_photos(folder)
+    assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
+
+
+def test_big_photos_shrink_with_their_focal_length(tmp_path):
+    path = tmp_path / "big.jpg"
+    cv2.imwrite(str(path), np.zeros((300, 400, 3), np.uint8))
+    path.write_bytes(_with_exif(path.read_bytes(), focal_35mm=27))
+    photo = read_photo(path, longest_side_px=200)
+    assert photo.image.shape == (150, 200, 3)
+    assert photo.focal_px == pytest.approx(27 / 36 * 200)
+
+
+def test_exif_is_never_needed():
+    assert exif_focal_px(b"\xff\xd8 nothing here", longest_px=100) is None
+    assert exif_focal_px(b"Exif\x00\x00II*\x00\xff\xff\xff\x00", longest_px=100) is None
+
+
+def _with_exif(jpeg: bytes, *, focal_35mm: int) -> bytes:
+    head = b"II*\x00" + struct.pack("<I", 8)
+    first = struct.pack("<H", 1) + struct.pack("<HHII", 0x8769, 4, 1, 26) + struct.pack("<I", 0)
+    second = struct.pack("<H", 1) + struct.pack("<HHIHH", 0xA405, 3, 1, focal_35mm, 0) + struct.pack("<I", 0)
+    body = b"Exif\x00\x00" + head + first + second
+    return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + jpeg[2:]

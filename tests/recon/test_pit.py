@@ -1,0 +1,93 @@
+"""The pit: where the prior puts it, how it is cut out, and what is refused."""
+
+import numpy as np
+import pytest
+
+from recon.closed import open_edges, volume_mm3
+from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_frame import to_fruit_frame
+from recon.hull import ball
+from recon.pit import embed_pit, place_pit
+from recon.priors import known_categories, load_prior
+
+
+@pytest.fixture
+def fruit():
+    vertices, faces = ball(4)
+    return to_fruit_frame(vertices * [30.0, 28.0, 27.0])[0], faces
+
+
+def test_the_pit_has_the_priors_axes_and_volume(fruit):
+    prior = load_prior("nectarine")
+    vertices, faces = place_pit(*fruit, prior)
+    a, b, c = np.array(prior.axis_ratios) * np.ptp(fruit[0], axis=0) / 2
+    assert volume_mm3(vertices, faces) == pytest.approx(4 / 3 * np.pi * a * b * c, rel=1e-3)
+    middle = (fruit[0].max(axis=0) + fruit[0].min(axis=0)) / 2
+    assert np.allclose(vertices.mean(axis=0), middle + np.array(prior.raised) * np.ptp(fruit[0], axis=0) / 2, atol=0.01)
+
+
+def test_flesh_is_fruit_less_pit(fruit):
+    vertices, faces = place_pit(*fruit, load_prior("nectarine"))
+    embedded = embed_pit(*fruit, vertices, faces)
+    assert open_edges(embedded.faces) == 0
+    flesh = volume_mm3(*fruit) - volume_mm3(vertices, faces)
+    assert embedded.flesh_volume_mm3 == pytest.approx(flesh, rel=1e-9)
+    assert volume_mm3(embedded.vertices, embedded.faces) == pytest.approx(flesh, rel=1e-9)
+    assert volume_mm3(embedded.vertices, embedded.faces[embedded.on_pit]) < 0
+    assert embedded.on_pit.sum() == len(faces)
+
+
+def test_thinnest_flesh_of_two_balls():
+    vertices, faces = ball(4)
+    embedded = embed_pit(20 * vertices, faces, 8 * vertices + [3.0, 0.0, 0.0], faces)
+    assert embedded.thinnest_flesh_mm == pytest.approx(9.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("grow", "shift", "words"),
+    [(4.0, 0.0, "is larger than the fruit"), (1.0, 25.0, "of the pit lies outside the fruit"), (1.0, 13.9, "at its thinnest")],
+)
+def test_a_pit_that_does_not_fit_is_refused(grow, shift, words):
+    vertices, faces = ball(3)
+    with pytest.raises(ReconFailure, match=words) as caught:
+        embed_pit(24 * vertices, faces, 10 * grow * vertices + [shift, 0, 0], faces)
+    assert caught.value.problem is ReconProblem.PIT_OUTSIDE_FRUIT
+
+
+def test_open_and_inside_out_meshes_are_refused(fruit):
+    vertices, faces = fruit
+    pit = place_pit(vertices, faces, load_prior("plum"))
+    with pytest.raises(ReconFailure, match="fruit's mesh is not watertight: 3 edges") as caught:
+        embed_pit(vertices, faces[:-1], *pit)
+    assert caught.value.problem is ReconProblem.NOT_WATERTIGHT
+    with pytest.raises(ReconFailure, match="inside out"):
+        embed_pit(vertices, faces[:, ::-1], *pit)
+
+
+def test_every_shipped_prior_loads_with_sources_and_fits_a_fruit(fruit):
+    assert known_categories() == ("apricot", "cherry", "nectarine", "peach", "plum")
+    for category in known_categories():
+        prior = load_prior(category)
+        assert set(prior.sources) >= {"axis_ratios", "poisson_ratio", "offset_sd_mm", "size_sd"}
+        assert embed_pit(*fruit, *place_pit(*fruit, prior)).thinnest_flesh_mm > 3
+
+
+def test_a_category_without_prior_is_named():
+    with pytest.raises(ReconFailure, match="no pit prior for 'mango'; known are apricot, cherry") as caught:
+        load_prior("mango")
+    assert caught.value.problem is ReconProblem.NO_PRIOR
+
+
+def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
+    path = tmp_path / "mine.toml"
+    good = 'axis_ratios = { value = [0.4, 0.3, 0.5], source = "own" }\nraised = { value = [0, 0, 0], source = "own" }\n'
+    good += "".join(
+        f'{k} = {{ value = {v}, source = "own" }}\n'
+        for k, v in {"exponent": 2, "offset_sd_mm": 0.5, "size_sd": 0.05, "poisson_ratio": 0.45}.items()
+    )
+    path.write_text(good)
+    assert load_prior(path).category == "mine"
+    path.write_text(good.replace("0.45", "0.5"))
+    with pytest.raises(ReconFailure, match=r"mine\.toml: poisson_ratio is .* expected") as caught:
+        load_prior(path)
+    assert caught.value.problem is ReconProblem.BAD_PRIOR

@@ -1,0 +1,75 @@
+"""Poses from a mat: planted cameras come back, bad sets are refused with their reason."""
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+
+from recon.camera import straightened
+from recon.failure import ReconFailure, ReconProblem
+from recon.mat import standard_mat
+from recon.photos import Photo
+from recon.poses import cameras_from_mat
+
+
+@pytest.fixture(scope="module")
+def bent():
+    cameras = ring(7, width=640, height=480, k1=-0.06)
+    return cameras, photographed(cameras, egg=Egg(), mat=standard_mat())
+
+
+def test_focal_length_distortion_and_places_come_back_without_exif(bent):
+    cameras, photos = bent
+    poses = cameras_from_mat(photos, standard_mat())
+    assert len(poses.cameras) == len(cameras)
+    assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=3e-3)
+    assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=0.02)
+    for found, true in zip(poses.cameras, cameras, strict=True):
+        assert np.linalg.norm(found.place - true.place) < 1.0
+    assert poses.reprojection_px < 0.5
+
+
+def test_error_bars_cover_the_truth(bent):
+    cameras, photos = bent
+    poses = cameras_from_mat(photos, standard_mat())
+    assert abs(poses.cameras[0].focal_px - cameras[0].focal_px) < 4 * poses.focal_sd_px
+    assert poses.scale_sd < 2e-3
+
+
+def test_a_straightened_photo_obeys_the_pinhole(bent):
+    cameras, photos = bent
+    image, plain = straightened(photos[0], cameras[0])
+    assert plain.k1 == 0.0
+    corner = standard_mat().corners_mm[0][:1]
+    u, v = np.rint(plain.project(corner)[0]).astype(int)
+    assert image[v - 4 : v + 5, u - 4 : u + 5].std() > 20
+
+
+def test_same_photos_give_the_same_poses(bent):
+    _, photos = bent
+    first, second = (cameras_from_mat(photos, standard_mat()) for _ in range(2))
+    assert np.array_equal(first.cameras[2].cam_from_world, second.cameras[2].cam_from_world)
+
+
+def test_no_tag_anywhere_is_mat_not_found():
+    grey = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
+    with pytest.raises(ReconFailure, match=r"No marker of the mat .* 4 photos") as caught:
+        cameras_from_mat(grey, standard_mat())
+    assert caught.value.problem is ReconProblem.MAT_NOT_FOUND
+
+
+def test_two_photos_with_tags_are_too_few(bent):
+    _, photos = bent
+    grey = [Photo(f"g{i}.png", np.full((480, 640, 3), 90, np.uint8)) for i in range(4)]
+    with pytest.raises(ReconFailure, match=r"Only 2 of 6 photos show at least 4 tags") as caught:
+        cameras_from_mat([*photos[:2], *grey], standard_mat())
+    assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
+
+
+def test_a_mat_of_another_layout_is_refused(bent):
+    _, photos = bent
+    shuffled = standard_mat()
+    other = dict(zip(shuffled.corners_mm, reversed(list(shuffled.corners_mm.values())), strict=True))
+    wrong = type(shuffled)(shuffled.dictionary, other, shuffled.width_mm, shuffled.height_mm)
+    mirrored = [Photo(p.name, np.ascontiguousarray(p.image[:, ::-1])) for p in photos]
+    with pytest.raises(ReconFailure):
+        cameras_from_mat(mirrored, wrong)
