@@ -74,6 +74,10 @@ class FruitEntry:
     """What to do next; where empty, the page says what it knows of the outcome's code."""
     rank: int | None = None
     """1 is the softest; None where there is no modulus."""
+    rank_probability: float | None = None
+    rank_low: int | None = None
+    rank_high: int | None = None
+    """The true rank is `rank` with `rank_probability`, and from `rank_low` to `rank_high` with 90 %."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
     maturity: str | None = None

@@ -23,6 +23,9 @@ RANKING_COLUMNS = (
     "shore_oo",
     "mismatch",
     "reason",
+    "rank_probability",
+    "rank_low",
+    "rank_high",
     "warnings",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
@@ -58,6 +61,9 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "shore_oo": _decimals(fruit.shore_oo, places=2),
         "mismatch": safe_cell(fruit.mismatch),
         "reason": safe_cell(fruit.reason),
+        "rank_probability": _decimals(fruit.rank_probability, places=4),
+        "rank_low": fruit.rank_low,
+        "rank_high": fruit.rank_high,
         "warnings": safe_cell("; ".join(fruit.warnings)),
     }
 
