@@ -26,9 +26,8 @@ def _superlu(matrix: csr_array) -> Solve:
     rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
     off = rows != pattern.indices  # the ordering wants a graph without loops
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows[off], minlength=pattern.shape[0]))])
-    _, order = pymetis.nested_dissection(
-        xadj=starts.astype(np.int64), adjncy=pattern.indices[off].astype(np.int64)
-    )
+    graph = pymetis.CSRAdjacency(starts.astype(np.int64), pattern.indices[off].astype(np.int64))
+    _, order = pymetis.nested_dissection(graph)
     back = np.asarray(order)
     forward = np.argsort(back)
     permuted = csc_array(pattern[forward][:, forward])

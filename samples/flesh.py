@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial.transform import Rotation
 
+from samples.failure import NotInEquilibrium
 from samples.hexahedra import Bricks, lagrange
 
 Law = Literal["neo-hookean", "linear"]
@@ -50,7 +51,7 @@ class Flesh:
         return u
 
     def excess(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-        """Internal force less `stiffness @ q` (zero under the linear law), the moment about the pit's centre."""
+        """Internal force less `stiffness @ q` (zero under the linear law); moment about the pit's centre."""
         if self.law == "linear":
             return np.zeros_like(q)
         u = self.displacement(q)
@@ -71,6 +72,8 @@ class Flesh:
         grad = np.matmul(self.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), local)
         F = grad.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2) + np.eye(3)
         J = np.linalg.det(F)
+        if J.min() <= 0:
+            raise NotInEquilibrium("a brick of the sample's flesh was turned inside out: take shorter steps")
         inverse_t = np.linalg.inv(F).transpose(0, 1, 3, 2)
         P = self.mu_MPa * (F - inverse_t) + self.lam_MPa * np.log(J)[..., None, None] * inverse_t
         P *= self.volumes[..., None, None]

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.contact import Gel, at_markers
+from samples.failure import NotInEquilibrium
 from samples.flesh import Law, flesh_of
 from samples.fruit import SampleFruit
 from samples.grasp_plan import Hold, Programme
@@ -58,10 +59,24 @@ def simulate(
         elif travel == travels[k - 1]:
             moments.append(moments[-1])
         else:
-            moments.append(step(squeeze, moments[-1], hold.origins(travel)))
+            moments.append(_moved(squeeze, moments[-1], hold, travels[k - 1], travel))
         if progress is not None:
             progress(f"{fruit.fruit_id}: frame {k + 1} of {len(travels)}")
     return _recorded(fruit, hold, programme, squeeze, tuple(moments), noise or SensorNoise(), rng)
+
+
+def _moved(
+    squeeze: Squeeze, before: Moment, hold: Hold, from_mm: float, to_mm: float, *, halvings: int = 3
+) -> Moment:
+    """One frame on; a step that does not converge is taken in two."""
+    try:
+        return step(squeeze, before, hold.origins(to_mm))
+    except NotInEquilibrium:
+        if halvings == 0:
+            raise
+    middle = (from_mm + to_mm) / 2
+    halfway = _moved(squeeze, before, hold, from_mm, middle, halvings=halvings - 1)
+    return _moved(squeeze, halfway, hold, middle, to_mm, halvings=halvings - 1)
 
 
 def marker_grid() -> Float[np.ndarray, "400 3"]:
@@ -129,4 +144,10 @@ def _marker_shift(
     values = np.concatenate([carried, anchors.position_mm[:, 2:]], axis=1)
     seen = at_markers(rest_mm[:, :2], anchors.gel_point_mm, values, squeeze.faces[side].cells)
     touches = np.nan_to_num(seen[:, 2], nan=1.0) < 0
-    return np.where(touches[:, None], seen, 0.0)
+    shift = np.where(touches[:, None], seen, 0.0)
+    gel = squeeze.gel
+    reach = -gel.friction * gel.kn_MPa_per_mm / gel.kt_MPa_per_mm * shift[:, 2]
+    size = np.linalg.norm(shift[:, :2], axis=1)
+    # between nodes, too, the shear stays within the cone
+    shift[:, :2] *= np.minimum(1.0, reach / np.maximum(size, 1e-12))[:, None]
+    return shift

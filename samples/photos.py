@@ -49,6 +49,8 @@ def write_photos(
 
     The same fruit and options give the same pictures. Raises RendererMissing.
     """
+    _mitsuba()
+    _denoiser()
     folder.mkdir(parents=True, exist_ok=True)
     low, high = box_mm(fruit.skin)
     rng = np.random.default_rng([fruit.seed, 3])
