@@ -23,21 +23,25 @@ class Surface:
         """The surface's point next to each point."""
         return closest_on_triangles(points_mm, self.vertices_mm, self.faces).point_mm
 
-    def must_enclose(self, other: "Surface") -> None:
-        """Raise PIT_OUTSIDE_FRUIT where a vertex of the other surface lies outside this one."""
-        near = closest_on_triangles(other.vertices_mm, self.vertices_mm, self.faces)
-        a, b, c = np.moveaxis(self.vertices_mm[self.faces[near.face]], 1, 0)
-        normal = np.cross(b - a, c - a)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        out_mm = np.einsum("px,px->p", other.vertices_mm - near.point_mm, normal)
-        worst = int(out_mm.argmax())
-        if out_mm[worst] >= 0:
-            where = ", ".join(f"{x:.1f}" for x in other.vertices_mm[worst])
-            raise FemFailure(
-                FemProblem.PIT_OUTSIDE_FRUIT,
-                f"the {other.name} pokes {out_mm[worst]:.2f} mm out of the {self.name} at ({where}) mm; "
-                "check the pit prior and the scale of the scan",
-            )
+
+def must_enclose(
+    skin: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]], pit_vertices_mm: Float[np.ndarray, "w 3"]
+) -> None:
+    """Raise PIT_OUTSIDE_FRUIT where a vertex of the pit lies outside the closed, outward-oriented skin."""
+    vertices_mm, faces = skin
+    near = closest_on_triangles(pit_vertices_mm, vertices_mm, faces)
+    a, b, c = np.moveaxis(vertices_mm[faces[near.face]], 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    out_mm = np.einsum("px,px->p", pit_vertices_mm - near.point_mm, normal)
+    worst = int(out_mm.argmax())
+    if out_mm[worst] >= 0:
+        where = ", ".join(f"{x:.1f}" for x in pit_vertices_mm[worst])
+        raise FemFailure(
+            FemProblem.PIT_OUTSIDE_FRUIT,
+            f"the pit pokes {out_mm[worst]:.2f} mm out of the fruit at ({where}) mm; "
+            "check the pit prior and the scale of the scan",
+        )
 
 
 def checked_surface(

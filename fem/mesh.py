@@ -6,16 +6,18 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.closed_surface import Surface, checked_surface, split_boundary
+from fem.closed_surface import Surface, checked_surface, must_enclose, split_boundary
 from fem.curve import pull, t4_jacobians, t10_jacobians
 from fem.elements import TET_FACES, t6_gradient, t6_shape, t10_gradient, tet_quadrature, tri_quadrature
 from fem.failure import FemFailure, FemProblem
-from fem.refine import SizeField, bisect_once, size_near
+from fem.refine import PASSES, SizeField, affordable_size, bisect_once
 from fem.tets import boundary_faces, with_mid_edges
 from fem.tetwild import fill, simplified
 
 #: largest relative change of the fruit's or the pit's volume that a mesh may bring
 VOLUME_TOLERANCE = 3e-3
+#: edges on the pit, and how far the mesher may stray from the surfaces it is given, as shares of edge_mm
+PIT_SHARE, ENVELOPE_SHARE = 0.65, 0.025
 
 
 @dataclass(frozen=True)
@@ -54,11 +56,13 @@ def tetrahedralise(
     refine_at_mm: Float[np.ndarray, "q 3"] | None = None,
     refine_radius_mm: float = 2.0,
     refine_edge_mm: float = 1.5,
+    dof_limit: int = 60_000,
     curved: bool = True,
 ) -> FleshMesh:
     """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
 
-    Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond.
+    Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond;
+    longer, where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.tetwild).
@@ -67,18 +71,19 @@ def tetrahedralise(
     INVERTED_ELEMENTS, VOLUME_LOST (found and wanted volumes are named).
     """
     outer = checked_surface(outer_vertices, outer_faces, name="fruit")
-    pit = None
+    skin = simplified(outer.vertices_mm, outer.faces, edge_mm=edge_mm)
+    pit, surfaces = None, [skin]
     if pit_vertices is not None and pit_faces is not None:
         pit = checked_surface(pit_vertices, pit_faces, name="pit")
-        outer.must_enclose(pit)
-    surfaces = [simplified(outer.vertices_mm, outer.faces, edge_mm=edge_mm)]
-    if pit is not None:
-        v, f = simplified(pit.vertices_mm, pit.faces, edge_mm=0.65 * edge_mm)
+        v, f = simplified(pit.vertices_mm, pit.faces, edge_mm=PIT_SHARE * edge_mm)
+        must_enclose(skin, v)
         surfaces.append((v, f[:, ::-1]))
-    nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=0.025 * edge_mm)
+    nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
     if refine_at_mm is not None and len(refine_at_mm):
-        size = size_near(refine_at_mm, radius_mm=refine_radius_mm, edge_mm=refine_edge_mm)
+        size = affordable_size(
+            nodes, tets, refine_at_mm, radius_mm=refine_radius_mm, edge_mm=refine_edge_mm, dof_limit=dof_limit
+        )
         nodes, tets = _refined(nodes, tets, size, outer, pit)
     return _quadratic(nodes, tets, outer, pit, curved=curved)
 
@@ -87,7 +92,7 @@ def _refined(
     nodes: np.ndarray, tets: np.ndarray, size: SizeField, outer: Surface, pit: Surface | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Bisect until the size field is met, new boundary nodes pulled to the surfaces after every pass."""
-    for _ in range(12):
+    for _ in range(PASSES):
         before = len(nodes)
         nodes, tets = bisect_once(nodes, tets, size)
         if len(nodes) == before:
@@ -114,7 +119,7 @@ def _quadratic(
     """Mid-edge nodes, the boundary as T6 faces, and the proof that shape and volumes hold."""
     n_corners = len(nodes)
     nodes, tets10 = with_mid_edges(nodes, tets)
-    _, (owner, face) = (lambda pair: (pair[0], pair[1].T))(boundary_faces(tets))
+    owner, face = boundary_faces(tets)[1].T
     faces6 = tets10[owner[:, None], TET_FACES[face]]
     skin, inner = split_boundary(nodes, faces6, with_pit=pit is not None)
     if curved:

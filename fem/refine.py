@@ -11,6 +11,8 @@ from fem.tets import unique_edges
 
 #: edges up to this many times the wanted length stay: halving then leaves them around it
 LONGEST = 1.5
+#: passes of bisection after which refinement stops at the latest
+PASSES = 12
 
 SizeField = Callable[[Float[np.ndarray, "p 3"]], Float[np.ndarray, " p"]]
 
@@ -26,6 +28,48 @@ def size_near(
         return edge_mm + growth * beyond
 
     return size_mm
+
+
+def affordable_size(
+    nodes_mm: Float[np.ndarray, "n 3"],
+    tets: Int[np.ndarray, "m 4"],
+    at_mm: Float[np.ndarray, "q 3"],
+    *,
+    radius_mm: float,
+    edge_mm: float,
+    dof_limit: int,
+) -> SizeField:
+    """`size_near` for the shortest edges, from edge_mm up, for which the T10 mesh keeps within dof_limit.
+
+    Tried out by bisection alone, about a tenth coarser each time. The limit gives way where the mesh without
+    refinement already exceeds it.
+    """
+    before = t10_dofs(tets)
+    while True:
+        size = size_near(at_mm, radius_mm=radius_mm, edge_mm=edge_mm)
+        nodes, finer = bisected(nodes_mm, tets, size)
+        found = t10_dofs(finer)
+        if found <= dof_limit or len(nodes) == len(nodes_mm):
+            return size
+        room = max(dof_limit - before, 0.02 * before)
+        edge_mm *= max(1.08, ((found - before) / room) ** 0.3)
+
+
+def t10_dofs(tets: Int[np.ndarray, "m 4"]) -> int:
+    """Degrees of freedom of the T10 mesh on these tetrahedra: three at every corner and edge."""
+    return 3 * (len(np.unique(tets)) + len(unique_edges(tets, TET_EDGES)[0]))
+
+
+def bisected(
+    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], size_mm: SizeField
+) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
+    """`bisect_once` until nothing is too long, at most PASSES times."""
+    for _ in range(PASSES):
+        before = len(nodes_mm)
+        nodes_mm, tets = bisect_once(nodes_mm, tets, size_mm)
+        if len(nodes_mm) == before:
+            break
+    return nodes_mm, tets
 
 
 def bisect_once(

@@ -2,21 +2,16 @@ import numpy as np
 import pytest
 from fem_shapes import cube_mesh
 
-from fem.refine import bisect_once, size_near
+from fem.refine import affordable_size, bisected, size_near, t10_dofs
 from fem.tets import boundary_faces, signed_volumes_mm3, smallest_dihedral_deg
 
 
-def refined(passes=10):
+def refined():
     nodes, tets = cube_mesh(2, uneven=0.2)
     tets = tets[:, :4]
     nodes = nodes[: tets.max() + 1]
     size = size_near(np.array([[0.0, 0.0, 0.0]]), radius_mm=0.1, edge_mm=0.06, growth=0.5)
-    for _ in range(passes):
-        before = len(nodes)
-        nodes, tets = bisect_once(nodes, tets, size)
-        if len(nodes) == before:
-            break
-    return nodes, tets
+    return bisected(nodes, tets, size)
 
 
 def test_bisection_fills_the_same_body_with_upright_elements():
@@ -34,7 +29,7 @@ def test_bisected_mesh_conforms():
 
 
 def test_edges_reach_the_wanted_length_and_no_angle_collapses():
-    nodes, tets = refined(30)
+    nodes, tets = refined()
     near = np.linalg.norm(nodes[tets].mean(axis=1), axis=1) < 0.12
     edges = np.linalg.norm(
         nodes[tets[near][:, [0, 0, 0, 1, 1, 2]]] - nodes[tets[near][:, [1, 2, 3, 2, 3, 3]]], axis=2
@@ -42,3 +37,20 @@ def test_edges_reach_the_wanted_length_and_no_angle_collapses():
     assert edges.max() < 0.1
     assert 0.03 < np.median(edges) < 0.08
     assert smallest_dihedral_deg(nodes, tets).min() > 8
+
+
+@pytest.mark.parametrize("dof_limit", [1500, 4000])
+def test_refinement_stays_within_the_dofs_allowed_and_uses_them(dof_limit):
+    nodes, tets = cube_mesh(2, uneven=0.2)
+    tets = tets[:, :4]
+    nodes = nodes[: tets.max() + 1]
+    size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=dof_limit)
+    assert 0.5 * dof_limit < t10_dofs(bisected(nodes, tets, size)[1]) <= dof_limit
+
+
+def test_refinement_gives_way_where_the_coarse_mesh_is_already_too_large():
+    nodes, tets = cube_mesh(2, uneven=0.2)
+    tets = tets[:, :4]
+    nodes = nodes[: tets.max() + 1]
+    size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=10)
+    assert len(bisected(nodes, tets, size)[1]) == len(tets)
