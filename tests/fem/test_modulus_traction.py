@@ -41,6 +41,16 @@ def test_the_correction_of_the_moment_is_small(field):
     assert np.abs(field.forces(force)[0] - plain).max() < 0.01 * np.abs(plain).max()
 
 
+def test_a_curved_traction_has_its_second_moment():
+    """Plain interpolation would make the bowl a sixth of a cell too wide in its square."""
+    rest = grid(9.0)
+    between, weights = marker_weights(rest, rest)
+    bowl = np.maximum(1 - (rest**2).sum(axis=1) / 49, 0.0) ** 3
+    total, second = bowl.sum(), bowl @ rest[:, 0] ** 2
+    assert (weights @ bowl) @ between[:, 0] ** 2 == pytest.approx(second, rel=1e-9)
+    assert (weights @ bowl).sum() == pytest.approx(total, rel=1e-12)
+
+
 def test_every_markers_force_is_spread_whole(field):
     np.testing.assert_allclose(np.asarray(field.weights.sum(axis=0)).ravel(), 1.0, atol=1e-12)
 
