@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from modulus_cases import history
 
+from fem.failure import FemFailure
 from fem.forward import UnitModulusSolid
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
@@ -32,7 +33,7 @@ class Setting:
 
     outer: Surface
     pit: Surface
-    edge_mm: float = 6.0
+    edge_mm: float = 5.0
     pad_edge_mm: float = 2.0
     fruit_from_fruit: Callable[[np.ndarray], np.ndarray] = lambda points: points
 
@@ -86,7 +87,7 @@ def variations(base: Setting) -> dict[str, Setting]:
     rng = np.random.default_rng(5)
     centre = base.pit[0].mean(axis=0)
     rows = {f"edge at pads {h} mm": replace(base, pad_edge_mm=h) for h in (3.0, 1.5)}
-    rows |= {f"edge inside {h} mm": replace(base, edge_mm=h) for h in (8.0, 4.5)}
+    rows |= {f"edge inside {h} mm": replace(base, edge_mm=h) for h in (6.5, 4.0)}
     rows |= {
         f"pit moved 0.5 mm along {axis}": replace(base, pit=(base.pit[0] + 0.5 * np.eye(3)[k], base.pit[1]))
         for k, axis in enumerate("xyz")
@@ -133,7 +134,11 @@ def main() -> None:
         print(name, "E", reference.round(4), "MPa", flush=True)
         for title, setting in variations(base).items():
             if args.only in title:
-                change = 100 * (moduli(setting, contacts, poisson_ratio=nu) / reference - 1)
+                try:
+                    change = 100 * (moduli(setting, contacts, poisson_ratio=nu) / reference - 1)
+                except FemFailure as failure:
+                    print(f"  {title:32s} {failure}", flush=True)
+                    continue
                 print(f"  {title:32s}", "  ".join(f"{c:+6.2f} %" for c in change), flush=True)
         for nu_other in (nu - 0.02, nu + 0.02):
             if args.only in "nu":

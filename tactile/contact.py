@@ -128,14 +128,7 @@ def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
-        raise TactileFailure(
-            TactileProblem.NEVER_TOUCHES,
-            f"{source}: pads/{pad.name}/force_N: found at most {total[peak]:.3g} N in {len(total)} "
-            "frames, noise "
-            f"of {noise_of_total:.3g} N, expected a contact; the pad never touches the fruit: record "
-            "the grasp again "
-            "and close the jaws further.",
-        )
+        raise _never_touches(pad.name, total, noise_of_total, source=source)
     touched = np.asarray(touching.any(axis=0))
     reach = cKDTree(pad.rest_mm[touched]).query(pad.rest_mm)[0]
     patch = np.asarray(reach) <= REACH_CELLS * spacing
@@ -155,6 +148,26 @@ def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
         displacement_noise=moved,
         force_noise=pushed,
     )
+
+
+def _never_touches(
+    pad: str, total_N: Float[np.ndarray, " t"], noise_N: float, *, source: str
+) -> TactileFailure:
+    """Of a pad that feels nothing, or that is pulled by the fruit, which is a sensor's sign."""
+    field = f"{source}: pads/{pad}/force_N"
+    if -total_N.min() > max(TOTAL_BEYOND_NOISE * noise_N, 1e-9):
+        detail = (
+            f"{field}: found a total of {total_N.min():.3g} N along the pad's z, expected a push "
+            "(positive z); the "
+            "forces are signed as the sensor feels them: write what the gel puts on the fruit."
+        )
+    else:
+        detail = (
+            f"{field}: found at most {total_N.max():.3g} N in {len(total_N)} frames, noise of "
+            f"{noise_N:.3g} N, "
+            "expected a contact; the pad never touches the fruit: record again and close the jaws further."
+        )
+    return TactileFailure(TactileProblem.NEVER_TOUCHES, detail)
 
 
 def _neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, list[list[int]]]:

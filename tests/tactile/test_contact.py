@@ -119,6 +119,25 @@ def test_one_pad_that_misses_is_named(planted):
         find_contact(replace(planted.recording, pads=(left, dead)), source="x")
 
 
+def test_forces_signed_as_the_sensor_feels_them_are_told_so(planted):
+    pads = tuple(replace(pad, force_N=-pad.force_N) for pad in planted.recording.pads)
+    with pytest.raises(TactileFailure, match="write what the gel puts on the fruit"):
+        find_contact(replace(planted.recording, pads=pads), source="x")
+
+
+def test_an_indenter_that_travels_further_loads(planted):
+    press = replace(
+        planted.recording,
+        loading="press",
+        support="base",
+        aperture_mm=-planted.recording.aperture_mm,
+        pads=(replace(planted.recording.pads[1], name="tip"),),
+    )
+    order = "".join(phase[0] for phase in find_contact(press, source="x").phase).strip("a")
+    assert order.startswith("lll")
+    assert order.endswith("uuu")
+
+
 def test_a_bare_indenter_is_not_graded_yet(planted):
     pose = planted.recording.pads[0].pose
     tip = IndenterPad(name="tip", pose=pose, force_z_N=np.ones(len(pose)), indenter="ball", radius_mm=3.0)
