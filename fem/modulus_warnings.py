@@ -6,7 +6,7 @@ from fem.modulus_frames import FrameModulus
 from fem.modulus_inputs import GraspHistory
 
 RESIDUAL_OVER_NOISE = 4.0
-"""A linear elastic fruit with a prior pit and a scanned surface leaves 1.3 to 2.6 times the markers' noise."""
+"""A linear elastic fruit with a prior pit and a scanned surface leaves 1.3 to 2.6 times the noise."""
 UNBALANCE = 0.05
 """Share of the force that two pads holding one fruit may differ by: marker noise and scale make 1 % or
 less."""

@@ -297,3 +297,18 @@ def test_grasps_that_agree_sharpen_and_grasps_that_do_not_widen(free_ball):
     assert apart.E_sd_MPa > 3 * together.E_sd_MPa
     assert "disagree" in apart.warnings[0]
     assert combine_grasps(found[:1]).E_MPa == pytest.approx(found[0].E_MPa)
+
+
+def test_the_budget_adds_up():
+    none = ErrorBudget(pit_offset_sd_mm=0.0, pit_size_sd=0.0, surface_sd_mm=0.0)
+    assert none.model_sd == pytest.approx(0.003)
+    assert replace(none, pit_size_sd=0.04).model_sd == pytest.approx(np.hypot(0.003, 0.01))
+    assert replace(none, poisson_ratio_sd=0.02).model_sd == pytest.approx(np.hypot(0.003, 0.021))
+
+
+def test_poisson_ratio_moves_the_modulus_as_the_budget_says(ball_mesh, free_ball):
+    other = UnitModulusSolid.factorise(ball_mesh, poisson_ratio=NU + 0.02, support="free")
+    here = estimate_modulus(grasp(), free_ball, budget=BUDGET)
+    there = estimate_modulus(grasp(), other, budget=BUDGET)
+    spread = replace(BUDGET, pit_offset_sd_mm=0, pit_size_sd=0, surface_sd_mm=0, poisson_ratio_sd=0.02)
+    assert 1 - there.E_MPa / here.E_MPa == pytest.approx(spread.model_sd, rel=0.35)
