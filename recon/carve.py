@@ -27,6 +27,18 @@ class Block:
         """Centres of the filled cells."""
         return np.asarray(self.low_mm + (np.argwhere(self.filled) + 0.5) * self.cell_mm)
 
+    @property
+    def standing_points(self) -> Float[np.ndarray, "n 3"]:
+        """Centres of the filled cells, and of a foot that tapers from them to the ground at 45 degrees.
+
+        The lowest part of a fruit hides the ground in every view, so that a first look takes it for the
+        ground.
+        """
+        foot = self.filled.copy()
+        for layer in range(foot.shape[2] - 2, -1, -1):
+            foot[:, :, layer] |= ndimage.binary_erosion(foot[:, :, layer + 1])
+        return np.asarray(self.low_mm + (np.argwhere(foot) + 0.5) * self.cell_mm)
+
 
 def carve(
     masks: Sequence[Bool[np.ndarray, "h w"]],

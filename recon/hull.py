@@ -130,7 +130,8 @@ def drawn(
     columns, rows = window.small_size_px
     picture = np.zeros((rows, columns), np.uint8)
     corners = np.rint(window.into_small(camera.project(vertices)) * 16).astype(np.int32)[faces]
-    flip = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) < 0
-    for triangle in corners[flip]:
+    (ax, ay), (bx, by) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    facing = ax.astype(np.int64) * by - ay.astype(np.int64) * bx < 0
+    for triangle in corners[facing]:
         cv2.fillConvexPoly(picture, triangle, 1, lineType=cv2.LINE_8, shift=4)
     return picture > 0

@@ -15,6 +15,7 @@ from recon.plate import Plate, plate_seen_by
 LIGHTNESS_WEIGHT = 0.4
 BINS = 24
 MOST_LOG_ODDS = 6.0
+UNSEEN_DENSITY = 1e-6
 
 
 @dataclass(frozen=True)
@@ -121,16 +122,16 @@ def colour_odds(
 ) -> Float[np.ndarray, "h w"]:
     """log p(colour | fruit) - log p(colour | behind), clipped to +-6.
 
-    Behind a pixel is the plate (Student's t with 3 degrees of freedom and scale `noise` about its colour)
-    nine times in ten where it is known, and the surroundings' palette otherwise.
+    Behind a pixel is the plate where it is known: Student's t with 7 degrees of freedom and scale `noise`
+    about its colour, and hardly ever (0.2 %) the surroundings' palette; that palette alone where the plate is
+    not known. The fruit's palette has a floor for colours that were not among its sure pixels.
     """
     cells = _cells(colours)
-    fruit, other = palette.fruit[cells], palette.other[cells]
+    fruit, other = palette.fruit[cells] + UNSEEN_DENSITY, palette.other[cells] + UNSEEN_DENSITY
     square = np.sum(difference**2, axis=2) / noise**2
-    near = LIGHTNESS_WEIGHT * 0.3 / noise**3 * (1 + square / 3) ** -3
-    behind = np.where(known, 0.9 * near + 0.1 * other, other)
-    floor = 1e-8
-    return np.asarray(np.clip(np.log(fruit + floor) - np.log(behind + floor), -MOST_LOG_ODDS, MOST_LOG_ODDS))
+    near = LIGHTNESS_WEIGHT * 0.3 / noise**3 * (1 + square / 7) ** -5
+    behind = np.where(known, near + 0.002 * other, other)
+    return np.asarray(np.clip(np.log(fruit) - np.log(behind), -MOST_LOG_ODDS, MOST_LOG_ODDS))
 
 
 def difference_noise(difference: Float[np.ndarray, "h w 3"], where: Bool[np.ndarray, "h w"]) -> float:

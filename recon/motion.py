@@ -19,8 +19,8 @@ from recon.poses import Poses
 from recon.scale import Box
 from recon.similarity import moved
 
-MOST_FEATURES = 3000
-LONGEST_SIDE_PX = 1280
+MOST_FEATURES = 2000
+LONGEST_SIDE_PX = 1100
 FEWEST_VIEWS = 3
 SEED = 1
 
@@ -107,6 +107,8 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction |
     )
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = 1, SEED
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.4
+    options.ba_global_max_refinements = 2
     options.mapper.num_threads, options.mapper.random_seed = 1, SEED
     options.triangulation.random_seed = SEED
     options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_VIEWS, False, False

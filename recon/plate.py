@@ -114,12 +114,12 @@ def _median(
     """Median over the layers that see a cell (the lower of two middles)."""
     layers, side = seen.shape[:2]
     out = np.zeros((side, side, 3), np.uint8)
-    middle = np.maximum(seen.sum(0) - 1, 0) // 2
+    rank = np.maximum(seen.sum(0) - 1, 0) // 2
     for row in range(0, side, 100):
         part = slice(row, row + 100)
         for channel in range(3):
             values = np.where(seen[:, part], stack[:, part, :, channel], 255).reshape(layers, -1)
             ordered = np.sort(np.ascontiguousarray(values.T), axis=1)
-            picked = np.take_along_axis(ordered, middle[part].reshape(-1, 1), 1)
+            picked = np.take_along_axis(ordered, rank[part].reshape(-1, 1), 1)
             out[part, :, channel] = picked.reshape(out[part].shape[:2])
     return out

@@ -17,6 +17,7 @@ from recon.hull import ball, sampled
 LEVEL = 5
 VIEWS_EACH = 5
 SIDE = 7
+PATCH_STEP_PX = 1.7
 DEEPEST_SHARE = 0.2
 OFFSETS = 24
 LEAST_SCORE = 0.55
@@ -35,7 +36,7 @@ def with_relief(
     """A hull of `visual_hull` moved inward to where the photos agree, and the share of it that was measured
     so.
 
-    For each vertex a small square patch in its tangent plane slides along the normal; at each offset the
+    For each vertex a small square patch, bent as the surface is, slides along the normal; at each offset the
     views that face it most are compared by their mean pairwise normalised correlation, (|sum of unit
     patches|² - K) / (K (K - 1)). Peaks that are high and on enough contrast are kept, and a membrane on the
     mesh fills between them. Highlights and mirrored lights put depth behind the skin: where more than a
@@ -52,8 +53,9 @@ def with_relief(
     ]
     offset = np.zeros(count)
     weight = np.zeros(count)
+    bending = _bending(points, normals, coarse_faces)
     for _ in range(2):
-        scores = _agreement(points, normals, grey, cameras, offsets)
+        scores = _agreement(points, normals, bending, grey, cameras, offsets)
         offset, weight = _peaks(_shared(scores, coarse_faces), offsets)
         deep = offset < -GLOSS_DEPTH_SHARE * radius
         if (weight * deep).sum() > MOST_DEEP * max(float(weight.sum()), 1.0):
@@ -61,12 +63,14 @@ def with_relief(
         offset = _membrane(offset, weight, coarse_faces)
         moved = points + offset[:, None] * normals
         normals = _blend(normals, vertex_normals(moved, coarse_faces))
+        bending = _bending(moved, vertex_normals(moved, coarse_faces), coarse_faces)
     return vertices + _everywhere(moved - points, level, len(vertices)), float((weight > 0).mean())
 
 
 def _agreement(
     points: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
+    bending: Float[np.ndarray, " n"],
     grey: Sequence[Float[np.ndarray, "h w"]],
     cameras: Sequence[Camera],
     offsets: Float[np.ndarray, " d"],
@@ -78,9 +82,10 @@ def _agreement(
     across = np.cross(normals, np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]))
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     along = np.cross(normals, across)
-    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * 2.0 * pixel_mm
+    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * pixel_mm
     u, v = (g.ravel() for g in np.meshgrid(steps, steps))
     patch = points[:, None] + u[None, :, None] * across[:, None] + v[None, :, None] * along[:, None]
+    patch += (0.5 * bending[:, None] * (u**2 + v**2))[..., None] * normals[:, None]
     facing = np.stack([_facing(points, normals, c) for c in cameras])
     chosen = np.argsort(-facing, axis=0, kind="stable")[:VIEWS_EACH]
     use = np.zeros_like(facing, dtype=bool)
@@ -115,6 +120,23 @@ def _facing(
 ) -> Float[np.ndarray, " n"]:
     ray = camera.place - points
     return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
+
+
+def _bending(
+    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " n"]:
+    """Mean curvature, 1/mm, negative where convex: the mean of 2 n . (x_j - x_i) / |x_j - x_i|² over the
+    neighbours j.
+    """
+    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    step = points[j] - points[i]
+    each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)
+    mean = np.bincount(i, each, len(points)) / np.bincount(i, minlength=len(points))
+    smooth = _neighbours(faces, len(points))
+    for _ in range(6):
+        mean = 0.5 * mean + 0.5 * (smooth @ mean)
+    limit = 3 / float(np.median(np.linalg.norm(points - points.mean(0), axis=1)))
+    return np.asarray(np.clip(mean, -limit, limit))
 
 
 def _shared(scores: Float[np.ndarray, "n d"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, "n d"]:

@@ -78,13 +78,15 @@ def find_fruit(
     masks = [colour.tidy(o) | ~v.known for o, v in zip(odds, views, strict=True)]
     block = _carved(masks, views, low_mm, high_mm)
     for rim in (0.025, 0.008):
-        covered = _covered(block, images, cameras)
-        palettes = _palettes(views, odds, [_pixels(block, v) for v in views], rim=rim)
+        covered = _covered(
+            block.points if rim < 0.02 else block.standing_points, block.cell_mm, images, cameras
+        )
+        palettes = _palettes(views, odds, block, rim=rim)
         plate = clean_plate(images, cameras, half_width_mm=half_width, covered=covered)
         low, high = block.points.min(0) - 4 * block.cell_mm, block.points.max(0) + 4 * block.cell_mm
         low[2] = max(low[2], low_mm[2])
         views = _views(images, cameras, _corners(low, high), plate, margin=0.12, side=FINE_SIDE_PX)
-        odds = _odds(views, palettes, block)
+        odds = _odds(views, palettes, block.standing_points if rim > 0.02 else block.points, block.cell_mm)
         masks = [colour.tidy(o) for o in odds]
         block = _carved(masks, views, low, high)
     centre = block.points.mean(0)
@@ -159,26 +161,33 @@ def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[_View], low, high)
     return block
 
 
-def _covered(block: Block, images, cameras) -> list[Bool[np.ndarray, "h w"]]:  # type: ignore[no-untyped-def]
-    """Pixels of whole photos that the block may hide."""
+def _covered(
+    points: Float[np.ndarray, "n 3"],
+    cell_mm: float,
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Pixels of whole photos that cells at the points may hide."""
     out = []
     for image, camera in zip(images, cameras, strict=True):
+        size = cell_mm * camera.focal_px / float(np.median(camera.into(points)[:, 2]))
+        at = np.rint(camera.project(points)).astype(int)
+        at = at[(at >= 0).all(1) & (at < [camera.width_px, camera.height_px]).all(1)]
         hidden = np.zeros(image.shape[:2], np.uint8)
-        size = 2.2 * block.cell_mm * camera.focal_px / float(camera.into(block.points.mean(0)[None])[0, 2])
-        for x, y in np.rint(camera.project(block.points)).astype(int).tolist():
-            cv2.circle(hidden, (x, y), int(size / 2) + 2, 1, -1)
-        out.append(hidden > 0)
+        hidden[at[:, 1], at[:, 0]] = 1
+        reach = 2 * int(1.1 * size + 2) + 1
+        out.append(cv2.dilate(hidden, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
     return out
 
 
-def _pixels(block: Block, view: _View) -> Bool[np.ndarray, "h w"]:
+def _pixels(points: Float[np.ndarray, "n 3"], cell_mm: float, view: _View) -> Bool[np.ndarray, "h w"]:
     columns, rows = view.window.small_size_px
-    at = np.rint(view.window.into_small(view.camera.project(block.points))).astype(int)
+    at = np.rint(view.window.into_small(view.camera.project(points))).astype(int)
     ok = (at >= 0).all(1) & (at[:, 0] < columns) & (at[:, 1] < rows)
     hit = np.zeros((rows, columns), np.uint8)
     hit[at[ok, 1], at[ok, 0]] = 1
-    depth = float(view.camera.into(block.points.mean(0)[None])[0, 2])
-    size = int(block.cell_mm * view.camera.focal_px / depth / view.window.shrink) + 2
+    depth = float(view.camera.into(points.mean(0)[None])[0, 2])
+    size = int(cell_mm * view.camera.focal_px / depth / view.window.shrink) + 2
     return np.asarray(
         cv2.morphologyEx(hit, cv2.MORPH_CLOSE, np.ones((2 * size + 1, 2 * size + 1), np.uint8)) > 0
     )
@@ -187,18 +196,22 @@ def _pixels(block: Block, view: _View) -> Bool[np.ndarray, "h w"]:
 def _palettes(
     views: list[_View],
     odds: list[Float[np.ndarray, "h w"]],
-    shadows: list[Bool[np.ndarray, "h w"]],
+    block: Block,
     *,
     rim: float,
 ) -> dict[int, Palette]:
     """Per view: the fruit's colours in all views, and what lies around it, here as much as elsewhere."""
     fruit, other = [], []
-    for view, odd, shadow in zip(views, odds, shadows, strict=True):
+    for view, odd in zip(views, odds, strict=True):
+        shadow, standing = (
+            _pixels(block.points, block.cell_mm, view),
+            _pixels(block.standing_points, block.cell_mm, view),
+        )
         side = shadow.shape[0]
         inner = ndimage.binary_erosion(shadow, iterations=max(2, round(rim * side))) & (
-            (odd > 1) | (rim < 0.02)
+            odd > (1 if rim > 0.02 else -2)
         )
-        outer = ~ndimage.binary_dilation(shadow, iterations=max(3, round(0.04 * side)))
+        outer = ~ndimage.binary_dilation(standing, iterations=max(3, round(0.04 * side)))
         fruit.append(view.colours[inner][::3])
         other.append(view.colours[outer][::5])
     common = colour.learn_palette(np.concatenate(fruit), np.concatenate(other))
@@ -208,11 +221,13 @@ def _palettes(
     }
 
 
-def _odds(views: list[_View], palettes: dict[int, Palette], block: Block) -> list[Float[np.ndarray, "h w"]]:
-    """Colour odds, and up to +-PRIOR_ODDS for lying well inside or outside what was carved before."""
+def _odds(
+    views: list[_View], palettes: dict[int, Palette], cells: Float[np.ndarray, "n 3"], cell_mm: float
+) -> list[Float[np.ndarray, "h w"]]:
+    """Colour odds, and up to +-PRIOR_ODDS for lying well inside or outside the cells carved before."""
     out = []
     for view in views:
-        shadow = _pixels(block, view)
+        shadow = _pixels(cells, cell_mm, view)
         noise = colour.difference_noise(
             view.difference, view.known & ~ndimage.binary_dilation(shadow, iterations=10)
         )
@@ -227,7 +242,7 @@ def _odds(views: list[_View], palettes: dict[int, Palette], block: Block) -> lis
 
 def _near(found: Bool[np.ndarray, "h w"], block: Block, view: _View) -> Bool[np.ndarray, "h w"]:
     """The part of a mask that the block stands for."""
-    shadow = _pixels(block, view)
+    shadow = _pixels(block.points, block.cell_mm, view)
     return found & ndimage.binary_dilation(shadow, iterations=max(4, shadow.shape[0] // 20))
 
 

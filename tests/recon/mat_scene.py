@@ -1,4 +1,6 @@
-"""A textured egg on a marker mat on a table, seen by ray casting: photos whose truth is known in closed form."""
+"""A textured egg on a marker mat on a table, seen by ray casting: photos whose truth is known in closed
+form.
+"""
 
 from dataclasses import dataclass
 
@@ -39,7 +41,9 @@ def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) ->
     for i in range(count):
         azimuth = 2 * np.pi * i / count * (1 if count < 8 else 3) + 0.1 * i
         elevation = np.radians([20.0, 38.0, 60.0][i % 3])
-        ahead = -np.array([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)])
+        ahead = -np.array(
+            [np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)]
+        )
         place = np.array([0.0, 0.0, 22.0]) - (280.0 + 5 * (i % 4)) * ahead
         right = np.cross(ahead, [0.0, 0.0, 1.0])
         right /= np.linalg.norm(right)
@@ -78,7 +82,9 @@ def photographed(cameras: list[Camera], *, egg: Egg | None, mat: Mat | None, see
 def point_map(camera: Camera, egg: Egg, rows: int, columns: int) -> np.ndarray:
     """The world point that each cell of a coarse grid sees."""
     v, u = np.mgrid[:rows, :columns]
-    pixels = np.stack([(u + 0.5) * camera.width_px / columns, (v + 0.5) * camera.height_px / rows], axis=-1) - 0.5
+    pixels = (
+        np.stack([(u + 0.5) * camera.width_px / columns, (v + 0.5) * camera.height_px / rows], axis=-1) - 0.5
+    )
     start, rays = _rays(camera, pixels.reshape(-1, 2))
     along = np.minimum(_onto_egg(start, rays, egg), _onto_ground(start, rays))
     return (start + np.minimum(along, 2000.0)[:, None] * rays).reshape(rows, columns, 3)
@@ -123,19 +129,13 @@ def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:
     ground = _onto_ground(start, rays)
     far = ground > 3000
     spot = (start + np.where(far, 0.0, ground)[:, None] * rays)[:, :2]
-    grain = cv2.remap(
-        wood, (spot[:, 0] + 350).astype(np.float32).reshape(rows, columns),
-        (spot[:, 1] + 350).astype(np.float32).reshape(rows, columns), cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP,
-    ).ravel()  # fmt: skip
+    grain = _looked_up(wood, spot + 350, (rows, columns), cv2.BORDER_WRAP)
     colour = np.array([70.0, 105.0, 140.0]) + 14 * grain[:, None]
     colour[far] = [120.0, 115.0, 110.0]
     if page is not None:
         scale = 4.0
         at = spot * [scale, -scale] + [page.shape[1] / 2 - 0.5, page.shape[0] / 2 - 0.5]
-        ink = cv2.remap(
-            page, at[:, 0].astype(np.float32).reshape(rows, columns), at[:, 1].astype(np.float32).reshape(rows, columns),
-            cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=0,
-        ).ravel()  # fmt: skip
+        ink = _looked_up(page, at, (rows, columns), cv2.BORDER_CONSTANT)
         on = (ink > 0) & ~far
         colour[on] = ink[on, None] * np.array([0.95, 0.98, 1.0])
     if egg is not None:
@@ -151,3 +151,8 @@ def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:
     linear = (np.clip(colour, 0, 255) / 255) ** 2.2
     mixed = linear.reshape(camera.height_px, fine, camera.width_px, fine, 3).mean((1, 3))
     return 255 * mixed ** (1 / 2.2)
+
+
+def _looked_up(picture: np.ndarray, at: np.ndarray, shape: tuple[int, int], border: int) -> np.ndarray:
+    x, y = at.astype(np.float32).T
+    return cv2.remap(picture, x.reshape(shape), y.reshape(shape), cv2.INTER_LINEAR, borderMode=border).ravel()

@@ -47,7 +47,10 @@ def test_corners_are_found_to_half_a_pixel_where_tags_are_ten_pixels_wide():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"dict": "APRILTAG_99"}, r'mat.json: "dict" is \'APRILTAG_99\'; expected the name of a marker dictionary'),
+        (
+            {"dict": "APRILTAG_99"},
+            r'mat.json: "dict" is \'APRILTAG_99\'; expected the name of a marker dictionary',
+        ),
         ({"tags": {}}, r'"tags" is {}; expected an object of at least four tags'),
         ({"tags": {"0": [[0, 0, 0]], "1": [], "2": [], "3": []}}, r'"tags"."0" is .* expected four corners'),
         ({"W": -3}, r'"W" is -3; expected the mat\'s size in mm'),

@@ -22,7 +22,9 @@ def test_text_ply_obj_and_stl_are_read(tmp_path):
     (tmp_path / "a.ply").write_text(ply)
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1 2/2 4/4 3/3\n")
     corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (0, 1)))
-    (tmp_path / "a.stl").write_text(f"solid a\nfacet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\nendsolid\n")
+    (tmp_path / "a.stl").write_text(
+        f"solid a\nfacet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\nendsolid\n"
+    )
     assert [len(read_mesh(tmp_path / f"a.{s}")[1]) for s in ("ply", "obj", "stl")] == [1, 2, 1]
 
 

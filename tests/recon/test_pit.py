@@ -23,7 +23,9 @@ def test_the_pit_has_the_priors_axes_and_volume(fruit):
     a, b, c = np.array(prior.axis_ratios) * np.ptp(fruit[0], axis=0) / 2
     assert volume_mm3(vertices, faces) == pytest.approx(4 / 3 * np.pi * a * b * c, rel=1e-3)
     middle = (fruit[0].max(axis=0) + fruit[0].min(axis=0)) / 2
-    assert np.allclose(vertices.mean(axis=0), middle + np.array(prior.raised) * np.ptp(fruit[0], axis=0) / 2, atol=0.01)
+    assert np.allclose(
+        vertices.mean(axis=0), middle + np.array(prior.raised) * np.ptp(fruit[0], axis=0) / 2, atol=0.01
+    )
 
 
 def test_flesh_is_fruit_less_pit(fruit):
@@ -45,7 +47,11 @@ def test_thinnest_flesh_of_two_balls():
 
 @pytest.mark.parametrize(
     ("grow", "shift", "words"),
-    [(4.0, 0.0, "is larger than the fruit"), (1.0, 25.0, "of the pit lies outside the fruit"), (1.0, 13.9, "at its thinnest")],
+    [
+        (4.0, 0.0, "is larger than the fruit"),
+        (1.0, 25.0, "of the pit lies outside the fruit"),
+        (1.0, 13.9, "at its thinnest"),
+    ],
 )
 def test_a_pit_that_does_not_fit_is_refused(grow, shift, words):
     vertices, faces = ball(3)
@@ -80,7 +86,8 @@ def test_a_category_without_prior_is_named():
 
 def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
     path = tmp_path / "mine.toml"
-    good = 'axis_ratios = { value = [0.4, 0.3, 0.5], source = "own" }\nraised = { value = [0, 0, 0], source = "own" }\n'
+    good = 'axis_ratios = { value = [0.4, 0.3, 0.5], source = "own" }\n'
+    good += 'raised = { value = [0, 0, 0], source = "own" }\n'
     good += "".join(
         f'{k} = {{ value = {v}, source = "own" }}\n'
         for k, v in {"exponent": 2, "offset_sd_mm": 0.5, "size_sd": 0.05, "poisson_ratio": 0.45}.items()

@@ -1,0 +1,113 @@
+"""The photo route end to end on a ray-cast egg: size, shape, scale by mat and by height, and true
+refusals.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+
+from recon.closed import open_edges, volume_mm3
+from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_mesh import ReconOptions, reconstruct
+from recon.mat import standard_mat
+
+EGG = Egg()
+QUICK = ReconOptions(level=5, max_faces=3000)
+
+
+@cache
+def photos(count: int):
+    return photographed(ring(count), egg=EGG, mat=standard_mat())
+
+
+@cache
+def on_the_mat():
+    stages: list[str] = []
+    found = reconstruct(
+        photos(12),
+        mat=standard_mat(),
+        height_mm=None,
+        options=QUICK,
+        progress=lambda name, _: stages.append(name),
+    )
+    return found, stages
+
+
+def test_mesh_is_closed_and_of_the_right_volume():
+    found, _ = on_the_mat()
+    assert open_edges(found.faces) == 0
+    assert len(found.faces) <= 3000
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.02)
+    assert found.frame == "mat"
+
+
+def test_skin_lies_within_a_pixel_and_the_error_bar_says_so():
+    found, _ = on_the_mat()
+    misses = EGG.misses_mm(found.vertices)
+    skin = misses[found.vertices[:, 2] > 6]
+    assert np.sqrt(np.mean(skin**2)) < 0.3
+    assert 0.3 < found.surface_sd_mm / np.sqrt(np.mean(misses**2)) < 3
+    assert found.vertices[:, 2].min() > -0.5
+
+
+def test_quality_and_stages_are_told():
+    found, stages = on_the_mat()
+    assert stages == ["poses", "outlines", "relief", "surface", "quality"]
+    assert list(found.seconds) == stages
+    assert found.quality.views_given == 12
+    assert found.quality.views_used >= 10
+    assert found.quality.silhouette_iou > 0.95
+    assert found.scale_sd < 2e-3
+
+
+def test_same_photos_give_the_same_mesh():
+    again = reconstruct(photos(12), mat=standard_mat(), height_mm=None, options=QUICK)
+    assert np.array_equal(again.vertices, on_the_mat()[0].vertices)
+
+
+def test_height_alone_gives_scale_without_a_mat():
+    height_mm = 2 * EGG.semi_mm[2]
+    found = reconstruct(photos(14), mat=None, height_mm=height_mm, options=QUICK)
+    assert found.frame == "shape"
+    assert np.ptp(found.vertices[:, 2]) == pytest.approx(height_mm, rel=1e-9)
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
+    assert 0.003 < found.scale_sd < 0.03
+
+
+@pytest.mark.parametrize(
+    ("pictures", "mat", "height_mm", "problem", "words"),
+    [
+        (lambda: photos(12)[:2], standard_mat(), None, ReconProblem.TOO_FEW_VIEWS, "holds 2 photos"),
+        (lambda: photos(12), None, None, ReconProblem.NO_SCALE, "neither a marker mat"),
+        (
+            lambda: photographed(ring(8), egg=None, mat=standard_mat()),
+            standard_mat(),
+            None,
+            ReconProblem.NO_FRUIT,
+            "No fruit found",
+        ),
+        (
+            lambda: photographed(ring(5), egg=EGG, mat=None),
+            standard_mat(),
+            None,
+            ReconProblem.MAT_NOT_FOUND,
+            "No marker of the mat",
+        ),
+    ],
+)
+def test_refusals_say_why(pictures, mat, height_mm, problem, words):
+    with pytest.raises(ReconFailure, match=words) as caught:
+        reconstruct(pictures(), mat=mat, height_mm=height_mm, options=QUICK)
+    assert caught.value.problem is problem
+
+
+def test_photos_that_share_nothing_have_no_overlap():
+    rng = np.random.default_rng(3)
+    from recon.photos import Photo
+
+    noise = [Photo(f"{i}.png", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)) for i in range(4)]
+    with pytest.raises(ReconFailure, match="of 4 photos hang together") as caught:
+        reconstruct(noise, mat=None, height_mm=50.0, options=QUICK)
+    assert caught.value.problem is ReconProblem.NO_OVERLAP

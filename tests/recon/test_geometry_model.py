@@ -1,0 +1,109 @@
+"""The ONNX door: a network that knows the scene gives the scene's mesh; wrong ones are refused by name."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, point_map, ring
+from scipy.spatial.transform import Rotation
+from tiny_onnx import write_constant_model
+
+from recon.closed import open_edges, volume_mm3
+from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_mesh import ReconOptions, reconstruct_with_model
+from recon.geometry_model import point_maps
+from recon.mat import standard_mat
+
+EGG, CAMERAS = Egg(), ring(6)
+ROWS, COLUMNS = 196, 266
+OPEN = (1, "S", 3, "H", "W")
+FIXED = (1, len(CAMERAS), 3, ROWS, COLUMNS)
+TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
+
+
+@cache
+def photos():
+    return photographed(CAMERAS, egg=EGG, mat=standard_mat())
+
+
+@cache
+def scene_points():
+    """What each cell sees, in a world turned, shifted and shrunk."""
+    maps = np.stack([point_map(c, EGG, ROWS, COLUMNS) for c in CAMERAS])
+    return (maps @ TURN.T) / 150 + [0.3, 0.1, 2.0]
+
+
+@pytest.fixture
+def knowing(tmp_path):
+    path = tmp_path / "knowing.onnx"
+    points = scene_points()[None]
+    write_constant_model(
+        path, {"world_points": points, "world_points_conf": np.ones(points.shape[:4])}, input_shape=FIXED
+    )
+    return path
+
+
+def test_a_model_that_knows_the_scene_gives_its_mesh_on_the_mat(knowing):
+    found = reconstruct_with_model(photos(), knowing, mat=standard_mat(), height_mm=None)
+    assert open_edges(found.faces) == 0
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.02)
+    assert np.sqrt(np.mean(EGG.misses_mm(found.vertices)[found.vertices[:, 2] > 8] ** 2)) < 0.4
+    assert found.scale_sd < 0.01
+    assert found.frame == "mat"
+
+
+def test_height_gives_scale_without_a_mat(knowing):
+    found = reconstruct_with_model(photos(), knowing, mat=None, height_mm=2 * EGG.semi_mm[2])
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
+    assert found.frame == "shape"
+
+
+def test_depth_with_poses_is_enough(tmp_path):
+    depth, poses = [], []
+    for camera in CAMERAS:
+        depth.append(
+            camera.into(point_map(camera, EGG, ROWS, COLUMNS).reshape(-1, 3))[:, 2].reshape(ROWS, COLUMNS, 1)
+        )
+        wide, tall = (2 * np.arctan(n / 2 / camera.focal_px) for n in (camera.width_px, camera.height_px))
+        turn = Rotation.from_matrix(camera.cam_from_world[:3, :3]).as_quat()
+        poses.append([*camera.cam_from_world[:3, 3], *turn, tall, wide])
+    path = tmp_path / "depth.onnx"
+    write_constant_model(
+        path, {"depth": np.stack(depth)[None], "pose_enc": np.array(poses)[None]}, input_shape=FIXED
+    )
+    maps = point_maps(photos(), path)
+    known = np.stack([point_map(c, EGG, ROWS, COLUMNS) for c in CAMERAS])
+    near = np.linalg.norm(known, axis=-1) < 150
+    assert np.abs(maps.points - known)[near].max() < 0.05
+
+
+def test_a_model_without_points_names_the_missing_output(tmp_path):
+    path = tmp_path / "wrong.onnx"
+    write_constant_model(path, {"normals": np.zeros((1, 6, 4, 4, 3))}, input_shape=OPEN)
+    with pytest.raises(
+        ReconFailure, match=r'wrong\.onnx has no output "world_points" \(its outputs are normals\)'
+    ) as caught:
+        point_maps(photos(), path)
+    assert caught.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
+
+
+def test_a_misshapen_output_and_a_broken_file_are_named(tmp_path):
+    path = tmp_path / "flat.onnx"
+    write_constant_model(path, {"world_points": np.zeros((1, 6, 14, 14, 3))}, input_shape=FIXED)
+    with pytest.raises(ReconFailure, match=r'gives "world_points" of shape \(1, 6, 14, 14, 3\); expected'):
+        point_maps(photos(), path)
+    path.write_bytes(b"nonsense")
+    with pytest.raises(ReconFailure, match="cannot be loaded"):
+        point_maps(photos(), path)
+    with pytest.raises(ReconFailure, match="does not exist"):
+        point_maps(photos(), tmp_path / "none.onnx")
+
+
+def test_points_of_nothing_are_no_fruit(tmp_path):
+    path = tmp_path / "flat.onnx"
+    ground = scene_points().copy()
+    ground[:] = np.stack([point_map(c, Egg(semi_mm=(1e-3, 1e-3, 1e-3)), ROWS, COLUMNS) for c in CAMERAS])
+    write_constant_model(path, {"world_points": ground[None]}, input_shape=FIXED)
+    with pytest.raises(ReconFailure) as caught:
+        reconstruct_with_model(photos(), path, mat=standard_mat(), height_mm=None, options=ReconOptions())
+    assert caught.value.problem is ReconProblem.NO_FRUIT
