@@ -17,8 +17,8 @@ class SensorNoise:
     displacement_scale: float = 0.004
     force_scale: float = 0.01
     correlation: float = 0.3
-    displacement_step_mm: float = 1e-4
-    force_step_N: float = 1e-4
+    displacement_step_mm: float = 2.0**-13
+    force_step_N: float = 2.0**-13
 
 
 def measured(

@@ -13,7 +13,7 @@ FEW = 2
 
 
 def write_two_fruits(folder: Path, *, fineness: Fineness = SHIPPED, progress: Progress | None = None) -> None:
-    """N01 with a scanned fruit.ply and two grasps; N02 with two photos and one grasp. Needs the extra `samples`."""
+    """N01 with a scanned fruit.ply and two grasps, N02 with two photos and one. Needs the extra `samples`."""
     good, bad = fruits_of_seed(2, seed=SEED)
     folder.mkdir(parents=True, exist_ok=True)
     write_settings(folder, (good, bad), seed=SEED)

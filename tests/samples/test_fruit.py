@@ -49,7 +49,7 @@ def test_category_prior_and_samples_speak_of_the_same_pit() -> None:
 
 def test_true_pit_lies_near_the_category_prior_and_inside_the_fruit() -> None:
     offsets, sizes = [], []
-    for seed in range(30):
+    for seed in range(12):
         fruit = fruit_of_seed("a", seed=seed, E_MPa=1.0)
         low, high = box_mm(fruit.skin)
         half = (high - low) / 2
@@ -59,12 +59,12 @@ def test_true_pit_lies_near_the_category_prior_and_inside_the_fruit() -> None:
         directions = even_sphere(12).directions
         pit, skin = fruit.pit.points_mm(directions), fruit.skin.points_mm(directions)
         assert np.linalg.norm(skin - pit, axis=1).min() > 5.0
-    assert 0.2 < np.std(offsets) < 0.4
-    assert 0.013 < np.std(sizes) < 0.027
+    assert 0.18 < np.std(offsets) < 0.42
+    assert 0.012 < np.std(sizes) < 0.028
 
 
 def test_moduli_spread_over_the_season_and_do_not_follow_the_names() -> None:
-    for seed in range(10):
+    for seed in range(4):
         moduli = np.array([fruit.E_MPa for fruit in fruits_of_seed(5, seed=seed)])
         assert np.all((moduli > 0.15) & (moduli < 1.6))
         assert np.diff(np.sort(moduli)).min() > 0.15 * np.sort(moduli)[:-1].min()

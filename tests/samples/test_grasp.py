@@ -133,7 +133,7 @@ def test_sensor_noise_is_what_it_says_and_is_rounded() -> None:
     assert own.std() == pytest.approx(noise.displacement_mm, rel=0.03)
     assert felt.mean(axis=0).std() == pytest.approx(noise.reference_mm, rel=0.2)
     assert (own[1:] * own[:-1]).mean() / own.var() == pytest.approx(noise.correlation, abs=0.03)
-    assert np.abs(pushed / 1e-4 - np.rint(pushed / 1e-4)).max() < 1e-6
+    assert np.array_equal(pushed, np.rint(pushed * 2**13) / 2**13)
 
 
 def test_the_programme_carries_its_noise_in_the_air_before_and_after() -> None:
