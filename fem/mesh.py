@@ -16,6 +16,8 @@ from fem.tetwild import fill, simplified
 
 #: largest relative change of the fruit's or the pit's volume that a mesh may bring
 VOLUME_TOLERANCE = 3e-3
+#: longest edges, as a share of the cube root of the fruit's volume
+LARGEST_SHARE = 1 / 8
 #: edges on the pit, and how far the mesher may stray from the surfaces it is given, as shares of edge_mm
 PIT_SHARE, ENVELOPE_SHARE = 0.65, 0.025
 
@@ -61,6 +63,7 @@ def tetrahedralise(
 ) -> FleshMesh:
     """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
 
+    Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach.
     Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond;
     longer, where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
@@ -71,6 +74,7 @@ def tetrahedralise(
     INVERTED_ELEMENTS, VOLUME_LOST (found and wanted volumes are named).
     """
     outer = checked_surface(outer_vertices, outer_faces, name="fruit")
+    edge_mm = min(edge_mm, LARGEST_SHARE * outer.volume_mm3 ** (1 / 3))
     skin = simplified(outer.vertices_mm, outer.faces, edge_mm=edge_mm)
     pit, surfaces = None, [skin]
     if pit_vertices is not None and pit_faces is not None:

@@ -194,7 +194,7 @@ def test_a_rigid_inclusion_is_as_stiff_as_the_closed_form(cored_ball, poisson_ra
     q[free] = factorise(csr_array(whole[free][:, free])).solve(right[free, None])[:, 0]
     translation = q[-6:-3]
     assert translation[2] == pytest.approx(1.0, rel=within)
-    assert np.abs(translation[:2]).max() < 1e-3
+    assert np.abs(translation[:2]).max() < 4e-3
 
 
 def test_a_load_of_the_wrong_shape_or_with_nan_is_refused(free, pinch):
