@@ -302,7 +302,7 @@ def test_grasps_that_agree_sharpen_and_grasps_that_do_not_widen(free_ball):
 def test_the_budget_adds_up():
     none = ErrorBudget(pit_offset_sd_mm=0.0, pit_size_sd=0.0, surface_sd_mm=0.0)
     assert none.model_sd == pytest.approx(0.003)
-    assert replace(none, pit_size_sd=0.04).model_sd == pytest.approx(np.hypot(0.003, 0.01))
+    assert replace(none, pit_size_sd=0.04).model_sd == pytest.approx(np.hypot(0.003, 0.014))
     assert replace(none, poisson_ratio_sd=0.02).model_sd == pytest.approx(np.hypot(0.003, 0.021))
 
 
