@@ -58,9 +58,12 @@ class Pit(_Strict):
 
 
 class Recon(_Strict):
-    """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch."""
+    """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
+    on the first of the ONNX Runtime `providers` that the machine has.
+    """
 
     geometry_model: str | None = None
+    providers: tuple[str, ...] = ("CPUExecutionProvider",)
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 
 

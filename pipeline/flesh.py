@@ -32,10 +32,10 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, st
     raise FruitEnded(Outcome.NO_POISSON_RATIO, settings.category)
 
 
-def flesh_mesh(task: FruitTask, shape: Shape, pit: Pit, patch_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
+def flesh_mesh(task: FruitTask, shape: Shape, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
     """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change."""
     sizes = task.settings.mesh
-    arrays = (shape.vertices, shape.faces, pit.vertices, pit.faces, patch_mm)
+    arrays = (shape.vertices, shape.faces, pit.vertices, pit.faces, touched_mm)
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
     key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("fem",))
 
@@ -46,7 +46,7 @@ def flesh_mesh(task: FruitTask, shape: Shape, pit: Pit, patch_mm: Float[np.ndarr
             pit.vertices,
             pit.faces,
             edge_mm=sizes.edge_mm,
-            refine_at_mm=patch_mm,
+            refine_at_mm=touched_mm,
             refine_edge_mm=sizes.pad_edge_mm,
         )
         return Artifact(

@@ -26,11 +26,12 @@ class PlacedGrasp:
     pads: tuple[PadRegistration, ...]
 
     @property
-    def patch_mm(self) -> Float[np.ndarray, "p 3"]:
-        """Where on the surface the pads touch, all pads together."""
-        return np.vstack(
-            [pad.surface_mm[contact.patch] for pad, contact in zip(self.pads, self.contact.pads, strict=True)]
-        )
+    def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
+        """Where on the surface each pad's markers touch."""
+        return {
+            pad.name: pad.surface_mm[contact.onset >= 0]
+            for pad, contact in zip(self.pads, self.contact.pads, strict=True)
+        }
 
 
 def place_grasp(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> PlacedGrasp:
@@ -87,8 +88,7 @@ def estimate(
         peak_force_N=max(max(c.force_N) for c in curves),
         travel_mm=max(max(c.travel_mm) for c in curves),
         contact_mm={
-            pad.name: [tuple(p) for p in np.round(pad.surface_mm[contact.onset >= 0], 3).tolist()]
-            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
+            pad: [tuple(p) for p in np.round(points, 3).tolist()] for pad, points in grasp.touched_mm.items()
         },
         curves=curves,
     )

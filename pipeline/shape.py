@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,7 +17,7 @@ from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import MeshRecord, PitRecord
 from recon.closed import volume_mm3
 from recon.fruit_frame import to_fruit_frame
-from recon.fruit_mesh import ReconOptions, reconstruct
+from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
 from recon.mesh_file import read_mesh, write_mesh
 from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
@@ -80,12 +81,10 @@ def fruit_shape(task: FruitTask) -> Shape:
 
 def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
     photos = read_photos(task.folder.photos)
-    made = reconstruct(
-        photos,
-        mat=task.mat,
-        height_mm=task.given.height_mm,
-        options=ReconOptions(max_faces=task.settings.recon.max_faces),
-    )
+    recon = task.settings.recon
+    options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
+    route = reconstruct if model is None else partial(reconstruct_with_model, model=model)
+    made = route(photos, mat=task.mat, height_mm=task.given.height_mm, options=options)
     vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
     small = thumbnail_jpeg(photos[0].image)
     return Artifact(
@@ -98,7 +97,7 @@ def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
         facts={
             "scale_sd": made.scale_sd,
             "surface_sd_mm": made.surface_sd_mm,
-            "quality": asdict(made.quality),
+            "quality": {k: v for k, v in asdict(made.quality).items() if np.isfinite(v)},
             "warnings": list(made.warnings),
             "seconds": made.seconds,
         },

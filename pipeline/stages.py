@@ -115,7 +115,9 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         raise _why_no_grasp(task, list(failures.values()))
     nu, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
-        mesh = flesh_mesh(task, shape, pit, np.vstack([grasp.patch_mm for grasp in placed]))
+        mesh = flesh_mesh(
+            task, shape, pit, np.vstack([points for grasp in placed for points in grasp.touched_mm.values()])
+        )
         known["flesh"] = FleshRecord(
             nodes=len(mesh.nodes_mm), tets=len(mesh.tets), poisson_ratio=nu, poisson_ratio_source=source
         )
@@ -144,11 +146,6 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         diary.warnings += modulus.warnings
         known["modulus"] = ModulusRecord(E_MPa=modulus.E_MPa, E_sd_MPa=modulus.E_sd_MPa)
     with diary.stage("picture"):
-        contacts = {
-            pad.name: pad.surface_mm[contact.onset >= 0]
-            for grasp in placed[:1]
-            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
-        }
         write_whole(
             task.results.picture,
             mesh_picture(
@@ -156,7 +153,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 shape.faces,
                 pit_vertices=pit.vertices,
                 pit_faces=pit.faces,
-                contacts_mm=contacts,
+                contacts_mm=placed[0].touched_mm,
             ),
         )
 
