@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from fem.failure import FemFailure
@@ -30,6 +31,9 @@ from recon.mat import Mat
 from recon.priors import PitPrior
 from reports.mesh_picture import mesh_picture
 from tactile.failure import TactileFailure
+
+FOOT_MM = 0.5
+"""Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,9 +119,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         raise _why_no_grasp(task, list(failures.values()))
     nu, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
-        mesh = flesh_mesh(
-            task, shape, pit, np.vstack([points for grasp in placed for points in grasp.touched_mm.values()])
-        )
+        mesh = flesh_mesh(task, shape, pit, _where_fine(placed, shape))
         known["flesh"] = FleshRecord(
             nodes=len(mesh.nodes_mm), tets=len(mesh.tets), poisson_ratio=nu, poisson_ratio_source=source
         )
@@ -171,6 +173,15 @@ def _placed(
                 failures[path.stem] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
+
+
+def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
+    """Where elements must be small: under every pad, and at the foot of a fruit that stands on a base."""
+    points = [points for grasp in placed for points in grasp.touched_mm.values()]
+    if any(grasp.recording.support == "base" for grasp in placed):
+        height = shape.vertices[:, 2] - shape.vertices[:, 2].min()
+        points.append(shape.vertices[height < FOOT_MM])
+    return np.vstack(points)
 
 
 def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
