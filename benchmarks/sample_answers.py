@@ -35,6 +35,9 @@ def main() -> int:
     graded["error_over_sd"] = (graded["E_MPa"] - graded["truth_MPa"]) / graded["E_sd_MPa"]
     columns = ["rank", "fruit_id", "E_MPa", "E_sd_MPa", "truth_MPa", "error", "error_over_sd"]
     print(graded[columns].to_string(index=False, float_format=lambda x: f"{x:.4g}"))
+    if len(graded) < 2:
+        print(f"only {len(graded)} of {len(truth)} fruit graded: no order to score")
+        return 1
     tau = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
     worst = float(graded["error"].abs().max())
     print(f"Kendall's tau {tau:.2f}, {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")

@@ -32,7 +32,7 @@ class Outcome(Enum):
     OUT_OF_MEMORY = ("out-of-memory", "Ran out of memory; run with fewer --jobs ({}).")
     INTERNAL = (
         "internal-error",
-        "A fault of drupe itself ({}); please report it with this fruit's record.json.",
+        "A fault of drupe itself ({}); please report it with traceback.txt from this fruit's results.",
     )
 
     @property

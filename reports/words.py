@@ -31,7 +31,7 @@ _ADVICE = {
     "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",
     "out-of-memory": "Run the batch again with fewer jobs; finished fruits are kept.",
     "crashed": "Run the batch again; if this fruit stops again, report it with its files.",
-    "internal-error": "Report it with this fruit's record.json: the fault is the program's, not yours.",
+    "internal-error": "Report it with traceback.txt from this fruit's results: the fault is not yours.",
 }
 _ADVICE_OTHERWISE = "Correct what is named above, then run the batch again; finished fruits are kept."
 
