@@ -100,7 +100,7 @@ SPOILED = {
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
     "no-folder": (no_folder, "no-shape", "no-folder", True),
-    "no-grasp": (no_grasp, "no-grasp", "grasps/", True),
+    "no-grasp": (no_grasp, "no-grasp", "grasps", True),
 }
 """Name -> (what is done to the fruit, its outcome, what its reason names, whether reading files shows it)."""
 
