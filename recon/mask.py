@@ -150,28 +150,6 @@ def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.nd
     return np.asarray(ndimage.binary_fill_holes(found))
 
 
-def cut_out(
-    window: Window,
-    sure_fruit: Bool[np.ndarray, "h w"],
-    sure_other: Bool[np.ndarray, "h w"],
-    likely: Bool[np.ndarray, "h w"],
-) -> Bool[np.ndarray, "h w"]:
-    """GrabCut between sure fruit and sure surroundings (Rother et al. 2004), started from the likely
-    pixels.
-    """
-    if not sure_fruit.any() or not sure_other.any():
-        return likely
-    small = cv2.resize(window.image, window.small_size_px, interpolation=cv2.INTER_AREA)
-    marks = np.where(likely, cv2.GC_PR_FGD, cv2.GC_PR_BGD).astype(np.uint8)
-    marks[sure_fruit], marks[sure_other] = cv2.GC_FGD, cv2.GC_BGD
-    cv2.setRNGSeed(1)
-    try:
-        cv2.grabCut(small, marks, None, np.zeros((1, 65)), np.zeros((1, 65)), 2, cv2.GC_INIT_WITH_MASK)
-    except cv2.error:
-        return likely
-    return np.asarray((marks == cv2.GC_FGD) | (marks == cv2.GC_PR_FGD))
-
-
 def _cells(colours: Float[np.ndarray, "*n 3"]) -> tuple[Int[np.ndarray, "*n"], ...]:
     step = np.array([100 / BINS, 200 / BINS, 200 / BINS])
     index = np.clip(((colours + np.array([0, 100, 100])) / step).astype(int), 0, BINS - 1)

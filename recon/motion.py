@@ -19,9 +19,11 @@ from recon.poses import Poses
 from recon.scale import Box
 from recon.similarity import moved
 
-MOST_FEATURES = 2000
-LONGEST_SIDE_PX = 1100
+MOST_FEATURES = 4000
+LONGEST_SIDE_PX = 1280
 FEWEST_VIEWS = 3
+FEWEST_FRUIT_POINTS = 40
+MOST_TRIALS = 1000
 SEED = 1
 
 
@@ -87,7 +89,7 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction |
     matching = pycolmap.FeatureMatchingOptions()
     matching.num_threads, matching.use_gpu = 1, False
     verification = pycolmap.TwoViewGeometryOptions()
-    verification.ransac.random_seed = SEED
+    verification.ransac.random_seed, verification.ransac.max_num_trials = SEED, MOST_TRIALS
     same_size = len({p.image.shape for p in photos}) == 1
     mode = pycolmap.CameraMode.SINGLE if same_size else pycolmap.CameraMode.PER_IMAGE
     known = [p.focal_px for p in photos if p.focal_px is not None]
@@ -164,7 +166,8 @@ def _placed(
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
     """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
 
-    Points well over the plane and near where the photos look are the fruit's.
+    Points well over the plane and near where the photos look are the fruit's; where its skin gave too few, a
+    fruit a fifth as tall as the cameras are far is looked for.
     """
     distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
     flat = np.abs(cloud[:, 2]) < 0.03 * distance
@@ -173,18 +176,13 @@ def _placed(
         (cloud[:, 2] > max(0.02 * distance, 6 * noise))
         & (np.hypot(cloud[:, 0], cloud[:, 1]) < 0.3 * distance)
     ]
-    if len(over) < 12:
-        raise ReconFailure(
-            ReconProblem.NO_FRUIT,
-            f"Only {len(over)} points stand over the ground where the photos look; without a mat the "
-            f"fruit's skin needs "
-            "some texture: print the mat (drupe mat) or check that the fruit is in the photos.",
-        )
-    middle = np.median(over[:, :2], axis=0)
-    away = np.hypot(*(over[:, :2] - middle).T)
-    over = over[away < 3 * np.median(away)]
-    tall = float(np.percentile(over[:, 2], 98))
-    wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
+    middle, tall, wide = np.zeros(2), 0.2 * distance, 0.1 * distance
+    if len(over) >= FEWEST_FRUIT_POINTS:
+        middle = np.median(over[:, :2], axis=0)
+        away = np.hypot(*(over[:, :2] - middle).T)
+        over = over[away < 3 * np.median(away)]
+        tall = float(np.percentile(over[:, 2], 98))
+        wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
     factor = height_mm / tall
     world = np.diag([factor, factor, factor, 1.0])
     world[:2, 3] = -factor * middle

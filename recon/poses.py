@@ -2,6 +2,7 @@
 photos.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -169,7 +170,10 @@ def _adjust(
     focal_px: float,
     size: tuple[int, int],
 ) -> tuple[Float[np.ndarray, "2"], list[Float[np.ndarray, "4 4"]], float]:
-    """One bundle adjustment with the corners fixed: ((f, k1), poses, variance of f in px²)."""
+    """One bundle adjustment with the corners fixed: ((f, k1), poses, variance of f in px²).
+
+    Corners that one photo alone shows are left out: pycolmap takes tracks of two views at least.
+    """
     scene = pycolmap.Reconstruction()
     middle = [(size[1] - 1) / 2, (size[0] - 1) / 2]
     scene.add_camera_with_trivial_rig(
@@ -177,12 +181,15 @@ def _adjust(
             camera_id=1, model="SIMPLE_RADIAL", width=size[1], height=size[0], params=[focal_px, *middle, 0.0]
         )
     )
+    times = Counter(tuple(corner) for s in sightings for corner in s.corners_mm.tolist())
     number: dict[tuple[float, ...], int] = {}
     for i, (s, pose) in enumerate(zip(sightings, start, strict=True), 1):
         image = pycolmap.Image(name=str(i), camera_id=1, image_id=i, keypoints=s.corners_px)
         scene.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
         for j, corner in enumerate(s.corners_mm):
             key = tuple(corner.tolist())
+            if times[key] < 2:
+                continue
             if key not in number:
                 number[key] = scene.add_point3D(corner, pycolmap.Track())
             scene.add_observation(number[key], pycolmap.TrackElement(i, j))

@@ -12,6 +12,7 @@ from recon.closed import open_edges, volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.mat import standard_mat
+from recon.photos import Photo
 
 EGG = Egg()
 QUICK = ReconOptions(level=5, max_faces=3000)
@@ -105,9 +106,23 @@ def test_refusals_say_why(pictures, mat, height_mm, problem, words):
 
 def test_photos_that_share_nothing_have_no_overlap():
     rng = np.random.default_rng(3)
-    from recon.photos import Photo
 
     noise = [Photo(f"{i}.png", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)) for i in range(4)]
     with pytest.raises(ReconFailure, match="of 4 photos hang together") as caught:
         reconstruct(noise, mat=None, height_mm=50.0, options=QUICK)
     assert caught.value.problem is ReconProblem.NO_OVERLAP
+
+
+def test_a_fruit_that_leaves_the_picture_is_refused():
+    cut = []
+    for camera, photo in zip(ring(12), photos(12), strict=True):
+        top = int(camera.project(np.array([[EGG.x_mm, EGG.y_mm, EGG.semi_mm[2]]]))[0, 1])
+        image = photo.image[max(0, top - 12) :]
+        cut.append(Photo(photo.name, np.ascontiguousarray(image[-(camera.height_px // 2) :])))
+    with pytest.raises(ReconFailure) as caught:
+        reconstruct(cut, mat=standard_mat(), height_mm=None, options=QUICK)
+    assert caught.value.problem in {
+        ReconProblem.FRUIT_CUT_OFF,
+        ReconProblem.NO_FRUIT,
+        ReconProblem.MAT_NOT_FOUND,
+    }
