@@ -210,9 +210,19 @@ def _mitsuba() -> Any:
             'run: pip install "drupe[samples]"'
         ) from missing
     if mi.variant() is None:
-        fast = "DRJIT_LIBLLVM_PATH" in os.environ or find_library("LLVM") or find_library("LLVM-15")
-        mi.set_variant("llvm_ad_rgb" if fast else "scalar_rgb")
+        mi.set_variant("llvm_ad_rgb" if _compiler_found() else "scalar_rgb")
     return mi
+
+
+def _compiler_found() -> bool:
+    """Whether a libLLVM is at hand that compiles this scene: 16 or later (15 and older abort the process)."""
+    if "DRJIT_LIBLLVM_PATH" in os.environ:
+        return True
+    names = (find_library(f"LLVM-{version}") for version in range(30, 15, -1))
+    found = next((name for name in names if name), None)
+    if found is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = found
+    return found is not None
 
 
 def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
