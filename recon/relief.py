@@ -23,6 +23,9 @@ OFFSETS = 24
 LEAST_SCORE = 0.55
 LEAST_CONTRAST = 1.2
 GLOSS_DEPTH_SHARE = 0.04
+HIGHLIGHT = 215.0
+STEM_COSINE = 0.75
+SHALLOW_SHARE = 0.055
 MOST_DEEP = 0.25
 STIFFNESS = 0.6
 
@@ -56,6 +59,7 @@ def with_relief(
     bending = _bending(points, normals, coarse_faces)
     for _ in range(2):
         scores = _agreement(points, normals, bending, grey, cameras, offsets)
+        scores[np.abs(normals[:, 2]) < STEM_COSINE] *= offsets > -SHALLOW_SHARE * radius
         offset, weight = _peaks(_shared(scores, coarse_faces), offsets)
         deep = offset < -GLOSS_DEPTH_SHARE * radius
         if (weight * deep).sum() > MOST_DEEP * max(float(weight.sum()), 1.0):
@@ -105,9 +109,10 @@ def _agreement(
             values = sampled(picture, (h[..., :2] / h[..., 2:]).reshape(-1, 2), outside=0.0).reshape(
                 len(at), -1
             )
+            dull = np.mean(values > HIGHLIGHT, axis=1) < 0.05
             values -= values.mean(1, keepdims=True)
             length = np.linalg.norm(values, axis=1, keepdims=True)
-            good = length[:, 0] > LEAST_CONTRAST * SIDE
+            good = (length[:, 0] > LEAST_CONTRAST * SIDE) & dull
             total[k, at[good]] += values[good] / length[good]
             views[k, at[good]] += 1
     power = np.einsum("dnp,dnp->dn", total, total)
