@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
-from scipy.stats import pearsonr, spearmanr
+from scipy.stats import pearsonr, permutation_test, spearmanr
 
 from pipeline.config import GradingClass
+
+EXACT_UP_TO = 7
+"""So many fruit have few enough orders (5040) to count them all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,15 +94,27 @@ def maturity(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tu
 
 
 def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> Agreement | None:
-    """Spearman and Pearson correlation of log E with a reference; None under three fruits or no spread."""
+    """Spearman and Pearson correlation of log E with a reference; None under three fruits or no spread.
+
+    `p` is two-sided for the rank correlation: over all orders up to seven fruit, by Student's t beyond.
+    """
     if len(E_MPa) < 3 or np.ptp(reference) == 0 or np.ptp(E_MPa) == 0:
         return None
     rank = spearmanr(E_MPa, reference)
+    p = rank.pvalue
+    if len(E_MPa) <= EXACT_UP_TO:
+        test = permutation_test(
+            (E_MPa,),
+            lambda order: spearmanr(order, reference).statistic,
+            permutation_type="pairings",
+            n_resamples=math.factorial(len(E_MPa)),
+        )
+        p = test.pvalue
     return Agreement(
         n=len(E_MPa),
         spearman=float(rank.statistic),
         pearson=float(pearsonr(np.log(E_MPa), reference).statistic),
-        p=float(rank.pvalue),
+        p=float(p),
     )
 
 

@@ -75,6 +75,7 @@ def test_correlation_with_shore_is_one_for_the_same_order():
     assert found is not None
     assert found.spearman == pytest.approx(1.0)
     assert found.n == 4
+    assert found.p == pytest.approx(2 / 24)  # two of the 24 orders agree as well: this one and its reverse
 
 
 def test_two_fruit_or_a_constant_reference_have_no_correlation():
