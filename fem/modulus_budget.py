@@ -40,11 +40,15 @@ class ErrorBudget:
     @property
     def model_sd(self) -> float:
         """Relative standard deviation of E from mesh, surface, pit prior and Poisson's ratio together."""
-        parts = [
-            DISCRETISATION_SD,
-            PER_MM_OF_PIT_OFFSET * self.pit_offset_sd_mm,
-            PER_PIT_SIZE * self.pit_size_sd,
-            PER_MM_OF_SURFACE * self.surface_sd_mm,
-            PER_POISSON_RATIO * self.poisson_ratio_sd,
-        ]
-        return float(np.sqrt(np.sum(np.square(parts))))
+        return float(np.linalg.norm(list(self.parts.values())))
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """The relative standard deviation of E that each cause brings."""
+        return {
+            "discretisation": DISCRETISATION_SD,
+            "pit offset": PER_MM_OF_PIT_OFFSET * self.pit_offset_sd_mm,
+            "pit size": PER_PIT_SIZE * self.pit_size_sd,
+            "surface": PER_MM_OF_SURFACE * self.surface_sd_mm,
+            "Poisson's ratio": PER_POISSON_RATIO * self.poisson_ratio_sd,
+        }

@@ -1,9 +1,6 @@
 """The flesh of one fruit as finite elements, and what its modulus may be off by."""
 
-from __future__ import annotations
-
 import hashlib
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float
@@ -13,11 +10,9 @@ from fem.modulus_budget import ErrorBudget
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.config import Settings
 from pipeline.outcome import FruitEnded, Outcome
+from pipeline.shape import Pit, Shape
+from pipeline.task import FruitTask
 from recon.priors import PitPrior
-
-if TYPE_CHECKING:
-    from pipeline.shape import Pit, Shape
-    from pipeline.stages import FruitTask
 
 OWN_PIT_OFFSET_SD_MM, OWN_PIT_SIZE_SD = 0.5, 0.03
 """Spread assumed for a pit that the user placed and said nothing more of."""

@@ -18,7 +18,8 @@ from pipeline.provenance import input_hashes, write_provenance
 from pipeline.records import FruitRecord, Given, read_record, write_record
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
-from pipeline.stages import FruitTask, grade_fruit
+from pipeline.stages import grade_fruit
+from pipeline.task import FruitTask
 from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv

@@ -1,12 +1,10 @@
 """A fruit's surface and its pit, in the fruit frame, from photos or from ready meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -15,6 +13,7 @@ from pipeline.cache import Artifact, cached, stage_key
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import MeshRecord, PitRecord
+from pipeline.task import FruitTask
 from recon.closed import volume_mm3
 from recon.fruit_frame import to_fruit_frame
 from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
@@ -22,9 +21,6 @@ from recon.mesh_file import read_mesh, write_mesh
 from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
 from reports.photo import thumbnail_jpeg
-
-if TYPE_CHECKING:
-    from pipeline.stages import FruitTask
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,6 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -19,36 +18,19 @@ from fem.failure import FemFailure
 from fem.forward import UnitModulusSolid
 from fem.modulus import ModulusEstimate
 from fem.modulus_combine import combine_grasps
-from pipeline.config import Settings
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import PlacedGrasp, estimate, place_grasp
-from pipeline.layout import FruitFolder, FruitResults, write_whole
+from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
-from pipeline.records import FleshRecord, FruitRecord, Given, GraspRecord, ModulusRecord, write_record
+from pipeline.records import FleshRecord, FruitRecord, GraspRecord, ModulusRecord, write_record
 from pipeline.shape import Shape, embedded_pit, fruit_shape, write_meshes
+from pipeline.task import FruitTask
 from recon.failure import ReconFailure
-from recon.mat import Mat
-from recon.priors import PitPrior
 from reports.mesh_picture import mesh_picture
 from tactile.failure import TactileFailure
 
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class FruitTask:
-    """All that one fruit's process is told."""
-
-    fruit_id: str
-    folder: FruitFolder
-    batch_root: Path
-    results: FruitResults
-    settings: Settings
-    mat: Mat | None
-    prior: PitPrior | None
-    given: Given
-    key: str
 
 
 @dataclass
@@ -146,7 +128,14 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(r.failure or "" for r in records))
         modulus = combine_grasps(estimates)
         diary.warnings += modulus.warnings
-        known["modulus"] = ModulusRecord(E_MPa=modulus.E_MPa, E_sd_MPa=modulus.E_sd_MPa)
+        known["modulus"] = ModulusRecord(
+            E_MPa=modulus.E_MPa,
+            E_sd_MPa=modulus.E_sd_MPa,
+            parts_sd_MPa={
+                "scatter between grasps": modulus.between_sd_MPa,
+                **{cause: share * modulus.E_MPa for cause, share in budget.parts.items()},
+            },
+        )
     with diary.stage("picture"):
         write_whole(
             task.results.picture,
