@@ -1,4 +1,4 @@
-"""A batch, opened: settings, fruit, mat and pit prior, every fault of the whole found before work begins."""
+"""A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
 import json
 from collections.abc import Callable
@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What grading and checking start from; `prior` is None only where every fruit brings its own pit."""
+    """What grading starts from; `prior` is None only where every fruit brings its own pit."""
 
     folder: BatchFolder
     settings: Settings
@@ -28,33 +28,44 @@ class Batch:
     prior: PitPrior | None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """As much of a batch as could be read, and every problem of the batch as a whole."""
+
+    folder: BatchFolder
+    settings: Settings | None
+    rows: tuple[FruitRow, ...] | None
+    mat: Mat | None
+    prior: PitPrior | None
+    problems: tuple[Problem, ...]
+
+
 def open_batch(root: Path) -> Batch:
     """The batch at `root`; raises BatchRefused with every problem of the batch as a whole."""
+    found = survey(root)
+    if found.problems or found.settings is None or found.rows is None:
+        raise BatchRefused(found.problems)
+    return Batch(
+        folder=found.folder, settings=found.settings, rows=found.rows, mat=found.mat, prior=found.prior
+    )
+
+
+def survey(root: Path) -> Survey:
+    """Reads what can be read of the batch at `root`."""
     folder = BatchFolder(root)
     problems: list[Problem] = []
+    rows = mat = prior = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
-    if settings is None and not folder.settings.is_file():
-        raise BatchRefused(problems)
-    rows = _gather(problems, lambda: read_fruits(folder.table))
-    mat = _gather(problems, lambda: read_mat(folder.mat)) if folder.mat.is_file() else None
+    if root.is_dir():
+        rows = _gather(problems, lambda: read_fruits(folder.table))
+        mat = _gather(problems, lambda: read_mat(folder.mat)) if folder.mat.is_file() else None
     if rows is not None and not folder.mat.is_file():
         problems += _without_scale(folder, rows)
-    prior = None
     if settings is not None and not _all_bring_pits(folder, rows):
         prior = _gather(problems, lambda: read_prior(folder, settings))
-    if settings is not None and settings.recon.geometry_model is not None:
-        model = root / settings.recon.geometry_model
-        if not model.is_file():
-            problems.append(
-                Problem(
-                    str(folder.settings),
-                    f'"recon.geometry_model": found "{settings.recon.geometry_model}", but {model} is no '
-                    "file; give the path of an ONNX file relative to the batch, or take the line out.",
-                )
-            )
-    if problems or settings is None or rows is None:
-        raise BatchRefused(problems)
-    return Batch(folder=folder, settings=settings, rows=rows, mat=mat, prior=prior)
+    if settings is not None:
+        problems += _without_model(folder, settings)
+    return Survey(folder=folder, settings=settings, rows=rows, mat=mat, prior=prior, problems=tuple(problems))
 
 
 def read_mat(path: Path) -> Mat:
@@ -81,7 +92,7 @@ def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
 
 
 def _all_bring_pits(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> bool:
-    return rows is not None and all(folder.fruit(row.fruit_id).pit_ply.is_file() for row in rows)
+    return bool(rows) and all(folder.fruit(row.fruit_id).pit_ply.is_file() for row in rows or ())
 
 
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
@@ -93,7 +104,21 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
         Problem(
             str(folder.table),
             "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale; add "
-            " the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
+            "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
+        )
+    ]
+
+
+def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
+    """A geometry model that is asked for must be there."""
+    asked = settings.recon.geometry_model
+    if asked is None or (folder.root / asked).is_file():
+        return []
+    return [
+        Problem(
+            str(folder.settings),
+            f'"recon.geometry_model": found "{asked}", but {folder.root / asked} is no file; '
+            "give the path of an ONNX file relative to the batch, or take the line out.",
         )
     ]
 

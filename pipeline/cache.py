@@ -4,6 +4,7 @@ import hashlib
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
@@ -17,6 +18,7 @@ from pipeline.layout import write_whole
 
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
+    "h5py",
     "manifold3d",
     "numpy",
     "onnxruntime",
@@ -24,8 +26,12 @@ LIBRARIES = (
     "opencv-python-headless",
     "pycolmap",
     "pymeshlab",
+    "pymetis",
     "pytetwild",
+    "pyvista",
     "scipy",
+    "trimesh",
+    "vtk",
 )
 
 
@@ -41,9 +47,12 @@ class Artifact:
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    """SHA-256 of a file, hexadecimal; of a file that cannot be read, why (its reader will say so too)."""
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        return f"unreadable: {error.strerror}"
 
 
 @cache
@@ -53,7 +62,7 @@ def code_version(rooms: tuple[str, ...]) -> str:
     for room in rooms:
         folder = Path(__file__).resolve().parents[1] / room
         for path in sorted(folder.rglob("*")):
-            if path.suffix in {".py", ".toml", ".html", ".css"} and "data" not in path.parts:
+            if path.suffix in {".py", ".toml"} and "data" not in path.parts:
                 digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     for library in LIBRARIES:
         digest.update(f"{library} {metadata.version(library)}".encode())
@@ -94,6 +103,6 @@ def _load(path: Path, key: str) -> Artifact | None:
             if header["key"] != key:
                 return None
             arrays = {name: stored[name] for name in stored.files if name != HEADER}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
         return None
     return Artifact(arrays=arrays, facts=header["facts"])

@@ -4,40 +4,37 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from pipeline.batch import Batch, open_batch
+from pipeline.batch import Survey, survey
 from pipeline.fruits_table import FruitRow
 from pipeline.layout import FruitFolder
-from pipeline.problem import BatchRefused, Problem
+from pipeline.problem import Problem
 from recon.failure import ReconFailure
 from recon.mesh_file import read_mesh
 from recon.photos import read_photo, require_enough
-from recon.pit import require_closed
+from recon.pit import embed_pit, place_pit, require_closed
 from tactile.failure import TactileFailure
 from tactile.recording import read_recording
 
 
 def check(root: Path) -> tuple[Problem, ...]:
     """Everything that would stop the batch or any fruit of it, as far as reading the files can tell."""
-    try:
-        batch = open_batch(root)
-    except BatchRefused as refused:
-        return refused.problems
-    strays = _strays(batch)
-    return (*strays, *(p for row in batch.rows for p in fruit_problems(batch, row)))
+    found = survey(root)
+    if found.rows is None:
+        return found.problems
+    fruit = (p for row in found.rows for p in fruit_problems(found, row))
+    return (*found.problems, *_strays(found), *fruit)
 
 
-def fruit_problems(batch: Batch, row: FruitRow) -> Iterator[Problem]:
+def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
     """What stands in the way of grading one fruit."""
     folder = batch.folder.fruit(row.fruit_id)
     if not folder.root.is_dir():
         yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
         return
     if folder.fruit_ply.is_file():
-        yield from _tried(row, folder.fruit_ply, partial(_closed_mesh, folder.fruit_ply))
+        yield from _ready_mesh_problems(batch, row, folder)
     else:
         yield from _photo_problems(batch, row, folder)
-    if folder.pit_ply.is_file():
-        yield from _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
     grasps = folder.grasp_files()
     if not grasps:
         raw = folder.raw_grasp_folders()
@@ -47,14 +44,33 @@ def fruit_problems(batch: Batch, row: FruitRow) -> Iterator[Problem]:
         yield from _tried(row, path, partial(read_recording, path))
 
 
+def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    broken = list(_tried(row, folder.fruit_ply, partial(_closed_mesh, folder.fruit_ply)))
+    if folder.pit_ply.is_file():
+        broken += _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
+    yield from broken
+    if not broken:
+        yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, folder))
+
+
+def _pit_fits(batch: Survey, folder: FruitFolder) -> None:
+    fruit = read_mesh(folder.fruit_ply)
+    if folder.pit_ply.is_file():
+        embed_pit(*fruit, *read_mesh(folder.pit_ply))
+    elif batch.prior is not None:
+        embed_pit(*fruit, *place_pit(*fruit, batch.prior))
+
+
 def _closed_mesh(path: Path) -> None:
     require_closed(*read_mesh(path), what=path.name)
 
 
-def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    if batch.mat is None and row.height_mm is None:
+def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    if not batch.folder.mat.is_file() and row.height_mm is None:
         yield _at(
-            row, batch.folder.table, f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.'
+            row,
+            batch.folder.table,
+            f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.',
         )
     photos = folder.photo_files()
     yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where=str(folder.photos)))
@@ -62,9 +78,9 @@ def _photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder) -> Iterato
         yield from _tried(row, path, partial(read_photo, path))
 
 
-def _strays(batch: Batch) -> tuple[Problem, ...]:
+def _strays(batch: Survey) -> tuple[Problem, ...]:
     """Fruit folders that no row of the table speaks of."""
-    listed = {row.fruit_id for row in batch.rows}
+    listed = {row.fruit_id for row in batch.rows or ()}
     fruits = batch.folder.root / "fruits"
     found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
     return tuple(

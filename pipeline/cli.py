@@ -64,8 +64,19 @@ def grade(
     from pipeline.grade import grade as grade_batch
     from pipeline.summary import print_summary
 
-    console = Console(stderr=True)
-    status, entry = grade_batch(batch, out, jobs=jobs or _cores(), time_limit_s=time_limit, console=console)
+    try:
+        status, entry = grade_batch(
+            batch,
+            out,
+            jobs=jobs or _cores(),
+            time_limit_s=time_limit,
+            console=Console(stderr=True),
+        )
+    except KeyboardInterrupt:
+        typer.echo(
+            "drupe: interrupted; finished fruit are kept, the same command goes on from here", err=True
+        )
+        raise typer.Exit(INTERRUPTED) from None
     print_summary(entry, out or batch / "results", console=Console())
     raise typer.Exit(status)
 
@@ -142,9 +153,10 @@ def main() -> None:
         for problem in refused.problems:
             sys.stderr.write(f"drupe: {problem}\n")
         sys.exit(USAGE)
-    except KeyboardInterrupt:
-        sys.stderr.write("drupe: interrupted; finished fruit are kept, the same command goes on from here\n")
-        sys.exit(INTERRUPTED)
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        sys.stderr.write(f"drupe: {where}{error.strerror or error}\n")
+        sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
         if os.environ.get("DRUPE_DEBUG"):
             traceback.print_exc()

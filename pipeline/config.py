@@ -13,7 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from pipeline.problem import BatchRefused, Problem
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-FILE = "batch.toml"
+LARGEST_POISSON_RATIO = 0.4999
+"""What the finite elements can take; flesh is nearly, never wholly, incompressible."""
 
 
 class _Strict(BaseModel):
@@ -70,8 +71,8 @@ class Recon(_Strict):
 class FleshMesh(_Strict):
     """Element edge lengths in mm: in the bulk of the flesh and under the pads."""
 
-    edge_mm: Positive = 5.0
-    pad_edge_mm: Positive = 1.7
+    edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0
+    pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] = 1.7
 
 
 class Device(_Strict):
@@ -79,6 +80,13 @@ class Device(_Strict):
 
     name: str
     serial: str | None = None
+
+
+class Sensor(Device):
+    """The tactile sensor; scale errors of single markers, relative, where the maker or a calibration says."""
+
+    gel_scale_sd: Positive | None = None
+    force_scale_sd: Positive | None = None
 
 
 class Settings(_Strict):
@@ -89,9 +97,10 @@ class Settings(_Strict):
     lot: str | None = None
     harvest_date: datetime.date | None = None
     pulp_temperature_C: Annotated[float, Field(gt=-5, lt=60)] | None = None
-    poisson_ratio: Annotated[float, Field(ge=0, lt=0.5)] | None = None
+    poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
     notes: str | None = None
-    sensor: Device | None = None
+    sensor: Sensor | None = None
     gripper: Device | None = None
     pit: Pit = Pit()
     recon: Recon = Recon()
@@ -143,7 +152,7 @@ def _sentence(error: Any) -> str:
 def _known_keys(location: list[str | int]) -> list[str]:
     model: type[BaseModel] = Settings
     tables: dict[str, type[BaseModel]] = {
-        "sensor": Device,
+        "sensor": Sensor,
         "gripper": Device,
         "pit": Pit,
         "recon": Recon,

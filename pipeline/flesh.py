@@ -14,16 +14,21 @@ from pipeline.shape import Pit, Shape
 from pipeline.task import FruitTask
 from recon.priors import PitPrior
 
-OWN_PIT_OFFSET_SD_MM, OWN_PIT_SIZE_SD = 0.5, 0.03
-"""Spread assumed for a pit that the user placed and said nothing more of."""
 
+def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
+    """Poisson's ratio of the flesh, its standard deviation, and who says so: the batch, else the prior.
 
-def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, str]:
-    """Poisson's ratio of the flesh and who says so: the batch, else the category's prior."""
+    A batch that states the ratio and no spread is taken at its word.
+    """
     if settings.poisson_ratio is not None:
-        return settings.poisson_ratio, "batch.toml"
+        return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"
     if prior is not None:
-        return prior.poisson_ratio, f"prior for {prior.category}"
+        sd = settings.poisson_ratio_sd
+        return (
+            prior.poisson_ratio,
+            prior.poisson_ratio_sd if sd is None else sd,
+            f"prior for {prior.category}",
+        )
     raise FruitEnded(Outcome.NO_POISSON_RATIO, settings.category)
 
 
@@ -57,10 +62,14 @@ def flesh_mesh(task: FruitTask, shape: Shape, pit: Pit, touched_mm: Float[np.nda
 
 
 def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
-    """Spread of pit prior and surface, from the batch's settings, else the prior's, else assumed."""
-    own, prior = task.settings.pit, task.prior
-    offset = own.offset_sd_mm or (prior.offset_sd_mm if prior else OWN_PIT_OFFSET_SD_MM)
-    size = own.size_sd or (prior.size_sd if prior else OWN_PIT_SIZE_SD)
-    if shape.record.surface_sd_mm is None:
-        return ErrorBudget(pit_offset_sd_mm=offset, pit_size_sd=size)
-    return ErrorBudget(pit_offset_sd_mm=offset, pit_size_sd=size, surface_sd_mm=shape.record.surface_sd_mm)
+    """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
+    own, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
+    known = {
+        "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
+        "force_scale_sd": sensor.force_scale_sd if sensor else None,
+        "pit_offset_sd_mm": own.offset_sd_mm or (prior.offset_sd_mm if prior else None),
+        "pit_size_sd": own.size_sd or (prior.size_sd if prior else None),
+        "surface_sd_mm": shape.record.surface_sd_mm,
+        "poisson_ratio_sd": poisson_ratio(task.settings, prior)[1],
+    }
+    return ErrorBudget(**{name: value for name, value in known.items() if value is not None})

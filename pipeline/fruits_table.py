@@ -3,6 +3,7 @@
 import io
 import math
 import re
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,11 +68,21 @@ def _table(path: Path) -> pd.DataFrame:
     except (OSError, UnicodeDecodeError) as error:
         raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
     try:
-        table = pd.read_csv(
-            io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
+            table = pd.read_csv(
+                io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
+            )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
-        raise BatchRefused([Problem(str(path), f"is not a readable CSV table: {error}.")]) from None
+        raise BatchRefused(
+            [
+                Problem(
+                    str(path),
+                    f"is not a readable CSV table: {error}; every row needs one cell per column, "
+                    "and numbers a decimal point.",
+                )
+            ]
+        ) from None
     table.columns = [str(c).strip() for c in table.columns]
     return table
 

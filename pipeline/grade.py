@@ -2,7 +2,7 @@
 
 import fcntl
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -105,8 +105,11 @@ def _work(
     console: Console,
 ) -> None:
     tasks = dict(todo)
-    with BatchProgress(console, total=len(todo), jobs=jobs) as progress:
-        for event in run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s):
+    with (
+        BatchProgress(console, total=len(todo), jobs=jobs) as progress,
+        closing(run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s)) as events,
+    ):
+        for event in events:
             if isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
                 continue
@@ -126,10 +129,14 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
     elif isinstance(event, Finished) and isinstance(event.result, BaseException):
         error = event.result
         outcome, particulars = Outcome.INTERNAL, f"{type(error).__name__}: {error}"
-        trace = getattr(error, "traceback", None)
-        write_whole(task.results.root / "traceback.txt", str(trace or particulars))
+        write_whole(task.results.traceback, str(getattr(error, "traceback", particulars)))
     else:
         raise TypeError(event)
+    return _ended(task, outcome, particulars)
+
+
+def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
+    task.results.forget()
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome.code,

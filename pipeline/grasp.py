@@ -1,5 +1,6 @@
 """One recording on one fruit: where tactile's contact meets fem's flesh."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -40,6 +41,25 @@ def place_grasp(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.nd
     contact = find_contact(recording, source=path.name)
     pads = register(contact, vertices, faces, source=path.name)
     return PlacedGrasp(name=path.stem, recording=recording, contact=contact, pads=pads)
+
+
+def foreign(grasp: PlacedGrasp, fruit_id: str, category: str) -> list[str]:
+    """Warnings where a recording says that it belongs to another fruit, or to another kind of fruit."""
+    said = {
+        "fruit_id": (grasp.recording.fruit_id, fruit_id),
+        "category": (grasp.recording.category, category),
+    }
+    return [
+        f'{grasp.name}: its {name} is "{theirs}", this fruit\'s is "{ours}"; is it in the right folder?'
+        for name, (theirs, ours) in said.items()
+        if theirs and theirs != ours
+    ]
+
+
+def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray, "p 3"]]:
+    """Where each pad's markers touch, all grasps together."""
+    names = {pad: None for grasp in grasps for pad in grasp.touched_mm}
+    return {pad: np.vstack([g.touched_mm[pad] for g in grasps if pad in g.touched_mm]) for pad in names}
 
 
 def history(grasp: PlacedGrasp) -> GraspHistory:

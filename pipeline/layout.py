@@ -5,7 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-PHOTO_ENDINGS = (".jpg", ".jpeg", ".png")
+from recon.photos import photo_paths
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,11 @@ class FruitFolder:
 
     def photo_files(self) -> tuple[Path, ...]:
         """Photos by name."""
-        if not self.photos.is_dir():
-            return ()
-        return tuple(sorted(p for p in self.photos.iterdir() if p.suffix.lower() in PHOTO_ENDINGS))
+        return photo_paths(self.photos)
 
     def grasp_files(self) -> tuple[Path, ...]:
         """Recordings by name."""
-        return tuple(sorted((self.root / "grasps").glob("*.h5")))
+        return tuple(sorted(p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
         """Grasps in the raw form (frames in folders), by name."""
@@ -112,6 +110,16 @@ class FruitResults:
     def picture(self) -> Path:
         """The picture of mesh, pit and contact patches."""
         return self.root / "mesh.png"
+
+    @property
+    def traceback(self) -> Path:
+        """Where a fault of drupe's own happened."""
+        return self.root / "traceback.txt"
+
+    def forget(self) -> None:
+        """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
+        for path in (self.record, self.fruit_ply, self.pit_ply, self.photo, self.picture, self.traceback):
+            path.unlink(missing_ok=True)
 
     @property
     def cache(self) -> Path:

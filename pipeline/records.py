@@ -83,6 +83,7 @@ class FleshRecord(_Record):
     nodes: int
     tets: int
     poisson_ratio: float
+    poisson_ratio_sd: float
     poisson_ratio_source: str
 
 
@@ -91,6 +92,8 @@ class ModulusRecord(_Record):
 
     E_MPa: float
     E_sd_MPa: float
+    common_sd_MPa: float = 0.0
+    """The part of E_sd_MPa that all fruit of the batch share, so that it does not touch their order."""
     parts_sd_MPa: dict[str, float] = {}
 
 
@@ -115,8 +118,8 @@ class FruitRecord(_Record):
 
     @property
     def graded(self) -> bool:
-        """Whether the fruit has a modulus."""
-        return self.modulus is not None
+        """Whether the fruit went all the way."""
+        return self.outcome == "graded" and self.modulus is not None
 
 
 def write_record(path: Path, record: FruitRecord) -> None:

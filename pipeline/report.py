@@ -26,10 +26,17 @@ def batch_entry(
     exit_status: int,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first."""
-    graded = [r for r in records if r.modulus is not None]
-    E = np.array([r.modulus.E_MPa for r in graded if r.modulus])
-    sd = np.array([r.modulus.E_sd_MPa for r in graded if r.modulus])
-    places = standings(E, sd, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED))
+    graded = [r for r in records if r.graded]
+    E, sd, common = (
+        np.array(
+            [(r.modulus.E_MPa, r.modulus.E_sd_MPa, r.modulus.common_sd_MPa) for r in graded if r.modulus]
+        )
+        .reshape(-1, 3)
+        .T
+    )
+    places = standings(
+        E, sd, common, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED)
+    )
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
     settings = batch.settings
     return BatchEntry(
@@ -53,7 +60,7 @@ def batch_entry(
 
 def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) -> FruitEntry:
     files = results.fruit(record.fruit_id)
-    mesh, modulus = record.mesh, record.modulus
+    mesh, modulus = record.mesh, record.modulus if record.graded else None
     return FruitEntry(
         fruit_id=record.fruit_id,
         ok=record.graded,
@@ -129,7 +136,12 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
         facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
     if (flesh := record.flesh) is not None:
         facts.append(("Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"))
-        facts.append(("Poisson's ratio", f"{flesh.poisson_ratio:g} ({flesh.poisson_ratio_source})"))
+        facts.append(
+            (
+                "Poisson's ratio",
+                f"{flesh.poisson_ratio:g} ± {flesh.poisson_ratio_sd:g} ({flesh.poisson_ratio_source})",
+            )
+        )
     if record.modulus is not None:
         facts += [
             (f"Error bar: {name}", f"± {value:.3f} MPa")

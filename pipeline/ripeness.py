@@ -41,6 +41,7 @@ class Agreement:
 def standings(
     E_MPa: Float[np.ndarray, " n"],
     E_sd_MPa: Float[np.ndarray, " n"],
+    common_sd_MPa: Float[np.ndarray, " n"],
     *,
     classes: Sequence[GradingClass],
     rng: np.random.Generator,
@@ -48,12 +49,16 @@ def standings(
 ) -> list[Standing]:
     """Each fruit's standing, in the order given.
 
+    `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say): it counts for the
+    class, which has fixed limits, and not for the order.
+
     The modulus is positive with an error that scales with it, so its uncertainty is taken as lognormal:
     `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from `draws` joint
     draws; `rank_low` and `rank_high` hold the central 90 %. The probability of being softer than the next
     fruit in the ranking is exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
     """
-    mean, spread = np.log(E_MPa), E_sd_MPa / E_MPa
+    mean, whole = np.log(E_MPa), E_sd_MPa / E_MPa
+    spread = np.sqrt(np.maximum(E_sd_MPa**2 - common_sd_MPa**2, 0)) / E_MPa
     order = np.lexsort((np.arange(len(mean)), mean))
     rank = np.empty(len(mean), dtype=int)
     rank[order] = np.arange(1, len(mean) + 1)
@@ -66,7 +71,7 @@ def standings(
         if rank[i] < len(mean):
             j = order[rank[i]]
             softer = _phi(mean[j] - mean[i], math.hypot(spread[i], spread[j]))
-        name, probability = maturity(mean[i], spread[i], classes)
+        name, probability = maturity(mean[i], whole[i], classes)
         result.append(
             Standing(
                 rank=int(rank[i]),

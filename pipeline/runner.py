@@ -2,13 +2,14 @@
 
 import multiprocessing
 import os
-import queue
+import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import TimeoutError as FutureTimeout
 from concurrent.futures import wait
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
@@ -63,27 +64,32 @@ def run_fruits(
     *,
     jobs: int,
     time_limit_s: float,
-) -> Iterator[Event]:
+) -> Generator[Event, None, None]:
     """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
 
     Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
-    one numerical thread. Leaving the iterator early stops what is running.
+    one numerical thread. Each process tells its stages in a file of its own: whatever kills one, no lock is
+    left held. Leaving the iterator early stops what is running.
     """
     os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     context = multiprocessing.get_context("spawn")
-    events = context.SimpleQueue()
-    with ProcessPool(
-        max_workers=jobs, max_tasks=1, context=context, initializer=_listen, initargs=(events,)
-    ) as pool:
+    with (
+        tempfile.TemporaryDirectory(prefix="drupe-") as scratch,
+        ProcessPool(max_workers=jobs, max_tasks=1, context=context, initializer=_watch) as pool,
+    ):
+        diaries = {Path(scratch) / str(i): fruit_id for i, (fruit_id, _) in enumerate(tasks)}
         pending = {
-            pool.schedule(_work, args=(work, fruit_id, task), timeout=time_limit_s): fruit_id
-            for fruit_id, task in tasks
+            pool.schedule(_work, args=(work, diary, task), timeout=time_limit_s): fruit_id
+            for diary, (fruit_id, task) in zip(diaries, tasks, strict=True)
         }
+        told = dict.fromkeys(diaries, 0)
         try:
             while pending:
                 done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
-                while not events.empty():
-                    yield Progressed(*events.get())
+                for diary, fruit_id in diaries.items():
+                    stages = diary.read_text().splitlines() if diary.exists() else []
+                    yield from (Progressed(fruit_id, stage) for stage in stages[told[diary] :])
+                    told[diary] = len(stages)
                 for future in done:
                     yield _ending(pending.pop(future), future)
         finally:
@@ -102,12 +108,7 @@ def _ending(fruit_id: str, future: Any) -> Event:
         return Finished(fruit_id, error)
 
 
-_events: Any = queue.SimpleQueue()
-
-
-def _listen(events: Any) -> None:
-    global _events  # a worker process has one channel to its parent
-    _events = events
+def _watch() -> None:
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
 
 
@@ -118,5 +119,9 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _work(work: Callable[[Any, Report], Any], fruit_id: str, task: Any) -> Any:
-    return work(task, lambda stage: _events.put((fruit_id, stage)))
+def _work(work: Callable[[Any, Report], Any], diary: Path, task: Any) -> Any:
+    def report(stage: str) -> None:
+        with diary.open("a") as file:
+            file.write(f"{stage}\n")
+
+    return work(task, report)

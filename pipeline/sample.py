@@ -1,5 +1,6 @@
 """`drupe sample`: the shipped batches, and new ones from a seed."""
 
+import tempfile
 from pathlib import Path
 
 from rich.console import Console
@@ -23,13 +24,18 @@ def write_sample(
         return
     from samples.batch import SampleFailure, write_batch
 
+    folder.parent.mkdir(parents=True, exist_ok=True)
     try:
-        write_batch(
-            folder,
-            seed=seed,
-            fruits=fruits,
-            photos=photos,
-            progress=lambda line: console.print(line, highlight=False, markup=False),
-        )
+        with tempfile.TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as beside:
+            write_batch(
+                Path(beside) / "batch",
+                seed=seed,
+                fruits=fruits,
+                photos=photos,
+                progress=lambda line: console.print(line, highlight=False, markup=False),
+            )
+            if folder.exists():
+                folder.rmdir()
+            (Path(beside) / "batch").rename(folder)
     except SampleFailure as failure:
         raise BatchRefused([Problem(str(folder), str(failure))]) from None

@@ -64,8 +64,7 @@ def fruit_shape(task: FruitTask) -> Shape:
         rooms=("recon",),
     )
     made = cached(task.results.cache, "mesh", key, lambda: _from_photos(task, model_path))
-    if not task.results.photo.is_file():
-        write_whole(task.results.photo, made.arrays["photo"].tobytes())
+    write_whole(task.results.photo, made.arrays["photo"].tobytes())
     return _shape(
         made.arrays["vertices"],
         made.arrays["faces"],

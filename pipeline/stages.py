@@ -6,6 +6,7 @@ photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elemen
 import resource
 import sys
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from fem.forward import UnitModulusSolid
 from fem.modulus import ModulusEstimate
 from fem.modulus_combine import combine_grasps
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
-from pipeline.grasp import PlacedGrasp, estimate, place_grasp
+from pipeline.grasp import PlacedGrasp, estimate, foreign, place_grasp, touched_by_pad
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import FleshRecord, FruitRecord, GraspRecord, ModulusRecord, write_record
@@ -35,7 +36,7 @@ FOOT_MM = 0.5
 
 @dataclass
 class Diary:
-    """What is known of the fruit so far, so that a fruit that ends early loses none of it."""
+    """What is known of the fruit so far: a fruit that ends with a reason loses none of it."""
 
     report: Callable[[str], None]
     known: dict[str, object] = field(default_factory=dict)
@@ -57,6 +58,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
     diary = Diary(report)
     outcome, reason = Outcome.GRADED.code, ""
+    task.results.forget()
     with threadpool_limits(1):
         try:
             _grade(task, diary)
@@ -66,6 +68,10 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
             outcome, reason = ended.outcome.code, str(ended)
         except MemoryError as error:
             outcome, reason = Outcome.OUT_OF_MEMORY.code, Outcome.OUT_OF_MEMORY.sentence(str(error))
+        except Exception as error:  # noqa: BLE001 - a fault of ours costs this fruit, and what is known is kept
+            write_whole(task.results.traceback, traceback.format_exc())
+            particulars = f"{type(error).__name__}: {error}"
+            outcome, reason = Outcome.INTERNAL.code, Outcome.INTERNAL.sentence(particulars)
     record = FruitRecord.model_validate(
         {
             **diary.known,
@@ -99,11 +105,15 @@ def _grade(task: FruitTask, diary: Diary) -> None:
     if not placed:
         write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
         raise _why_no_grasp(task, list(failures.values()))
-    nu, source = poisson_ratio(task.settings, task.prior)
+    nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
         mesh = flesh_mesh(task, shape, pit, _where_fine(placed, shape))
         known["flesh"] = FleshRecord(
-            nodes=len(mesh.nodes_mm), tets=len(mesh.tets), poisson_ratio=nu, poisson_ratio_source=source
+            nodes=len(mesh.nodes_mm),
+            tets=len(mesh.tets),
+            poisson_ratio=nu,
+            poisson_ratio_sd=nu_sd,
+            poisson_ratio_source=source,
         )
     with diary.stage("stiffness"):
         solids = {
@@ -119,6 +129,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 found, record = estimate(grasp, solids[grasp.recording.support], budget=budget)
             except FemFailure as failure:
                 records.append(GraspRecord(grasp=grasp.name, failure=failure.detail))
+                diary.warnings.append(f"not used: {grasp.name}: {failure.detail}")
                 continue
             estimates.append(found)
             records.append(record)
@@ -131,6 +142,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         known["modulus"] = ModulusRecord(
             E_MPa=modulus.E_MPa,
             E_sd_MPa=modulus.E_sd_MPa,
+            common_sd_MPa=budget.parts["Poisson's ratio"] * modulus.E_MPa,
             parts_sd_MPa={
                 "scatter between grasps": modulus.between_sd_MPa,
                 **{cause: share * modulus.E_MPa for cause, share in budget.parts.items()},
@@ -144,7 +156,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 shape.faces,
                 pit_vertices=pit.vertices,
                 pit_faces=pit.faces,
-                contacts_mm=placed[0].touched_mm,
+                contacts_mm=touched_by_pad(placed),
             ),
         )
 
@@ -157,7 +169,9 @@ def _placed(
     with diary.stage("contact"):
         for path in task.folder.grasp_files():
             try:
-                placed.append(place_grasp(path, shape.vertices, shape.faces))
+                grasp = place_grasp(path, shape.vertices, shape.faces)
+                placed.append(grasp)
+                diary.warnings += foreign(grasp, task.fruit_id, task.settings.category)
             except TactileFailure as failure:
                 failures[path.stem] = failure
                 diary.warnings.append(f"not used: {failure.detail}")

@@ -67,3 +67,20 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     provenance = json.loads((batch / "results" / "batch.json").read_text())
     assert provenance["exit_status"] == 0
     assert "batch.toml" in provenance["inputs"]
+
+
+def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch):
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
+    with subprocess.Popen(
+        [*command, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stderr is not None
+        for line in run.stderr:
+            if "mesh" in line:
+                break
+        run.send_signal(signal.SIGINT)
+        _, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert "interrupted; finished fruit are kept" in err
+    assert "Traceback" not in err
+    assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130

@@ -38,6 +38,19 @@ def test_a_truncated_file_is_computed_again(tmp_path):
     assert len(calls) == 2
 
 
+def test_a_damaged_file_is_computed_again(tmp_path):
+    for spoil in range(30, 400, 37):
+        calls = []
+        cached(tmp_path, "mesh", "k", make([]))
+        path = tmp_path / "mesh.npz"
+        data = bytearray(path.read_bytes())
+        data[spoil % len(data)] ^= 0xFF
+        path.write_bytes(data)
+        found = cached(tmp_path, "mesh", "k", make(calls))
+        np.testing.assert_array_equal(found.arrays["a"], np.arange(3.0))
+        path.unlink()
+
+
 def test_the_key_follows_contents_settings_and_stage(tmp_path):
     file = tmp_path / "f"
     file.write_text("one")

@@ -53,6 +53,7 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("height_mm\n60\n", 'the column "fruit_id" is missing'),
         ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
         ("fruit_id\n", "holds no fruit"),
+        ("fruit_id,height_mm,mass_g\nA,57,8,120\n", "one cell per column"),
     ],
 )
 def test_a_broken_table_is_said(tmp_path, text, says):

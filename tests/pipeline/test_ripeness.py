@@ -14,8 +14,9 @@ CLASSES = (
 )
 
 
-def stand(E, sd, seed=1):
-    return standings(np.array(E), np.array(sd), classes=CLASSES, rng=np.random.default_rng(seed))
+def stand(E, sd, common=0.0, seed=1):
+    E, sd = np.array(E), np.array(sd)
+    return standings(E, sd, common * np.ones_like(E), classes=CLASSES, rng=np.random.default_rng(seed))
 
 
 def test_softest_fruit_has_rank_one():
@@ -54,6 +55,13 @@ def test_class_probabilities_are_normal_in_log_modulus_and_sum_to_one():
     assert (name, p) == ("ripe", pytest.approx(expected))
     edges = np.log([1e-9, 0.3, 0.7, 1e9])
     assert np.diff(norm.cdf(edges, log_E, sd)).sum() == pytest.approx(1)
+
+
+def test_an_error_that_all_fruit_share_leaves_the_order_sure_and_the_class_unsure():
+    alone = stand([0.29, 0.31], [0.05, 0.05])
+    shared = stand([0.29, 0.31], [0.05, 0.05], common=0.0499)
+    assert shared[0].p_softer_than_next > 0.99 > alone[0].p_softer_than_next
+    assert shared[0].maturity_probability == pytest.approx(alone[0].maturity_probability)
 
 
 def test_without_classes_there_is_no_maturity():

@@ -1,0 +1,43 @@
+"""Which files of a fruit's folder count."""
+
+import pytest
+
+from pipeline.layout import FruitFolder, FruitResults, write_whole
+
+
+def test_hidden_files_and_folders_are_neither_photos_nor_recordings(tmp_path):
+    for name in ("photos/1.jpg", "photos/._1.jpg", "grasps/a.h5", "grasps/.a.h5"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    (tmp_path / "photos" / "2.jpg").mkdir()
+    (tmp_path / "grasps" / "b.h5").mkdir()
+    folder = FruitFolder(tmp_path)
+    assert [p.name for p in folder.photo_files()] == ["1.jpg"]
+    assert [p.name for p in folder.grasp_files()] == ["a.h5"]
+
+
+def test_a_ready_mesh_makes_photos_no_input(tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "1.jpg").touch()
+    (tmp_path / "fruit.ply").touch()
+    assert [p.name for p in FruitFolder(tmp_path).input_files()] == ["fruit.ply"]
+
+
+def test_a_failed_write_leaves_the_old_file_and_no_scrap(tmp_path):
+    path = tmp_path / "file"
+    write_whole(path, "old")
+    path_is_folder = tmp_path / "folder"
+    path_is_folder.mkdir()
+    (path_is_folder / "x").touch()
+    with pytest.raises(OSError, match="folder"):
+        write_whole(path_is_folder, "new")
+    assert path.read_text() == "old"
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_forgetting_keeps_what_the_stages_made(tmp_path):
+    results = FruitResults(tmp_path)
+    for path in (results.record, results.picture, results.cache / "mesh.npz"):
+        write_whole(path, "x")
+    results.forget()
+    assert [p.name for p in tmp_path.rglob("*") if p.is_file()] == ["mesh.npz"]
