@@ -18,33 +18,8 @@ from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
 from fem.modulus_combine import combine_grasps
-from fem.modulus_inputs import GraspHistory, PadHistory
+from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
-from tactile.contact import Contact, find_contact
-from tactile.recording import read_recording
-from tactile.registration import PadRegistration, register
-
-
-def history(contact: Contact, registered: tuple[PadRegistration, ...]) -> GraspHistory:
-    """What the estimator wants of a contact and its places on the mesh."""
-    pads = []
-    for pad, place in zip(contact.pads, registered, strict=True):
-        on = pad.patch
-        pads.append(
-            PadHistory(
-                name=pad.name,
-                rest_mm=pad.rest_mm[on],
-                surface_mm=place.surface_mm[on],
-                position_mm=pad.position_mm[:, on],
-                gel_displacement_mm=pad.gel_displacement_mm[:, on],
-                force_N=pad.force_N[:, on],
-                episode=pad.episode[:, on],
-                displacement_sd_mm=pad.displacement_noise.sd,
-                force_sd_N=pad.force_noise.sd,
-                lag1=pad.displacement_noise.lag1,
-            )
-        )
-    return GraspHistory(time_s=contact.time_s, phase=tuple(map(str, contact.phase)), pads=tuple(pads))
 
 
 def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge_mm: float) -> None:
@@ -52,15 +27,8 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
     case = tomllib.loads((folder / "case.toml").read_text())
     outer, pit = read_mesh(folder / "fruit.ply"), read_mesh(folder / "pit.ply")
     files = sorted(folder.glob("grasp-*.h5"))
-    contacts = [find_contact(read_recording(file), source=file.name) for file in files]
-    places = [register(c, *outer, source=f.name) for c, f in zip(contacts, files, strict=True)]
-    touched = np.vstack(
-        [
-            r.surface_mm[p.onset >= 0]
-            for c, rs in zip(contacts, places, strict=True)
-            for p, r in zip(c.pads, rs, strict=True)
-        ]
-    )
+    grasps = [place_grasp(file, *outer) for file in files]
+    touched = np.vstack([points for grasp in grasps for points in grasp.touched_mm.values()])
     start = time.perf_counter()
     mesh = tetrahedralise(*outer, *pit, edge_mm=edge_mm, refine_at_mm=touched, refine_edge_mm=pad_edge_mm)
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=case["poisson_ratio"], support="free")
@@ -74,14 +42,14 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
         pit_offset_sd_mm=case["offset_sd_mm"], pit_size_sd=case["size_sd"], surface_sd_mm=case["mesh_sd_mm"]
     )
     estimates = []
-    for number, (contact, place) in enumerate(zip(contacts, places, strict=True), start=1):
+    for grasp in grasps:
         start = time.perf_counter()
-        e = estimate_modulus(history(contact, place), solid, budget=budget)
+        e = estimate_modulus(history(grasp), solid, budget=budget)
         energy = f"{e.energy.E_MPa / true:7.4f}" if e.energy else "      -"
         print(
-            f"  grasp {number}  energy/true {energy}  least squares/true {e.E_MPa / true:7.4f}  "
+            f"  {grasp.name}  energy/true {energy}  least squares/true {e.E_MPa / true:7.4f}  "
             f"sd {100 * e.E_sd_MPa / e.E_MPa:4.2f} %  residual {1e3 * e.residual_rms_mm:6.2f} um  "
-            f"registration {max(p.residual_mm for p in place):.3f} mm  {time.perf_counter() - start:4.1f} s",
+            f"registration {max(p.residual_mm for p in grasp.pads):.3f} mm  {time.perf_counter() - start:4.1f} s",
             flush=True,
         )
         for sentence in e.warnings:

@@ -12,17 +12,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from modulus_cases import history
 
 from fem.failure import FemFailure
 from fem.forward import UnitModulusSolid
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
+from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
-from tactile.contact import Contact, find_contact
-from tactile.recording import read_recording
-from tactile.registration import register
 
 Surface = tuple[np.ndarray, np.ndarray]
 
@@ -38,28 +35,17 @@ class Setting:
     fruit_from_fruit: Callable[[np.ndarray], np.ndarray] = lambda points: points
 
 
-def moduli(setting: Setting, contacts: list[Contact], *, poisson_ratio: float) -> np.ndarray:
+def moduli(setting: Setting, files: list[Path], *, poisson_ratio: float) -> np.ndarray:
     """E of every grasp, one mesh for all."""
     outer = (setting.fruit_from_fruit(setting.outer[0]), setting.outer[1])
     pit = (setting.fruit_from_fruit(setting.pit[0]), setting.pit[1])
-    places = [register(contact, *outer, source="recording") for contact in contacts]
-    touched = np.vstack(
-        [
-            place.surface_mm[pad.onset >= 0]
-            for contact, each in zip(contacts, places, strict=True)
-            for pad, place in zip(contact.pads, each, strict=True)
-        ]
-    )
+    grasps = [place_grasp(file, *outer) for file in files]
+    touched = np.vstack([points for grasp in grasps for points in grasp.touched_mm.values()])
     mesh = tetrahedralise(
         *outer, *pit, edge_mm=setting.edge_mm, refine_at_mm=touched, refine_edge_mm=setting.pad_edge_mm
     )
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support="free")
-    return np.array(
-        [
-            estimate_modulus(history(contact, place), solid, budget=ErrorBudget()).E_MPa
-            for contact, place in zip(contacts, places, strict=True)
-        ]
-    )
+    return np.array([estimate_modulus(history(grasp), solid, budget=ErrorBudget()).E_MPa for grasp in grasps])
 
 
 def waved(surface: Surface, sd_mm: float, rng: np.random.Generator, *, waves: int = 12) -> Surface:
@@ -129,20 +115,19 @@ def main() -> None:
         nu = float(tomllib.loads((case / "case.toml").read_text())["poisson_ratio"])
         base = Setting(outer=read_mesh(case / "fruit.ply"), pit=read_mesh(case / "pit.ply"))
         files = [case / f"grasp-{g}.h5" for g in args.grasps]
-        contacts = [find_contact(read_recording(file), source=file.name) for file in files]
-        reference = moduli(base, contacts, poisson_ratio=nu)
+        reference = moduli(base, files, poisson_ratio=nu)
         print(name, "E", reference.round(4), "MPa", flush=True)
         for title, setting in variations(base).items():
             if args.only in title:
                 try:
-                    change = 100 * (moduli(setting, contacts, poisson_ratio=nu) / reference - 1)
+                    change = 100 * (moduli(setting, files, poisson_ratio=nu) / reference - 1)
                 except FemFailure as failure:
                     print(f"  {title:32s} {failure}", flush=True)
                     continue
                 print(f"  {title:32s}", "  ".join(f"{c:+6.2f} %" for c in change), flush=True)
         for nu_other in (nu - 0.02, nu + 0.02):
             if args.only in "nu":
-                change = 100 * (moduli(base, contacts, poisson_ratio=nu_other) / reference - 1)
+                change = 100 * (moduli(base, files, poisson_ratio=nu_other) / reference - 1)
                 print(f"  {f'nu {nu_other:.2f}':32s}", "  ".join(f"{c:+6.2f} %" for c in change), flush=True)
 
 

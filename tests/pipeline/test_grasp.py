@@ -12,11 +12,8 @@ from fem.forward import UnitModulusSolid
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
+from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
-from tactile.contact import find_contact
-from tactile.recording import read_recording
-from tactile.registration import register
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
 E_MPA, NU = 1.066393333897285, 0.45
@@ -25,30 +22,13 @@ E_MPA, NU = 1.066393333897285, 0.45
 @pytest.fixture(scope="module")
 def found():
     outer, pit = read_mesh(DATA / "fruit.ply"), read_mesh(DATA / "pit.ply")
-    contact = find_contact(read_recording(DATA / "grasp.h5"), source="grasp.h5")
-    places = register(contact, *outer, source="grasp.h5")
-    pads = tuple(
-        PadHistory(
-            name=pad.name,
-            rest_mm=pad.rest_mm[pad.patch],
-            surface_mm=place.surface_mm[pad.patch],
-            position_mm=pad.position_mm[:, pad.patch],
-            gel_displacement_mm=pad.gel_displacement_mm[:, pad.patch],
-            force_N=pad.force_N[:, pad.patch],
-            episode=pad.episode[:, pad.patch],
-            displacement_sd_mm=pad.displacement_noise.sd,
-            force_sd_N=pad.force_noise.sd,
-            lag1=pad.displacement_noise.lag1,
-        )
-        for pad, place in zip(contact.pads, places, strict=True)
-    )
-    touched = [place.surface_mm[pad.onset >= 0] for pad, place in zip(contact.pads, places, strict=True)]
+    grasp = place_grasp(DATA / "grasp.h5", *outer)
+    touched = np.vstack(list(grasp.touched_mm.values()))
     mesh = tetrahedralise(
-        *outer, *pit, edge_mm=7.0, refine_at_mm=np.vstack(touched), refine_radius_mm=1.0, refine_edge_mm=2.5
+        *outer, *pit, edge_mm=7.0, refine_at_mm=touched, refine_radius_mm=1.0, refine_edge_mm=2.5
     )
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    history = GraspHistory(time_s=contact.time_s, phase=tuple(map(str, contact.phase)), pads=pads)
-    return estimate_modulus(history, solid, budget=ErrorBudget())
+    return estimate_modulus(history(grasp), solid, budget=ErrorBudget())
 
 
 def test_within_two_percent_of_the_answer_from_one_grasp(found):
