@@ -49,7 +49,8 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
         print(
             f"  {grasp.name}  energy/true {energy}  least squares/true {e.E_MPa / true:7.4f}  "
             f"sd {100 * e.E_sd_MPa / e.E_MPa:4.2f} %  residual {1e3 * e.residual_rms_mm:6.2f} um  "
-            f"registration {max(p.residual_mm for p in grasp.pads):.3f} mm  {time.perf_counter() - start:4.1f} s",
+            f"registration {max(p.residual_mm for p in grasp.pads):.3f} mm  "
+            f"{time.perf_counter() - start:4.1f} s",
             flush=True,
         )
         for sentence in e.warnings:
