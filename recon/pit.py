@@ -13,7 +13,9 @@ from recon.closed import open_edges, volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import ball
 from recon.priors import PitPrior
+from recon.surface import distances_mm
 
+Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 LEVEL = 3
 LEAST_FLESH_MM = 0.5
 
@@ -75,13 +77,7 @@ def embed_pit(
     outside = float((pit - fruit).volume())
     if outside > 1e-6 * pit_volume:
         raise _outside(f"{100 * outside / pit_volume:.1f} % of the pit lies outside the fruit")
-    box = fruit.bounding_box()
-    size = np.array(box[3:]) - np.array(box[:3])
-    around = (
-        manifold3d.Manifold.cube(tuple(3 * size), True).translate(tuple((np.array(box[3:]) + box[:3]) / 2))
-        - fruit
-    )
-    thinnest = float(around.min_gap(pit, float(size.min()) / 2))
+    thinnest = least_gap_mm((fruit_vertices, fruit_faces), (pit_vertices, pit_faces))
     if thinnest < LEAST_FLESH_MM:
         raise _outside(f"The flesh between pit and skin is {thinnest:.2f} mm at its thinnest")
     flesh = (fruit.as_original() - pit.as_original()).to_mesh64()
@@ -99,6 +95,16 @@ def embed_pit(
         pit_volume_mm3=pit_volume,
         thinnest_flesh_mm=thinnest,
     )
+
+
+def least_gap_mm(one: Mesh, other: Mesh) -> float:
+    """Shortest way between two surfaces that do not cross: over the vertices of each, to the other's faces.
+
+    Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
+    edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
+    """
+    ways = [distances_mm(v[np.unique(f)], *mesh).min() for (v, f), mesh in ((one, other), (other, one))]
+    return float(min(ways))
 
 
 def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, what: str) -> None:
