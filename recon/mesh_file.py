@@ -47,10 +47,15 @@ def read_mesh(path: Path) -> Mesh:
     return vertices, faces
 
 
-def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> None:
+def mesh_bytes(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> bytes:
     """A binary PLY (coordinates to a millionth of their size); the same mesh gives the same bytes."""
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    path.write_bytes(trimesh.exchange.ply.export_ply(mesh, vertex_normal=False))
+    return bytes(trimesh.exchange.ply.export_ply(mesh, vertex_normal=False))
+
+
+def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> None:
+    """The bytes of `mesh_bytes` as a file."""
+    path.write_bytes(mesh_bytes(vertices, faces))
 
 
 def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:

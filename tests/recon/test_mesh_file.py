@@ -5,7 +5,7 @@ import pytest
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import ball
-from recon.mesh_file import read_mesh, write_mesh
+from recon.mesh_file import mesh_bytes, read_mesh, write_mesh
 
 
 def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
@@ -14,6 +14,7 @@ def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
     again, same = read_mesh(tmp_path / "a.ply")
     np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
     assert np.array_equal(same, faces)
+    assert (tmp_path / "a.ply").read_bytes() == mesh_bytes(vertices, faces)
 
 
 def test_text_ply_obj_and_stl_are_read(tmp_path):
