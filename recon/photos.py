@@ -29,12 +29,18 @@ class Photo:
 
 
 def photo_paths(folder: Path) -> tuple[Path, ...]:
-    """The photo files of a folder, by name; other files are no photos."""
+    """What counts as a photo: the files .jpg, .jpeg and .png (in any case) of a folder, sorted by name.
+
+    Hidden files (cameras and phones leave a ._001.jpg), folders and links to nothing are no photos; a folder
+    that does not exist holds none.
+    """
     if not folder.is_dir():
         return ()
-    return tuple(
-        sorted(p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith("."))
-    )
+    return tuple(sorted(p for p in folder.iterdir() if _is_photo(p)))
+
+
+def _is_photo(path: Path) -> bool:
+    return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
 
 
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from recon.failure import ReconFailure, ReconProblem
-from recon.photos import exif_focal_px, read_photo, read_photos
+from recon.photos import exif_focal_px, photo_paths, read_photo, read_photos
 
 
 @pytest.fixture
@@ -21,6 +21,16 @@ def folder(tmp_path):
 def test_photos_come_by_name_without_other_files(folder):
     (folder / "notes.txt").write_text("x")
     assert [p.name for p in read_photos(folder)] == ["0.jpg", "1.jpg", "2.jpg"]
+
+
+def test_only_visible_files_are_photos(folder):
+    (folder / "._1.jpg").write_bytes(b"x")
+    (folder / "more.jpg").mkdir()
+    (folder / "gone.png").symlink_to(folder / "nowhere.png")
+    (folder / "A.JPEG").write_bytes(b"x")
+    (folder / "z.png").symlink_to(folder / "0.jpg")
+    assert [p.name for p in photo_paths(folder)] == ["0.jpg", "1.jpg", "2.jpg", "A.JPEG", "z.png"]
+    assert photo_paths(folder / "none") == ()
 
 
 @pytest.mark.parametrize(
