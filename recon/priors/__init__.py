@@ -19,7 +19,8 @@ class PitPrior:
 
     Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k; its centre lies `raised[k]`
     half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
-    `offset_sd_mm` is per axis, `size_sd` relative. `sources` says where each number comes from.
+    `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh.
+    `sources` says where each number comes from.
     """
 
     category: str
@@ -29,6 +30,7 @@ class PitPrior:
     offset_sd_mm: float
     size_sd: float
     poisson_ratio: float
+    poisson_ratio_sd: float
     sources: dict[str, str]
 
 
@@ -84,6 +86,7 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
         offset_sd_mm=number("offset_sd_mm", 0.0, 20.0),
         size_sd=number("size_sd", 0.0, 0.5),
         poisson_ratio=number("poisson_ratio", 0.0, 0.4999),
+        poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2),
         sources=sources,
     )
 

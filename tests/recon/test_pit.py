@@ -1,5 +1,6 @@
 """The pit: where the prior puts it, how it is cut out, and what is refused."""
 
+import manifold3d
 import numpy as np
 import pytest
 
@@ -45,6 +46,20 @@ def test_thinnest_flesh_of_two_balls():
     assert embedded.thinnest_flesh_mm == pytest.approx(9.0, abs=0.05)
 
 
+def test_thinnest_flesh_is_the_least_gap_of_the_two_solids(fruit):
+    """Against the exact distance of the pit from what surrounds the fruit."""
+    vertices, faces = ball(3)
+    bumpy = fruit[0] * (1 + 0.08 * np.sin(fruit[0] @ [[0.3], [0.2], [0.25]]))
+    pit = 9 * vertices * [1.2, 0.8, 1.5] + [4.0, -3.0, 28.0]
+    skin, stone = (
+        manifold3d.Manifold(manifold3d.Mesh64(v, np.asarray(f, np.uint64)))
+        for v, f in ((bumpy, fruit[1]), (pit, faces))
+    )
+    around = manifold3d.Manifold.cube((300.0, 300.0, 300.0), True) - skin
+    exact = around.min_gap(stone, 40.0)
+    assert embed_pit(bumpy, fruit[1], pit, faces).thinnest_flesh_mm == pytest.approx(exact, abs=0.05)
+
+
 @pytest.mark.parametrize(
     ("grow", "shift", "words"),
     [
@@ -74,7 +89,14 @@ def test_every_shipped_prior_loads_with_sources_and_fits_a_fruit(fruit):
     assert known_categories() == ("apricot", "cherry", "nectarine", "peach", "plum")
     for category in known_categories():
         prior = load_prior(category)
-        assert set(prior.sources) >= {"axis_ratios", "poisson_ratio", "offset_sd_mm", "size_sd"}
+        assert set(prior.sources) >= {
+            "axis_ratios",
+            "poisson_ratio",
+            "offset_sd_mm",
+            "size_sd",
+            "poisson_ratio_sd",
+        }
+        assert 0 < prior.poisson_ratio_sd < (0.5 - prior.poisson_ratio) / 2
         assert embed_pit(*fruit, *place_pit(*fruit, prior)).thinnest_flesh_mm > 3
 
 
@@ -90,10 +112,19 @@ def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
     good += 'raised = { value = [0, 0, 0], source = "own" }\n'
     good += "".join(
         f'{k} = {{ value = {v}, source = "own" }}\n'
-        for k, v in {"exponent": 2, "offset_sd_mm": 0.5, "size_sd": 0.05, "poisson_ratio": 0.45}.items()
+        for k, v in {
+            "exponent": 2,
+            "offset_sd_mm": 0.5,
+            "size_sd": 0.05,
+            "poisson_ratio": 0.45,
+            "poisson_ratio_sd": 0.01,
+        }.items()
     )
     path.write_text(good)
     assert load_prior(path).category == "mine"
+    path.write_text(good.replace("poisson_ratio_sd", "other"))
+    with pytest.raises(ReconFailure, match=r"mine\.toml: poisson_ratio_sd is None; expected"):
+        load_prior(path)
     path.write_text(good.replace("0.45", "0.5"))
     with pytest.raises(ReconFailure, match=r"mine\.toml: poisson_ratio is .* expected") as caught:
         load_prior(path)
