@@ -15,7 +15,7 @@ from recon.camera import Camera
 from recon.failure import ReconFailure, ReconProblem
 from recon.mat import Mat, detect_tags
 from recon.photos import Photo, require_enough
-from recon.scale import Box, blank_box
+from recon.scale import Box, blank_box, with_print_error
 from recon.similarity import fitted_similarity
 
 FEWEST_TAGS = 4
@@ -48,10 +48,10 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     """Cameras in the mat's frame (mm, z up), all sharing one focal length and one radial term.
 
     Minimises the distance in pixels between seen and projected tag corners over poses, focal length and k1,
-    with the corners held where they were printed. EXIF is not needed. `scale_sd` is the relative standard
-    error of the scale: of the similarity that takes the print to the corners as triangulated without it.
-    Raises ReconFailure: mat-not-found (no tag anywhere), too-few-views (fewer than three photos with four
-    tags).
+    with the corners held where they were printed. EXIF is not needed. Photos of another size than most are
+    left out, with a warning. `scale_sd` is the relative standard error of the scale: of the similarity that
+    takes the print to the corners as triangulated without it, and of the print. Raises ReconFailure:
+    mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
     seen = [detect_tags(photo.image, mat) for photo in photos]
@@ -74,8 +74,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
             f"(the best "
             f"shows {most}); at least {FEWEST_VIEWS} must: keep the mat uncovered and in focus.",
         )
-    size = photos[sightings[0].photo].image.shape[:2]
-    sightings = [s for s in sightings if photos[s.photo].image.shape[:2] == size]
+    sightings, size, warnings = _of_one_size(sightings, photos)
     known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
     focal_px = focal_from_homographies(sightings, size) or (
         float(np.median(known)) if known else 1.2 * max(size)
@@ -120,11 +119,34 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         cameras=tuple(cameras),
         used=np.array([s.photo for s in sightings], int),
         reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
-        scale_sd=_scale_error(sightings, cameras),
+        scale_sd=with_print_error(_scale_error(sightings, cameras)),
         focal_sd_px=float(np.sqrt(covariance)),
         points=np.concatenate(list(mat.corners_mm.values())),
         box=blank_box(mat),
+        warnings=warnings,
     )
+
+
+def _of_one_size(
+    sightings: list[_Sighting], photos: Sequence[Photo]
+) -> tuple[list[_Sighting], tuple[int, int], tuple[str, ...]]:
+    """Sightings in photos of the commonest (height, width), that size, and a warning if others are left."""
+    sizes = [photos[s.photo].image.shape[:2] for s in sightings]
+    (size, count), *others = Counter(sizes).most_common()
+    if not others:
+        return sightings, size, ()
+    fault = (
+        f"{len(sizes) - count} of {len(sizes)} photos that show the mat are not {size[1]} x {size[0]} pixels "
+        "upright, like the most"
+    )
+    advice = "take all photos with one camera, one zoom and one way up"
+    if count < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"{fault}, and {count} of one size are left; at least {FEWEST_VIEWS} must be: {advice}.",
+        )
+    kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
+    return kept, size, (f"{fault}, and were left out; {advice}.",)
 
 
 def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from recon.mat import Mat
 
+PRINT_SCALE_SD = 0.001
 Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
@@ -25,6 +26,18 @@ def scaled_to_height(
     """Vertices scaled about the origin so that they are `height_mm` tall along z, and the factor."""
     factor = height_mm / float(np.ptp(vertices[:, 2]))
     return vertices * factor, factor
+
+
+def with_print_error(scale_sd: float) -> float:
+    """Relative standard deviation of a scale taken from the mat: the fit's and the print's, in quadrature.
+
+    The print is taken to be true to 0.1 % once its bar was measured (assumed: that is 0.1 mm in 100 mm, about
+    what a good ruler or a caliper tells; paper that swells in damp air is not in it).
+
+    >>> with_print_error(0.0)
+    0.001
+    """
+    return float(np.hypot(scale_sd, PRINT_SCALE_SD))
 
 
 def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float) -> float:

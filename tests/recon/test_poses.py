@@ -32,7 +32,7 @@ def test_error_bars_cover_the_truth(bent):
     cameras, photos = bent
     poses = cameras_from_mat(photos, standard_mat())
     assert abs(poses.cameras[0].focal_px - cameras[0].focal_px) < 4 * poses.focal_sd_px
-    assert poses.scale_sd < 2e-3
+    assert 1e-3 < poses.scale_sd < 2e-3
 
 
 def test_a_straightened_photo_obeys_the_pinhole(bent):
@@ -62,6 +62,24 @@ def test_two_photos_with_tags_are_too_few(bent):
     grey = [Photo(f"g{i}.png", np.full((480, 640, 3), 90, np.uint8)) for i in range(4)]
     with pytest.raises(ReconFailure, match=r"Only 2 of 6 photos show at least 4 tags") as caught:
         cameras_from_mat([*photos[:2], *grey], standard_mat())
+    assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
+
+
+def test_photos_of_another_size_are_left_out_with_a_warning(bent):
+    _, photos = bent
+    first_cut = Photo(photos[0].name, np.ascontiguousarray(photos[0].image[8:-8]))
+    poses = cameras_from_mat([first_cut, *photos[1:5]], standard_mat())
+    assert poses.used.tolist() == [1, 2, 3, 4]
+    assert poses.warnings[0].startswith("1 of 5 photos that show the mat are not 640 x 480 pixels upright")
+
+
+def test_too_few_photos_of_one_size_are_refused(bent):
+    _, photos = bent
+    cut = [
+        Photo(p.name, np.ascontiguousarray(p.image[4 * i : 480 - 4 * i])) for i, p in enumerate(photos[:4])
+    ]
+    with pytest.raises(ReconFailure, match=r"3 of 4 photos .* and 1 of one size are left") as caught:
+        cameras_from_mat(cut, standard_mat())
     assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
 
 
