@@ -21,12 +21,13 @@ ENOUGH = (("world_points",), ("depth", "pose_enc"))
 @dataclass(frozen=True)
 class PointMaps:
     """Per photo and pixel of the model's grid: a point in the model's own world, and how much it is
-    trusted.
+    trusted; and where the photos were taken, if the model says so.
     """
 
     points: Float[np.ndarray, "s h w 3"]
     confidence: Float[np.ndarray, "s h w"]
     photo_px_per_cell: Float[np.ndarray, "s 2"]
+    places: Float[np.ndarray, "s 3"] | None = None
 
     def cells_of(self, view: int, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Photo pixels (column, row) as cells of the grid."""
@@ -80,21 +81,29 @@ def point_maps(
         raise _bad(
             model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
         ) from error
-    expected = {"world_points": 3, "depth": 1, "world_points_conf": None, "depth_conf": None}
-    for name, last in expected.items():
-        full = (1, len(photos), rows, columns) + (() if last is None else (last,))
+    grid = (1, len(photos), rows, columns)
+    expected = {
+        "world_points": (*grid, 3), "depth": (*grid, 1), "world_points_conf": grid, "depth_conf": grid,
+        "pose_enc": (1, len(photos), 9),
+    }  # fmt: skip
+    for name, full in expected.items():
         if name in outputs and outputs[name].shape != full:
             raise _bad(model, f'gives "{name}" of shape {outputs[name].shape}', f"{full}")
-    if "world_points" in outputs:
+    poses = None if "pose_enc" not in outputs else np.asarray(outputs["pose_enc"][0], float)
+    if poses is not None and not (np.isfinite(poses).all() and poses[:, 3:7].any(axis=1).all()):
+        raise _bad(
+            model, 'gives a "pose_enc" without a turn', "finite numbers and quaternions that are not 0"
+        )
+    if poses is None or "world_points" in outputs:
         points = np.asarray(outputs["world_points"][0], float)
         confidence = outputs.get("world_points_conf")
     else:
-        points = _unprojected(outputs["depth"][0, ..., 0], outputs["pose_enc"][0])
+        points = _unprojected(outputs["depth"][0, ..., 0], poses)
         confidence = outputs.get("depth_conf")
     trust = np.ones(points.shape[:3]) if confidence is None else np.asarray(confidence[0], float)
     trust = np.where(np.isfinite(points).all(3), trust, -np.inf)
     scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
-    return PointMaps(np.nan_to_num(points), trust, scale)
+    return PointMaps(np.nan_to_num(points), trust, scale, None if poses is None else _places(poses))
 
 
 def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
@@ -127,6 +136,11 @@ def _unprojected(
         local = np.stack([x * d, y * d, d], axis=-1) - p[:3]
         points[i] = local @ Rotation.from_quat(p[3:7]).as_matrix()
     return points
+
+
+def _places(pose: Float[np.ndarray, "s 9"]) -> Float[np.ndarray, "s 3"]:
+    """Camera centres -R' t."""
+    return np.asarray(-Rotation.from_quat(pose[:, 3:7]).apply(pose[:, :3], inverse=True))
 
 
 def _bad(model: Path, found: str, expected: str) -> ReconFailure:

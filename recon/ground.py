@@ -7,6 +7,7 @@ from recon.failure import ReconFailure, ReconProblem
 
 TRIALS = 600
 FEWEST_POINTS = 15
+STEEPEST_DEG = 10.0
 
 
 def ground_plane(
@@ -56,8 +57,19 @@ def ground_plane(
 def upright(
     up: Float[np.ndarray, "3"], foot: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x."""
+    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x.
+
+    Without a mat `ahead` is where the first photo was taken, by convention from the suture's side. Raises
+    ReconFailure (no-overlap) where that is within ten degrees of straight above: it then points nowhere.
+    """
     x = ahead - (ahead @ up) * up
+    if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            "The first photo looks down from straight above the fruit; without a mat it must be taken from "
+            "the suture's side, because it says where the suture is: retake the first photo, or use the mat "
+            "(drupe mat).",
+        )
     x /= np.linalg.norm(x)
     T = np.eye(4)
     T[:3, :3] = np.stack([x, np.cross(up, x), up])

@@ -31,10 +31,11 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
 
     The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh
-    settles it), z up from the support plane, the fruit near the z axis, x towards the first camera. Works
-    where the ground or the fruit has texture. pycolmap reads pictures from a scratch folder that is gone
-    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together),
-    no-fruit.
+    settles it), z up from the support plane, the fruit near the z axis. x points to where the first photo was
+    taken: by convention from the suture's side. Works where the ground or the fruit has texture. Writes the
+    pictures as PNG to a scratch folder of the system, because pycolmap reads only files; it is gone
+    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together, or
+    the first photo does not hang together with them or looks straight down), no-fruit.
     """
     require_enough(len(photos), where="The set")
     with tempfile.TemporaryDirectory() as scratch:
@@ -49,6 +50,13 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
             "mat) or take more.",
         )
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
+    if rows[0][0] != 0:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"The first photo ({photos[0].name}) shares too few features with the others to be placed; "
+            "without a mat it says where the suture is, and with that where pit and pads lie: retake the first "
+            "photo from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+        )
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
     level = _level(cloud, cameras)

@@ -11,7 +11,7 @@ from recon.ground import ground_plane, upright
 from recon.hull import sampled
 from recon.mat import Mat, detect_tags
 from recon.photos import Photo
-from recon.scale import Box, blank_box
+from recon.scale import Box, blank_box, with_print_error
 from recon.similarity import moved, robust_similarity
 
 TRUSTED_SHARE = 0.6
@@ -28,8 +28,10 @@ def fruit_points(
     error.
 
     The more trusted 60 % of the points count. With a mat, the tag corners' points fix the similarity to the
-    mat's frame; without it, the ground's plane fixes z and the fruit's height the scale (settled later on the
-    mesh). Raises ReconFailure: mat-not-found (fewer than four tags seen), no-overlap (no ground), no-fruit.
+    mat's frame; without it, the ground's plane fixes z, the fruit's height the scale (settled later on the
+    mesh), and x points to where the model says that the first photo was taken: by convention from the
+    suture's side. Raises ReconFailure: mat-not-found (fewer than four tags seen), bad-geometry-model (no mat
+    and no poses), no-overlap (no ground, or a first photo from straight above), no-fruit.
     """
     normals = _grid_normals(maps.points)
     usable = np.isfinite(maps.confidence)
@@ -37,8 +39,15 @@ def fruit_points(
     if mat is not None:
         world, scale_sd = _world_from_tags(maps, photos, mat)
         box = blank_box(mat)
+    elif maps.places is None:
+        raise ReconFailure(
+            ReconProblem.BAD_GEOMETRY_MODEL,
+            'The geometry model has no output "pose_enc", so that without a mat nothing says where the first '
+            "photo was taken, and with it where the suture is; use the mat (drupe mat), or a model with "
+            '"pose_enc".',
+        )
     else:
-        world, box = _world_from_ground(maps.points[trusted], height_mm or 1.0)
+        world, box = _world_from_ground(maps.points[trusted], maps.places[0], height_mm or 1.0)
         scale_sd = float("inf")
     points = moved(maps.points, world)
     turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
@@ -78,11 +87,11 @@ def _world_from_tags(
         )
     T, away = robust_similarity(source[known].astype(float), target[known])
     spread = float(np.sqrt(np.sum((target - target.mean(0)) ** 2)))
-    return T, float(np.sqrt(np.mean(away**2))) / spread
+    return T, with_print_error(float(np.sqrt(np.mean(away**2))) / spread)
 
 
 def _world_from_ground(
-    points: Float[np.ndarray, "n 3"], height_mm: float
+    points: Float[np.ndarray, "n 3"], first_place: Float[np.ndarray, "3"], height_mm: float
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
     rng = np.random.default_rng(SEED)
     some = points[rng.choice(len(points), min(4000, len(points)), replace=False)]
@@ -92,7 +101,7 @@ def _world_from_ground(
     over = some[height > 0.1 * max(float(np.percentile(height, 99)), 1e-9)]
     foot = np.median(over, axis=0)
     foot = foot - ((foot - middle) @ up) * up
-    T = upright(up, foot, np.roll(up, 1) + 0.1)
+    T = upright(up, foot, first_place - foot)
     standing = moved(over, T)
     tall = float(np.percentile(standing[:, 2], 99))
     wide = float(np.percentile(np.hypot(standing[:, 0], standing[:, 1]), 90))

@@ -11,8 +11,9 @@ from tiny_onnx import write_constant_model
 from recon.closed import open_edges, volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.fruit_mesh import ReconOptions, reconstruct_with_model
-from recon.geometry_model import point_maps
+from recon.geometry_model import PointMaps, point_maps
 from recon.mat import standard_mat
+from recon.point_route import fruit_points
 
 EGG, CAMERAS = Egg(), ring(6)
 ROWS, COLUMNS = 196, 266
@@ -31,6 +32,16 @@ def scene_points():
     """What each cell sees, in a world turned, shifted and shrunk."""
     maps = np.stack([point_map(c, EGG, ROWS, COLUMNS) for c in CAMERAS])
     return (maps @ TURN.T) / 150 + [0.3, 0.1, 2.0]
+
+
+def scene_poses():
+    """pose_enc of the cameras in that world."""
+    rows = []
+    for camera in CAMERAS:
+        turn = camera.cam_from_world[:3, :3] @ TURN.T
+        shift = camera.cam_from_world[:3, 3] / 150 - turn @ [0.3, 0.1, 2.0]
+        rows.append([*shift, *Rotation.from_matrix(turn).as_quat(), 0.5, 0.6])
+    return np.array(rows)
 
 
 @pytest.fixture
@@ -52,10 +63,46 @@ def test_a_model_that_knows_the_scene_gives_its_mesh_on_the_mat(knowing):
     assert found.frame == "mat"
 
 
-def test_height_gives_scale_without_a_mat(knowing):
+def test_height_gives_scale_without_a_mat(tmp_path):
+    knowing = tmp_path / "placed.onnx"
+    outputs = {"world_points": scene_points()[None], "pose_enc": scene_poses()[None]}
+    write_constant_model(knowing, outputs, input_shape=FIXED)
     found = reconstruct_with_model(photos(), knowing, mat=None, height_mm=2 * EGG.semi_mm[2])
     assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
     assert found.frame == "shape"
+
+
+def test_without_a_mat_x_points_to_the_first_photo(tmp_path):
+    """A long egg comes back turned about z by the first camera's azimuth, whatever the model's world."""
+    egg = Egg(semi_mm=(34.0, 22.0, 24.0), x_mm=0.0, y_mm=0.0)
+    maps = np.stack([point_map(c, egg, 98, 133) for c in CAMERAS])
+    for first in (0, 2):
+        order = np.roll(np.arange(len(CAMERAS)), -first)
+        places = np.array([CAMERAS[i].place for i in order])
+        world = PointMaps(
+            (maps[order] @ TURN.T) / 150 + 0.5,
+            np.ones(maps.shape[:3]),
+            np.ones((len(CAMERAS), 2)),
+            (places @ TURN.T) / 150 + 0.5,
+        )
+        found, _, _ = fruit_points(world, photos(), mat=None, height_mm=48.0)
+        azimuth = np.arctan2(places[0, 1], places[0, 0])
+        back = found @ Rotation.from_euler("z", azimuth).as_matrix().T
+        assert np.ptp(back[:, 0]) / np.ptp(back[:, 1]) == pytest.approx(34 / 22, rel=0.03)
+
+
+def test_without_mat_and_poses_nothing_says_where_the_suture_is(knowing):
+    with pytest.raises(ReconFailure, match=r'use the mat .* or a model with "pose_enc"') as caught:
+        reconstruct_with_model(photos(), knowing, mat=None, height_mm=48.0)
+    assert caught.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
+
+
+def test_poses_without_a_turn_are_refused(tmp_path):
+    path = tmp_path / "lost.onnx"
+    outputs = {"world_points": scene_points()[None], "pose_enc": np.zeros((1, len(CAMERAS), 9))}
+    write_constant_model(path, outputs, input_shape=FIXED)
+    with pytest.raises(ReconFailure, match=r'lost\.onnx gives a "pose_enc" without a turn'):
+        point_maps(photos(), path)
 
 
 def test_depth_with_poses_is_enough(tmp_path):

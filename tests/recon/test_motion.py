@@ -1,0 +1,39 @@
+"""Cameras without a mat: the first photo says where x is, or nothing does."""
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.ground import upright
+from recon.mat import standard_mat
+from recon.motion import cameras_from_motion
+from recon.photos import Photo
+
+
+@pytest.fixture(scope="module")
+def photos():
+    return photographed(ring(14), egg=Egg(), mat=standard_mat())
+
+
+def test_x_points_to_where_the_first_photo_was_taken(photos):
+    poses = cameras_from_motion(photos, height_mm=48.0)
+    x, y, z = poses.cameras[0].place
+    assert x > 0
+    assert z > 0
+    assert abs(np.degrees(np.arctan2(y, x))) < 3
+
+
+def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
+    noise = np.random.default_rng(2).integers(0, 255, photos[0].image.shape, dtype=np.uint8)
+    with pytest.raises(ReconFailure, match=r"first photo \(front\.png\) shares too few .* retake") as caught:
+        cameras_from_motion([Photo("front.png", noise), *photos], height_mm=48.0)
+    assert caught.value.problem is ReconProblem.NO_OVERLAP
+
+
+def test_a_first_photo_from_straight_above_is_refused():
+    up, foot = np.array([0.0, 0.0, 1.0]), np.zeros(3)
+    with pytest.raises(ReconFailure, match="straight above") as caught:
+        upright(up, foot, np.array([10.0, 0.0, 200.0]))
+    assert caught.value.problem is ReconProblem.NO_OVERLAP
+    assert np.allclose(upright(up, foot, np.array([0.0, 50.0, 50.0]))[0, :3], [0, 1, 0])
