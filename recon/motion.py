@@ -54,8 +54,8 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
             f"The first photo ({photos[0].name}) shares too few features with the others to be placed; "
-            "without a mat it says where the suture is, and with that where pit and pads lie: retake the first "
-            "photo from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+            "without a mat it says where the suture is, and with that where pit and pads lie: retake the "
+            "first photo from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
         )
     cameras = [_camera(photos[i], image) for i, image in rows]
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
