@@ -15,7 +15,8 @@ import h5py
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from tactile.recording_fields import GroupReader, unreadable
+from tactile.failure import TactileFailure
+from tactile.recording_fields import GroupReader, first_line, unreadable
 
 FORMAT = "drupe-recording"
 VERSION = 1
@@ -153,17 +154,20 @@ def _opened(path: Path) -> Iterator[Any]:
             "record the grasp again or correct the name",
         )
     try:
-        with h5py.File(path, "r") as file:
+        file = h5py.File(path, "r")
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
+        raise _damaged(path, cause) from cause
+    # The fields' readers answer for TypeError and ValueError: here they would hide mistakes of this program.
+    with file:
+        try:
             yield file
-    except (OSError, RuntimeError, KeyError) as cause:
-        first_line = str(cause).splitlines()[0] if str(cause) else type(cause).__name__
-        raise unreadable(
-            path,
-            "the file",
-            first_line,
-            "a complete HDF5 file",
-            "copy it again from the recorder: it is cut short or damaged",
-        ) from cause
+        except (OSError, RuntimeError, KeyError) as cause:
+            raise _damaged(path, cause) from cause
+
+
+def _damaged(path: Path, cause: Exception) -> TactileFailure:
+    expected, advice = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
+    return unreadable(path, "the file", first_line(cause), expected, advice)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:

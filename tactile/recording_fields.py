@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 from jaxtyping import Float, UInt8
 
@@ -11,6 +12,12 @@ from tactile.failure import TactileFailure, TactileProblem
 
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
+REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
+
+
+def first_line(cause: Exception) -> str:
+    """What the HDF5 library says, without the lines below it."""
+    return str(cause).splitlines()[0] if str(cause) else type(cause).__name__
 
 
 def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
@@ -84,7 +91,7 @@ class GroupReader:
             raise self._refuse(
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
-        values = np.asarray(data[()], dtype=np.float64)
+        values = np.asarray(self._values(name, data), dtype=np.float64)
         bad = ~np.isfinite(values)
         if bad.any():
             where = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -130,23 +137,41 @@ class GroupReader:
         self._require_shape(name, data, shape)
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
-        return np.asarray(data[()], dtype=np.uint8)
+        return np.asarray(self._values(name, data), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
         if name not in self.group.attrs:
             raise self._refuse(
                 f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
             )
-        return self.group.attrs[name]
+        try:
+            return self.group.attrs[name]
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(
+                f"attribute {name}", first_line(cause), "a number or a text", REWRITE
+            ) from cause
 
     def _dataset(self, name: str) -> Any:
-        if name not in self.group or not hasattr(self.group[name], "dtype"):
+        try:
+            data = self.group.get(name)
+            present = hasattr(data, "dtype") and hasattr(data, "shape")
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
+        if not present:
             raise self._refuse(
                 name, "nothing", "a dataset of this name", "add the missing field to the recording"
             )
-        return self.group[name]
+        return data
+
+    def _values(self, name: str, data: Any) -> Any:
+        try:
+            return data[()]
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
 
     def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
+        if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
+            raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
         fits = len(data.shape) == len(shape) and all(
             (have >= 1 if want is None else have == want)
             for have, want in zip(data.shape, shape, strict=True)
@@ -165,4 +190,8 @@ class GroupReader:
 
 def _said(value: object) -> str:
     """A value as the user wrote it: numpy's scalars without their type."""
+    if isinstance(value, h5py.Empty):
+        return "an empty attribute"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
     return repr(value.item() if isinstance(value, np.generic) else value)

@@ -105,7 +105,44 @@ def poke(index, value):
     return change_values
 
 
+def hollow(name):
+    """A null dataspace: a type and no values."""
+
+    def change(file):
+        del file[name]
+        file[name] = h5py.Empty("f8")
+
+    return change
+
+
+def clock(name):
+    """HDF5's own time type, which no array can hold."""
+
+    def change(file):
+        del file[name]
+        space = h5py.h5s.create_simple((60,))
+        h5py.h5d.create(file.id, name.encode(), h5py.h5t.UNIX_D32LE, space)
+
+    return change
+
+
+def datatype(name):
+    """A stored type under a field's name."""
+
+    def change(file):
+        del file[name]
+        file[name] = np.dtype("f8")
+
+    return change
+
+
 REFUSALS = {
+    "a type for a field": (datatype("aperture_mm"), "aperture_mm"),
+    "an array for a version": (attribute("version", np.ones((30, 30))), "attribute version"),
+    "empty time": (hollow("time_s"), "time_s"),
+    "empty force": (hollow("pads/left/force_N"), "pads/left/force_N"),
+    "an empty text": (attribute("sensor", h5py.Empty("S1")), "attribute sensor"),
+    "time in HDF5's time type": (clock("time_s"), "time_s"),
     "no format": (attribute("format", None), "attribute format"),
     "another format": (attribute("format", "something-else"), "attribute format"),
     "no version": (attribute("version", None), "attribute version"),
