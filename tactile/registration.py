@@ -1,9 +1,11 @@
 """Where on the fruit's surface each marker sits.
 
 A pad's normal leads from a marker at its first touch to the fruit's mesh. The distance along it is the error
-of pose and scan together (plus what the flesh gave way before that marker touched); its mean over a pad is
-taken out of the pose, its scatter is the quality of the registration. The surface only says *where* a marker
-sits, never how far it moved: a scan is off by a tenth of a millimetre, a press is one or two.
+of pose and scan together (plus what the flesh gave way before that marker touched); its mean over a pad says
+how far pad and mesh are apart, its scatter is the quality of the registration. The pose stays as recorded:
+each marker is projected along the normal, and moving the pad along that same normal would project it to the
+same place. The surface only says *where* a marker sits, never how far it moved: a scan is off by a tenth of a
+millimetre, a press is one or two.
 """
 
 from dataclasses import dataclass
@@ -25,8 +27,9 @@ FEWEST_HITS = 0.5
 class PadRegistration:
     """Of one pad: `surface_mm` is where each marker sits on the mesh, at its first touch or nearest to one.
 
-    `shift_mm` moves the pad along its normal (towards the fruit positive) so that first touches lie on the
-    mesh in the mean; `residual_mm` is their root mean square distance from it afterwards, along the normal.
+    `shift_mm` is the mean distance of first touches from the mesh along the pad's normal (positive: the mesh
+    lies ahead), a measure and no correction: nothing is moved by it. `residual_mm` is the root mean square
+    deviation of those distances from it.
     """
 
     name: str
