@@ -33,11 +33,8 @@ class FreeBody:
         centre_mm = moments[:, 1:].sum(axis=0) / moments[:, 0].sum()
         modes = rigid_modes(mesh.nodes_mm, centre_mm=centre_mm).reshape(-1, 6)
         # M (w x (x - c)) at a node is w x (integral of N x - c integral of N)
-        forces = np.zeros((len(mesh.nodes_mm), 3, 6))
-        forces[:, :, :3] = moments[:, :1, None] * np.eye(3)
-        arm = moments[:, 1:] - moments[:, :1] * centre_mm
-        for k in range(3):
-            forces[:, :, 3 + k] = np.cross(np.eye(3)[k], arm)
+        forces = rigid_modes(moments[:, 1:] - moments[:, :1] * centre_mm, centre_mm=np.zeros(3))
+        forces[:, :, :3] *= moments[:, :1, None]
         body_forces = forces.reshape(-1, 6)
         return cls(modes, body_forces, modes.T @ body_forces)
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.modulus_fit import MarkerTracks
+from fem.modulus_noise import variance_inflation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +64,13 @@ def energy_ratio(
     u = since_first_touch(tracks.position_mm - motion_mm, tracks.episode)
     d = since_first_touch(tracks.gel_displacement_mm, tracks.episode)
     stored, work = float((force_N * c).sum()), float((force_N * u).sum())
-    colour = 1 + 2 * float(tracks.lag1.mean())
-    # A marker's own frames, and its first touch, which every frame is compared with.
-    leverage = (force_N**2).sum(axis=(0, 2)) + (force_N.sum(axis=0) ** 2).sum(axis=1)
+    colour = variance_inflation(tracks.lag1)
+    # The noise of a marker's own frames, and of the one frame of first touch that all are compared with.
+    leverage = colour * (force_N**2).sum(axis=(0, 2)) + (force_N.sum(axis=0) ** 2).sum(axis=1)
     return EnergyRatio(
         modulus_MPa=stored / work if work else float("inf"),
         work_Nmm=work,
-        displacement_noise=_root(colour * tracks.sd_mm**2 * leverage) / abs(work),
+        displacement_noise=_root(tracks.sd_mm**2 * leverage) / abs(work),
         force_noise=_root(colour * force_sd_N**2 * (c**2).sum(axis=(0, 2))) / abs(stored),
         gel_scale=gel_scale_sd * _root((force_N * d).sum(axis=(0, 2)) ** 2) / abs(work),
         force_scale=force_scale_sd * _root((force_N * c).sum(axis=(0, 2)) ** 2) / abs(stored),

@@ -8,7 +8,8 @@ y: the marker's measured position; c: the displacement that the measured forces 
 modulus. Unknown are s = 1/E, common to all; q(t), the fruit's rigid motion, six per frame; X_i, where the
 marker sits on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
 displacement d_i, with prior zero and a known spread. X_i makes the scanned surface's error cancel. It and
-g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left.
+g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left. Noise that is alike
+from frame to frame counts with the variance that it has in a mean over frames (modulus_noise).
 """
 
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.linalg import cho_factor, cho_solve
+
+from fem.modulus_noise import variance_inflation
+from fem.rigid_core import rigid_modes
 
 GAUGE_SD_MM = 10.0
 """Prior spread of the fruit's rigid motion at its markers: it fixes the motion common to all frames, which
@@ -26,7 +30,8 @@ the X_i leave free, and is far beyond any real one."""
 class MarkerTracks:
     """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
 
-    `place_mm` and `normal` (outward): where they sit on the fruit's skin.
+    `place_mm` and `normal` (outward): where they sit on the fruit's skin. `sd_mm`: noise of one component in
+    one frame, `lag1` its correlation between neighbouring frames of these.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
@@ -55,11 +60,13 @@ class CompliantFit:
 
 
 def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) -> CompliantFit:
-    """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base."""
+    """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base.
+
+    Memory grows as (n markers) (t frames) + (6 t)^2.
+    """
     frames = len(tracks.position_mm)
-    within = _about_episode_mean(tracks.episode)
     y, c, d = (
-        np.einsum("nab,bnx->anx", within, values)
+        about_episode_mean(values, tracks.episode)
         for values in (
             tracks.position_mm - tracks.place_mm,
             tracks.unit_displacement,
@@ -67,14 +74,12 @@ def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) 
         )
     )
     rigid = rigid_motion(tracks.place_mm)
-    weight = 1 / tracks.sd_mm**2
+    weight = 1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2)
     size = 1 + 6 * frames
     normal, right = np.zeros((size, size)), np.zeros(size)
     normal[0, 0], right[0] = np.einsum("n,tnx,tnx->", weight, c, c), np.einsum("n,tnx,tnx->", weight, c, y)
     normal[0, 1:] = normal[1:, 0] = np.einsum("n,nxk,tnx->tk", weight, rigid, c).ravel()
-    normal[1:, 1:] = np.einsum("n,nab,nxk,nxl->akbl", weight, within, rigid, rigid, optimize=True).reshape(
-        6 * frames, 6 * frames
-    )
+    normal[1:, 1:] = _motion_equations(rigid, weight, tracks.episode)
     right[1:] = np.einsum("n,nxk,tnx->tk", weight, rigid, y).ravel()
     # The scale error of each marker, by a rank-one step.
     along = np.empty((len(weight), size))
@@ -88,12 +93,11 @@ def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) 
     theta, variance = _solved(normal, right, unknowns=size if fruit_moves else 1)
     scale = (seen - along @ theta) / stiffness
     motion = np.einsum("nxk,tk->tnx", rigid, theta[1:].reshape(frames, 6))
-    residual = y - theta[0] * c - np.einsum("nab,bnx->anx", within, motion) - scale[:, None] * d
+    residual = y - theta[0] * c - about_episode_mean(motion, tracks.episode) - scale[:, None] * d
     residual[tracks.episode < 0] = np.nan
-    colour = float(np.sqrt(1 + 2 * tracks.lag1.mean()))
     return CompliantFit(
         compliance=float(theta[0]),
-        compliance_sd=colour * float(np.sqrt(variance)),
+        compliance_sd=float(np.sqrt(variance)),
         motion_mm=motion,
         residual_mm=residual,
         residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),
@@ -112,20 +116,46 @@ def _solved(
 
 def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
     """Displacement by three shifts (mm) and three small turns about the centre, in mm at the mean radius."""
-    arms = place_mm - place_mm.mean(axis=0)
-    x, y, z = (arms / max(float(np.linalg.norm(arms, axis=1).mean()), 1e-9)).T
-    rigid = np.zeros((len(arms), 3, 6))
-    rigid[:, :, :3] = np.eye(3)
-    rigid[:, 0, 4], rigid[:, 0, 5] = z, -y
-    rigid[:, 1, 3], rigid[:, 1, 5] = -z, x
-    rigid[:, 2, 3], rigid[:, 2, 4] = y, -x
-    return rigid
+    centre_mm = place_mm.mean(axis=0)
+    radius_mm = max(float(np.linalg.norm(place_mm - centre_mm, axis=1).mean()), 1e-9)
+    modes = rigid_modes(place_mm, centre_mm=centre_mm)
+    modes[:, :, 3:] /= radius_mm
+    return modes
 
 
-def _about_episode_mean(episode: Int[np.ndarray, "t n"]) -> Float[np.ndarray, "n t t"]:
-    """Per marker, the matrix that takes each contact's own mean out of a series, zero in no contact."""
-    member = episode.T[:, None, :] == np.arange(episode.max() + 1)[None, :, None]
-    count = np.maximum(member.sum(axis=2), 1)
-    touching = (episode >= 0).T
-    mean = np.einsum("nea,neb,ne->nab", member, member, 1 / count, optimize=True)
-    return np.asarray(touching[:, :, None] * np.eye(len(episode)) - mean)
+def about_episode_mean(
+    values: Float[np.ndarray, "t n 3"], episode: Int[np.ndarray, "t n"]
+) -> Float[np.ndarray, "t n 3"]:
+    """Each marker's series less its mean over the same contact; zero out of contact."""
+    about = np.zeros_like(values)
+    for contact in range(int(episode.max()) + 1):
+        during = (episode == contact)[:, :, None]
+        mean = values.sum(axis=0, where=during) / np.maximum(during.sum(axis=0), 1)
+        np.subtract(values, mean, out=about, where=during)
+    return about
+
+
+def _motion_equations(
+    rigid: Float[np.ndarray, "n 3 6"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
+) -> Float[np.ndarray, "m m"]:
+    """Normal equations of the motions, m = 6 t, the contacts' means taken out: sum_i w_i R_i' W_i R_i.
+
+    W_i = I - 1 1' / T_e over the T_e frames of each contact e of marker i. The first part couples no frames;
+    the second is one product of frames by markers per contact and pair of motions, and no (n, t, t) array.
+    """
+    frames = len(episode)
+    gram = np.einsum("n,nxk,nxl->nkl", weight, rigid, rigid)
+    blocks = np.zeros((6, 6, frames, frames))
+    touching = np.asarray(episode >= 0, dtype=float)
+    diagonal = np.arange(frames)
+    blocks[:, :, diagonal, diagonal] = np.einsum("tn,nkl->klt", touching, gram)
+    for contact in range(int(episode.max()) + 1):
+        chosen = np.flatnonzero((episode == contact).any(axis=0))
+        member = np.asarray(episode[:, chosen] == contact, dtype=float)
+        share = gram[chosen] / member.sum(axis=0)[:, None, None]
+        for j, k in zip(*np.triu_indices(6), strict=True):
+            block = (member * share[:, j, k]) @ member.T
+            blocks[j, k] -= block
+            if j != k:
+                blocks[k, j] -= block
+    return blocks.transpose(2, 0, 3, 1).reshape(6 * frames, 6 * frames)

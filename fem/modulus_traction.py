@@ -13,6 +13,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array, eye_array
 from scipy.spatial import Delaunay
 
+from fem.rigid_core import rigid_modes
+
 CORNERS = np.eye(3)
 MIDDLES = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
 QUARTERS = np.stack([np.stack([CORNERS[k], MIDDLES[k], MIDDLES[k - 1]]) for k in range(3)] + [MIDDLES])
@@ -50,7 +52,7 @@ class TractionField:
         centre = self.points_mm.mean(axis=0)
         arms, marker_arms = self.points_mm - centre, self.marker_mm - centre
         share = np.asarray(self.weights.sum(axis=1)).reshape(-1)
-        rigid = _rigid(arms)
+        rigid = rigid_modes(self.points_mm, centre_mm=centre)
         gram = np.einsum("qik,q,qil->kl", rigid, share, rigid)
         missing = _resultant(marker_force_N, marker_arms) - _resultant(spread, arms)
         balance = np.linalg.lstsq(gram, missing.T, rcond=1e-12)[0].T
@@ -119,16 +121,6 @@ def _cells(flat_mm: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "m 3"], F
     shortest = np.median(sides.min(axis=1))
     kept = (sides.max(axis=1) < LONGEST_SIDE * shortest) & (area > 1e-3 * np.median(area))
     return triangles[kept], 0.5 * area[kept]
-
-
-def _rigid(arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3 6"]:
-    """The displacement of points by three shifts and three small turns: a + b x arm."""
-    x, y, z = arms.T
-    turn = np.zeros((len(arms), 3, 3))
-    turn[:, 0, 1], turn[:, 0, 2] = z, -y
-    turn[:, 1, 0], turn[:, 1, 2] = -z, x
-    turn[:, 2, 0], turn[:, 2, 1] = y, -x
-    return np.concatenate([np.broadcast_to(np.eye(3), turn.shape), turn], axis=2)
 
 
 def _resultant(force: Float[np.ndarray, "t q 3"], arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "t 6"]:

@@ -24,11 +24,6 @@ class Noise:
     sd: float
     lag1: float
 
-    @property
-    def sd_of_mean_inflation(self) -> float:
-        """How much wider an average over many frames is than for white noise: sqrt((1 + r) / (1 - r))."""
-        return float(np.sqrt((1 + self.lag1) / (1 - self.lag1)))
-
 
 def noise_in_air(values: Float[np.ndarray, "t n 3"]) -> Noise:
     """Offset, standard deviation and lag-1 correlation of frames that touch nothing.

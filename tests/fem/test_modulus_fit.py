@@ -1,21 +1,26 @@
 """The fit finds the planted compliance, and its error bar covers it."""
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fem.modulus_energy import energy_ratio, since_first_touch
-from fem.modulus_fit import MarkerTracks, fit_compliance, rigid_motion
+from fem.modulus_fit import GAUGE_SD_MM, MarkerTracks, about_episode_mean, fit_compliance, rigid_motion
+from fem.modulus_noise import variance_inflation
 
 E_MPA = 0.7
 
 
-def planted_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12):
+def planted_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12, markers=40):
     """Two patches that touch one after another, a compliance field of their own, everything else random."""
-    flat = rng.uniform(-6, 6, (2, 40, 2))
+    flat = rng.uniform(-6, 6, (2, markers, 2))
     place = np.vstack(
-        [np.column_stack([flat[0], np.full(40, 25.0)]), np.column_stack([flat[1], np.full(40, -25.0)])]
+        [
+            np.column_stack([flat[0], np.full(markers, 25.0)]),
+            np.column_stack([flat[1], np.full(markers, -25.0)]),
+        ]
     )
     side = np.sign(place[:, 2])
     load = np.concatenate([np.linspace(0.1, 1, frames // 2), np.linspace(1, 0.2, frames - frames // 2)])
@@ -79,6 +84,112 @@ def test_a_fixed_base_leaves_no_motion():
     fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=False)
     assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-9)
     assert not fit.motion_mm.any()
+
+
+def dense_fit(tracks, scale_sd):
+    """The same least squares with every unknown written out: 1 + 6 T + n scales + 3 per contact's place."""
+    frames, n = tracks.episode.shape
+    rigid = rigid_motion(tracks.place_mm)
+    contacts = [(i, e) for i in range(n) for e in np.unique(tracks.episode[:, i]) if e >= 0]
+    first_place = 1 + 6 * frames + n
+    rows, values = [], []
+    for t, i in zip(*np.nonzero(tracks.episode >= 0), strict=True):
+        for x in range(3):
+            row = np.zeros(first_place + 3 * len(contacts))
+            row[0] = tracks.unit_displacement[t, i, x]
+            row[1 + 6 * t : 7 + 6 * t] = rigid[i, x]
+            row[1 + 6 * frames + i] = tracks.gel_displacement_mm[t, i, x]
+            row[first_place + 3 * contacts.index((i, tracks.episode[t, i])) + x] = 1
+            rows.append(row / tracks.sd_mm[i])
+            values.append((tracks.position_mm[t, i, x] - tracks.place_mm[i, x]) / tracks.sd_mm[i])
+    a = np.array(rows)
+    prior = np.zeros(a.shape[1])
+    prior[1 : 1 + 6 * frames] = 1 / GAUGE_SD_MM**2
+    prior[1 + 6 * frames : first_place] = 1 / scale_sd**2
+    inverse = np.linalg.inv(a.T @ a + np.diag(prior))
+    return (inverse @ a.T @ np.array(values))[0], np.sqrt(inverse[0, 0])
+
+
+def test_eliminating_places_and_scales_changes_nothing():
+    tracks, _, _ = planted_tracks(np.random.default_rng(3), noise_mm=0.004, scale_sd=0.004, frames=8)
+    every_third = slice(None, None, 3)
+    episode = tracks.episode[:, every_third].copy()
+    episode[4, ::2] = -1
+    episode[5:, ::2] = 1
+    few = replace(
+        tracks,
+        place_mm=tracks.place_mm[every_third],
+        normal=tracks.normal[every_third],
+        position_mm=tracks.position_mm[:, every_third],
+        unit_displacement=tracks.unit_displacement[:, every_third],
+        gel_displacement_mm=tracks.gel_displacement_mm[:, every_third],
+        episode=episode,
+        sd_mm=tracks.sd_mm[every_third] * np.linspace(0.5, 2, episode.shape[1]),
+        lag1=tracks.lag1[every_third],
+    )
+    fit = fit_compliance(few, scale_sd=0.004, fruit_moves=True)
+    compliance, sd = dense_fit(few, 0.004)
+    assert fit.compliance == pytest.approx(compliance, rel=1e-7)
+    assert fit.compliance_sd == pytest.approx(sd, rel=1e-6)
+
+
+def projections(episode):
+    """Per marker, the (t, t) matrix that takes each contact's mean out of a series."""
+    for series in episode.T:
+        same = (series[:, None] == series) & (series >= 0)
+        yield np.diag((series >= 0) * 1.0) - same / np.maximum(same.sum(axis=1, keepdims=True), 1)
+
+
+def test_means_of_contacts_are_those_of_the_projection():
+    rng = np.random.default_rng(5)
+    episode = np.sort(rng.integers(-1, 3, (9, 20)), axis=0)
+    values = rng.normal(size=(9, 20, 3))
+    dense = np.stack([p @ values[:, i] for i, p in enumerate(projections(episode))], axis=1)
+    np.testing.assert_allclose(about_episode_mean(values, episode), dense, atol=1e-14)
+
+
+def test_a_long_recording_fits_in_memory():
+    """800 markers in 120 frames: one (n, t, t) array alone would hold 92 MB, the fit stays below 60."""
+    rng = np.random.default_rng(0)
+    tracks, _, _ = planted_tracks(rng, noise_mm=0.004, frames=120, markers=400)
+    tracemalloc.start()
+    fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert 1 / fit.compliance == pytest.approx(E_MPA, rel=0.01)
+    assert peak < 60e6
+
+
+def coloured(rng, shape, lag1):
+    """First-order autoregressive noise of unit spread along the first axis."""
+    noise = rng.normal(size=shape)
+    for t in range(1, len(noise)):
+        noise[t] = lag1 * noise[t - 1] + np.sqrt(1 - lag1**2) * noise[t]
+    return noise
+
+
+def test_the_variance_of_a_mean_of_coloured_noise():
+    for lag1 in (0.0, 0.5, 0.8):
+        means = coloured(np.random.default_rng(0), (400, 20000), lag1).mean(axis=0)
+        expected = variance_inflation(np.array([lag1]))[0]
+        assert 400 * means.var() == pytest.approx(expected, rel=0.04)
+
+
+@pytest.mark.parametrize("lag1", [0.4, 0.8])
+def test_the_error_bars_know_of_coloured_noise(lag1):
+    by_squares, by_energy = [], []
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        tracks, force, motion = planted_tracks(rng, frames=60)
+        seen = tracks.position_mm + 0.01 * coloured(rng, tracks.position_mm.shape, lag1)
+        n = len(tracks.place_mm)
+        tracks = replace(tracks, position_mm=seen, sd_mm=np.full(n, 0.01), lag1=np.full(n, lag1))
+        fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=True)
+        by_squares.append((fit.compliance - 1 / E_MPA) / fit.compliance_sd)
+        found = energy_ratio(tracks, force, motion, force_sd_N=0.0, gel_scale_sd=0.0, force_scale_sd=0.0)
+        by_energy.append((found.modulus_MPa - E_MPA) / (found.modulus_MPa * found.displacement_noise))
+    assert 0.7 < np.std(by_squares) < 1.2
+    assert 0.7 < np.std(by_energy) < 1.2
 
 
 def test_residuals_are_the_noise():

@@ -198,7 +198,6 @@ def test_noise_of_a_moving_average_in_air():
     noise = noise_in_air(0.7 + 2.0 * (white[1:] + 0.5 * white[:-1]) / np.hypot(1, 0.5))
     assert noise.sd == pytest.approx(2.0, rel=0.02)
     assert noise.lag1 == pytest.approx(0.4, abs=0.03)
-    assert noise.sd_of_mean_inflation == pytest.approx(np.sqrt(1.4 / 0.6), rel=0.05)
     assert noise.offset.mean() == pytest.approx(0.7, abs=0.05)
 
 
