@@ -19,6 +19,8 @@ from scipy.sparse import bsr_array, csr_array
 from fem.elements import t10_gradient, t10_shape, tet_quadrature
 from fem.failure import FemFailure, FemProblem
 
+LARGEST_POISSON_RATIO = 0.4999
+"""Beyond it the flesh is incompressible to these elements, and its stiffness is all rounding."""
 _BATCH = 4096
 
 
@@ -37,11 +39,14 @@ class Stiffness:
 
 
 def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
-    """Shear modulus and Lame's first constant for E = 1 MPa; raises BAD_POISSON_RATIO outside [0, 0.4999]."""
-    if not 0 <= poisson_ratio <= 0.4999:
+    """Shear modulus and Lame's first constant for E = 1 MPa.
+
+    Raises BAD_POISSON_RATIO below zero and above LARGEST_POISSON_RATIO.
+    """
+    if not 0 <= poisson_ratio <= LARGEST_POISSON_RATIO:
         raise FemFailure(
             FemProblem.BAD_POISSON_RATIO,
-            f"Poisson's ratio is {poisson_ratio:g}, but must lie between 0 and 0.4999; "
+            f"Poisson's ratio is {poisson_ratio:g}, but must lie between 0 and {LARGEST_POISSON_RATIO:g}; "
             "wet flesh has 0.3 to 0.49",
         )
     return 0.5 / (1 + poisson_ratio), poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
