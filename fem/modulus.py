@@ -15,6 +15,7 @@ from fem.modulus_fit import CompliantFit, MarkerTracks, fit_compliance
 from fem.modulus_frames import FrameModulus, modulus_per_frame
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_response import marker_tracks
+from fem.modulus_thinning import thinned
 from fem.modulus_warnings import warnings_of
 
 NOISY = 0.1
@@ -43,9 +44,10 @@ class ModulusEstimate:
 
     `E_MPa` is the least-squares one; `model_sd_MPa` the part of its spread that another grasp of the same
     fruit shares (mesh, surface, pit prior). `energy` is None where the measured work is not positive.
-    `form`: "first-touch" (each marker against itself) or "absolute" (against the scanned surface, one
-    loaded frame). `residual_mm` is what the model leaves of each marker's place (NaN out of contact) in the
-    frames `loaded`.
+    `form`: "first-touch" (each marker against itself) or "absolute" (the frame of the greatest force against
+    the scanned surface), where only one frame is loaded or where noise leaves the first-touch fit a spread of
+    more than NOISY; a warning says which. `loaded` marks the frames used, `residual_mm` is what the model
+    leaves of each marker's place in them (NaN out of contact).
     """
 
     E_MPa: float
@@ -67,20 +69,33 @@ def estimate_modulus(
     """The modulus that makes the fruit of `solid` move under the measured forces as the markers moved.
 
     Least squares over all frames and markers (modulus_fit) and the strain-energy ratio (modulus_energy), each
-    marker compared with its own first touch; against the scanned surface where only one frame is loaded. One
-    solve per loaded frame. Raises FemFailure: no-load, no-modulus (forces and displacement contradict any
-    elastic fruit), off-surface.
+    marker compared with its own first touch; against the scanned surface (modulus_absolute) where only one
+    frame is loaded, or where noise makes the first-touch compliance uncertain by more than NOISY. One solve
+    per frame used: the loaded frames, thinned evenly where there are more than MOST_FRAMES of them
+    (modulus_thinning). Raises FemFailure: no-load, no-modulus (forces and displacement contradict any elastic
+    fruit), off-surface.
     """
     loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
     if not loaded.any():
         raise FemFailure(FemProblem.NO_LOAD, "found no frame in which a marker touches, expected a contact")
+    loaded = thinned(loaded)
     tracks, force = marker_tracks(history, solid, loaded)
     moves = solid.support == "free"
+    reason = "only one frame is loaded"
+    advice = "record the frames before and during the closing of the jaws"
     if loaded.sum() > 1:
         fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=moves)
         if fit.compliance_sd < NOISY * abs(fit.compliance):
             return _from_first_touch(history, tracks, force, fit, loaded, budget=budget, fruit_moves=moves)
-    return _absolute(history, tracks, force, loaded, budget=budget, fruit_moves=moves)
+        reason = (
+            f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
+            f"spread of more than {NOISY:.0%}"
+        )
+        advice = "press deeper or lower the sensor's noise"
+    warning = (
+        f"{reason}: the modulus rests on one frame and the scanned surface, and its error is large; {advice}"
+    )
+    return _absolute(history, tracks, force, loaded, warning, budget=budget, fruit_moves=moves)
 
 
 def _from_first_touch(
@@ -138,11 +153,12 @@ def _absolute(
     tracks: MarkerTracks,
     force: Float[np.ndarray, "f n 3"],
     loaded: Bool[np.ndarray, " t"],
+    warning: str,
     *,
     budget: ErrorBudget,
     fruit_moves: bool,
 ) -> ModulusEstimate:
-    """From the frame of the greatest force alone."""
+    """From the frame of the greatest force alone; `warning` says why."""
     peak = int(np.argmax(np.linalg.norm(force, axis=2).sum(axis=1)))
     pads = np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
     fit = absolute_compliance(
@@ -163,11 +179,7 @@ def _absolute(
         form="absolute",
         residual_rms_mm=float(np.sqrt(np.nanmean((fit.residual_mm**2).sum(axis=2)))),
         frames=(),
-        warnings=(
-            "only one frame is loaded: the modulus rests on the scanned surface, and its error is "
-            "large; record the "
-            "frames before and during the closing of the jaws",
-        ),
+        warnings=(warning,),
         loaded=only,
         residual_mm=fit.residual_mm,
     )

@@ -21,9 +21,12 @@ PER_POISSON_RATIO = 1.05
 class ErrorBudget:
     """Standard deviations of what the measurement itself does not show.
 
-    `gel_scale_sd`, `force_scale_sd`: relative scale errors of single markers. `pit_offset_sd_mm`,
-    `pit_size_sd`: spread of the pit prior (centre; relative size). `surface_sd_mm`: error of the fruit's
-    surface mesh. `poisson_ratio_sd`: spread of Poisson's ratio, zero where it is taken as given.
+    `gel_scale_sd`, `force_scale_sd`: relative scale errors of single markers, of their displacement and of
+    their force. Their defaults are assumed, for a calibrated marker gel, and not measured on any one sensor:
+    a batch may set them from its own sensor's calibration.
+
+    `pit_offset_sd_mm`, `pit_size_sd`: spread of the pit prior (centre; relative size). `surface_sd_mm`: error
+    of the fruit's surface mesh. `poisson_ratio_sd`: spread of Poisson's ratio, zero where it is given.
 
     What they do to E was measured on recorded grasps of a plum and a nectarine by changing one thing at a
     time: `benchmarks/modulus_sensitivity.py` prints it. A fruit 1 % too large, moved by 1 mm or turned by 3

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float
 from fem.forward import UnitModulusSolid
 from fem.modulus_fit import MarkerTracks
 from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.modulus_thinning import spacing
 from fem.modulus_traction import TractionField, marker_weights
 from fem.surface import SurfacePoints, locate
 
@@ -23,7 +24,8 @@ def marker_tracks(
 ) -> tuple[MarkerTracks, Float[np.ndarray, "f n 3"]]:
     """The chosen frames of all pads side by side, with the response of `solid` to them, and the forces.
 
-    The forces of all pads act together in a frame. Raises FemFailure (off-surface) where markers are not on
+    The forces of all pads act together in a frame. Between chosen frames that lie k apart noise correlates by
+    r^k, r between neighbours. Raises FemFailure (off-surface) where markers are not on
     the mesh's skin.
     """
     places = [locate(solid.mesh, pad.surface_mm, within_mm=OFF_SKIN_MM) for pad in history.pads]
@@ -40,7 +42,7 @@ def marker_tracks(
         gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
         episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
         sd_mm=_per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
-        lag1=_per_marker(history, lambda pad: pad.lag1),
+        lag1=_per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
     )
     return tracks, np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
 

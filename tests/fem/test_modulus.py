@@ -18,6 +18,7 @@ from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
 from fem.modulus_combine import combine_grasps
 from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.modulus_thinning import MOST_FRAMES, spacing, thinned
 
 NU = 0.45
 E_MPA = 0.3
@@ -243,6 +244,55 @@ def test_one_loaded_frame_falls_back_on_the_surface(free_ball):
     assert found.form == "absolute"
     assert found.E_MPa == pytest.approx(E_MPA, rel=0.02)
     assert "only one frame" in found.warnings[0]
+
+
+def test_a_noisy_recording_falls_back_on_the_surface_and_says_why(free_ball):
+    exact = grasp(surface_mm=0.0, noise=0.1)
+    noisy = tuple(replace(pad, displacement_sd_mm=1.0) for pad in exact.pads)
+    found = estimate_modulus(replace(exact, pads=noisy), free_ball, budget=BUDGET)
+    assert found.form == "absolute"
+    (warning,) = found.warnings
+    assert "noise leaves the comparison of 9 loaded frames" in warning
+    assert "only one frame is loaded" not in warning
+
+
+def test_a_long_recording_is_thinned_evenly(free_ball):
+    history = grasp(noise=0.5)
+    frames = 450
+    at = np.linspace(0, len(RADII_MM) - 1, frames)
+    before, share = np.minimum(at.astype(int), len(RADII_MM) - 2), at % 1
+    share[-1] = 1.0
+
+    def between(values):
+        return values[before] + share[:, None, None] * (values[before + 1] - values[before])
+
+    pads = tuple(
+        replace(
+            pad,
+            position_mm=between(pad.position_mm),
+            gel_displacement_mm=between(pad.gel_displacement_mm),
+            force_N=between(pad.force_N),
+            episode=np.minimum(pad.episode[before], pad.episode[before + 1]),
+            lag1=0.9,
+        )
+        for pad in history.pads
+    )
+    long = GraspHistory(time_s=np.arange(frames) / 30, phase=tuple(PHASES[b] for b in before), pads=pads)
+    found = estimate_modulus(long, free_ball, budget=BUDGET)
+    used = np.flatnonzero(found.loaded)
+    assert len(used) == MOST_FRAMES
+    assert (used[0], used[-1]) == (0, frames - 1)
+    assert set(np.diff(used)) == {3, 4}
+    assert {frame.frame for frame in found.frames} == set(used)
+    assert found.residual_mm.shape[0] == MOST_FRAMES
+    assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
+
+
+def test_few_frames_are_all_used():
+    loaded = np.arange(300) % 3 == 0
+    np.testing.assert_array_equal(thinned(loaded), loaded)
+    assert spacing(loaded) == 3.0
+    assert spacing(np.arange(5) == 2) == 1.0
 
 
 @pytest.mark.parametrize("surface_mm", [-0.1, 0.1])
