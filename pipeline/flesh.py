@@ -32,17 +32,16 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
     raise FruitEnded(Outcome.NO_POISSON_RATIO, settings.category)
 
 
-def flesh_mesh(task: FruitTask, shape: Shape, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
+def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
     """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change."""
     sizes = task.settings.mesh
-    arrays = (shape.vertices, shape.faces, pit.vertices, pit.faces, touched_mm)
+    arrays = (*pit.skin, pit.vertices, pit.faces, touched_mm)
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
     key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("fem",))
 
     def compute() -> Artifact:
         mesh = tetrahedralise(
-            shape.vertices,
-            shape.faces,
+            *pit.skin,
             pit.vertices,
             pit.faces,
             edge_mm=sizes.edge_mm,

@@ -17,7 +17,7 @@ from pipeline.task import FruitTask
 from recon.closed import volume_mm3
 from recon.fruit_frame import to_fruit_frame
 from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
-from recon.mesh_file import read_mesh, write_mesh
+from recon.mesh_file import Mesh, mesh_bytes, read_mesh
 from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
 from reports.photo import thumbnail_jpeg
@@ -36,10 +36,11 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Pit:
-    """The pit's surface in the fruit frame (mm)."""
+    """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
+    skin: Mesh
     record: PitRecord
 
 
@@ -139,10 +140,12 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
     else:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    skin, pit = embedded.skin, embedded.pit
+    low, high = pit[0].min(axis=0), pit[0].max(axis=0)
     return Pit(
-        vertices=vertices,
-        faces=faces,
+        vertices=pit[0],
+        faces=pit[1],
+        skin=skin,
         record=PitRecord(
             source=source,
             volume_mm3=embedded.pit_volume_mm3,
@@ -156,7 +159,6 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
 
 def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
     """fruit.ply and pit.ply in the frame that the mesh was made in (with a mat: the mat's)."""
-    results.root.mkdir(parents=True, exist_ok=True)
     for path, part in ((results.fruit_ply, shape), (results.pit_ply, pit)):
         placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
-        write_mesh(path, placed, part.faces)
+        write_whole(path, mesh_bytes(placed, part.faces))

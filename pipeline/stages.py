@@ -107,7 +107,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         raise _why_no_grasp(task, list(failures.values()))
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
-        mesh = flesh_mesh(task, shape, pit, _where_fine(placed, shape))
+        mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
         known["flesh"] = FleshRecord(
             nodes=len(mesh.nodes_mm),
             tets=len(mesh.tets),

@@ -33,6 +33,21 @@ class EmbeddedPit:
     pit_volume_mm3: float
     thinnest_flesh_mm: float
 
+    @property
+    def skin(self) -> Mesh:
+        """The flesh's outer surface, faces outward."""
+        return _compact(self.vertices, self.faces[~self.on_pit])
+
+    @property
+    def pit(self) -> Mesh:
+        """The pit as the cut left it, faces out of the pit."""
+        return _compact(self.vertices, self.faces[self.on_pit][:, ::-1])
+
+
+def _compact(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(renumbered).reshape(faces.shape)
+
 
 def place_pit(
     fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior

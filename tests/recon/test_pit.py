@@ -129,3 +129,12 @@ def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
     with pytest.raises(ReconFailure, match=r"mine\.toml: poisson_ratio is .* expected") as caught:
         load_prior(path)
     assert caught.value.problem is ReconProblem.BAD_PRIOR
+
+
+def test_the_cut_gives_back_the_skin_and_the_pit_it_was_made_of():
+    directions, faces = ball(4)
+    fruit, stone = 30.0 * directions, np.array([1.0, -2.0, 0.5]) + 12.0 * directions
+    cut = embed_pit(fruit, faces, stone, faces)
+    for (vertices, triangles), whole in ((cut.skin, fruit), (cut.pit, stone)):
+        assert open_edges(triangles) == 0
+        assert volume_mm3(vertices, triangles) == pytest.approx(volume_mm3(whole, faces), rel=1e-9)
