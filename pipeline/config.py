@@ -10,11 +10,10 @@ from typing import Annotated, Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-LARGEST_POISSON_RATIO = 0.4999
-"""What the finite elements can take; flesh is nearly, never wholly, incompressible."""
 
 
 class _Strict(BaseModel):

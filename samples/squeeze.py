@@ -16,7 +16,7 @@ from samples.factors import Solve, factorise
 from samples.failure import NotInEquilibrium
 from samples.flesh import Flesh
 
-REACH_MM = 9.4
+REACH_MM = 9.9
 TOLERANCE = 3e-5
 
 
