@@ -15,11 +15,17 @@ from recon.mat import Mat, parse_mat
 from recon.priors import PitPrior, load_prior
 
 T = TypeVar("T")
+_NO_POISSON_RATIO = (
+    'Poisson\'s ratio of the flesh is not known for the category "{}"; add the key poisson_ratio, '
+    "for example poisson_ratio = 0.45."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What grading starts from; `prior` is None only where every fruit brings its own pit."""
+    """What grading starts from; `prior` is None only where every fruit brings its own pit
+    and the settings hold Poisson's ratio.
+    """
 
     folder: BatchFolder
     settings: Settings
@@ -61,9 +67,13 @@ def survey(root: Path) -> Survey:
         mat = _gather(problems, lambda: read_mat(folder.mat)) if folder.mat.is_file() else None
     if rows is not None and not folder.mat.is_file():
         problems += _without_scale(folder, rows)
-    if settings is not None and not _all_bring_pits(folder, rows):
-        prior = _gather(problems, lambda: read_prior(folder, settings))
     if settings is not None:
+        missing: list[Problem] = []
+        prior = _gather(missing, lambda: read_prior(folder, settings))
+        if not _all_bring_pits(folder, rows):
+            problems += missing
+        elif prior is None and settings.poisson_ratio is None:
+            problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(settings.category)))
         problems += _without_model(folder, settings)
     return Survey(folder=folder, settings=settings, rows=rows, mat=mat, prior=prior, problems=tuple(problems))
 

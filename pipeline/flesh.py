@@ -9,7 +9,6 @@ from fem.mesh import FleshMesh, tetrahedralise
 from fem.modulus_budget import ErrorBudget
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.config import Settings
-from pipeline.outcome import FruitEnded, Outcome
 from pipeline.shape import Pit, Shape
 from pipeline.task import FruitTask
 from recon.priors import PitPrior
@@ -29,7 +28,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
             prior.poisson_ratio_sd if sd is None else sd,
             f"prior for {prior.category}",
         )
-    raise FruitEnded(Outcome.NO_POISSON_RATIO, settings.category)
+    raise ValueError("a batch was opened without Poisson's ratio")
 
 
 def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:

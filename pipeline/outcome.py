@@ -19,10 +19,6 @@ class Outcome(Enum):
         "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "
         "or photograph on a marker mat and put mat.json beside batch.toml ({}).",
     )
-    NO_POISSON_RATIO = (
-        "no-poisson-ratio",
-        "Poisson's ratio of the flesh is not known for the category {}; set poisson_ratio in batch.toml.",
-    )
     CRASHED = (
         "crashed",
         "The process working on this fruit died ({}); the other fruit are not touched. Run the same command "

@@ -5,6 +5,8 @@ import json
 import pytest
 from conftest import drupe
 
+from recon.mesh_file import read_mesh, write_mesh
+
 
 def refused(batch):
     graded = drupe("grade", batch)
@@ -40,6 +42,17 @@ def test_category_without_a_prior(batch):
     assert "batch.toml" in line
     assert "mango" in line
     assert "nectarine" in line
+
+
+def test_own_pits_in_a_category_without_a_prior_need_only_poissons_ratio(batch):
+    for mesh in (batch / "fruits").glob("*/fruit.ply"):
+        vertices, faces = read_mesh(mesh)
+        centre = vertices.mean(axis=0)
+        write_mesh(mesh.with_name("pit.ply"), centre + 0.4 * (vertices - centre), faces)
+    (batch / "batch.toml").write_text('category = "mango"\n')
+    assert "Poisson's ratio of the flesh is not known" in refused(batch)
+    (batch / "batch.toml").write_text('category = "mango"\npoisson_ratio = 0.45\n')
+    assert drupe("check", batch).status == 0
 
 
 def test_no_height_and_no_mat(batch):
