@@ -8,7 +8,8 @@ from jaxtyping import Float, Int
 from samples.cubed_sphere import even_sphere
 
 # Semi-axes of a nectarine's pit over the half-lengths of its fruit's box (x suture, y cheeks, z stem),
-# and its centre above the box centre in half-lengths; from the seven open nectarine cases of the project.
+# and its centre above the box centre in half-lengths. Assumed, and the same as in the prior that grading
+# uses: what a sample tests is a pit off its prior by the spreads below, not an unknown kind of fruit.
 PIT_OVER_BOX = (0.446, 0.328, 0.567)
 PIT_RAISED = (0.010, 0.0, 0.022)
 PIT_OFFSET_SD_MM = 0.3

@@ -1,4 +1,4 @@
-"""What a marker sensor adds to the truth; figures as in the frames in the air of the open cases."""
+"""What a marker sensor adds to the truth; the figures are assumed, for a calibrated marker gel."""
 
 from dataclasses import dataclass
 
