@@ -1,68 +1,10 @@
-"""Small batches from the shipped sample: ready meshes and one recording each, so that they grade fast."""
+"""Batches that a test may break."""
 
-import csv
-import json
 import shutil
-import subprocess
-import sys
-from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-
-from samples.batch import write_scan
-from samples.fruit import fruits_of_seed
-
-SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
-SETTINGS = """
-category = "nectarine"
-poisson_ratio = 0.45
-[mesh]
-edge_mm = 8.0
-pad_edge_mm = 3.0
-"""
-
-
-@dataclass(frozen=True)
-class Ran:
-    """What a run of the command gave."""
-
-    status: int
-    out: str
-    err: str
-
-    def one_line_error(self) -> str:
-        """The only line on standard error, which must not be a traceback."""
-        lines = self.err.strip().splitlines()
-        assert "Traceback" not in self.err, self.err
-        assert len(lines) == 1, self.err
-        return lines[0]
-
-
-def drupe(*arguments: object, timeout: float = 600) -> Ran:
-    """Runs the drupe command as a user does, in a process of its own."""
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
-    return Ran(done.returncode, done.stdout, done.stderr)
-
-
-def ready_batch(folder: Path, count: int) -> Path:
-    """A batch of `count` shipped nectarines as ready meshes with their first recording."""
-    seed = json.loads((SHIPPED / "answers.json").read_text())["seed"]
-    with (SHIPPED / "fruits.csv").open() as file:
-        shipped = len(list(csv.DictReader(file)))
-    folder.mkdir(parents=True)
-    (folder / "batch.toml").write_text(SETTINGS)
-    rows = ["fruit_id,shore_oo"]
-    for fruit in fruits_of_seed(shipped, seed=seed)[:count]:
-        where = folder / "fruits" / fruit.fruit_id
-        write_scan(where / "fruit.ply", fruit)
-        (where / "grasps").mkdir()
-        source = SHIPPED / "fruits" / fruit.fruit_id / "grasps" / "grasp-1.h5"
-        shutil.copyfile(source, where / "grasps" / "grasp-1.h5")
-        rows.append(f"{fruit.fruit_id},{40 + len(rows)}")
-    (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
-    return folder
+from sample_batches import ready_batch
 
 
 @pytest.fixture(scope="session")
@@ -74,8 +16,3 @@ def _pristine(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def batch(_pristine: Path, tmp_path: Path) -> Path:
     """A batch of three ready fruit that a test may break."""
     return Path(shutil.copytree(_pristine, tmp_path / "batch"))
-
-
-def first_fruit(batch: Path) -> Path:
-    """The folder of the batch's first fruit."""
-    return sorted((batch / "fruits").iterdir())[0]

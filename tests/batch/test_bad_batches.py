@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from conftest import drupe
+from sample_batches import drupe
 
 from recon.mesh_file import read_mesh, write_mesh
 

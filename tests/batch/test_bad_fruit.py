@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from conftest import SHIPPED, drupe, ready_batch
+from sample_batches import SHIPPED, drupe, ready_batch
 
 from recon.mesh_file import read_mesh, write_mesh
 

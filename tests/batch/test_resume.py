@@ -8,7 +8,7 @@ import sys
 import time
 
 import pandas as pd
-from conftest import drupe, first_fruit
+from sample_batches import drupe, first_fruit
 
 
 def record_times(batch):

@@ -6,7 +6,7 @@ import re
 import cv2
 import pandas as pd
 import pytest
-from conftest import drupe
+from sample_batches import drupe
 
 from pipeline.batch import read_mat
 
