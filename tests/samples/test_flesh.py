@@ -2,26 +2,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ball_fruit import ball
 
 from samples.cubed_sphere import even_sphere
 from samples.factors import factorise
 from samples.flesh import Law, flesh_of
-from samples.fruit import Pit, SampleFruit, Skin, fruit_of_seed
+from samples.fruit import fruit_of_seed
 from samples.hexahedra import COARSE, Fineness, flesh_bricks
 
 X = np.array([1.0, 0.0, 0.0])
 EVEN = Fineness(degrees=(0, 15, 30, 45), along=6, depths=(0, 0.25, 0.6, 1))
-
-
-def ball(radius_mm: float, core_mm: float, E_MPa: float, nu: float) -> SampleFruit:
-    skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0), half_axes_mm=(radius_mm,) * 3, stem_depth_mm=0.0, stem_width=0.3,
-        blossom_depth_mm=0.0, groove_depth_mm=0.0, groove_width=0.1, cubic=np.zeros((3, 3, 3)),
-    )  # fmt: skip
-    pit = Pit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=(core_mm,) * 3)
-    return SampleFruit(
-        fruit_id="ball", seed=0, skin=skin, pit=pit, E_MPa=E_MPa, poisson_ratio=nu, ripeness=0.5
-    )
 
 
 def test_bricks_fill_the_flesh() -> None:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from ball_fruit import ball
 
 from samples.contact import Gel
 from samples.fruit import SampleFruit, fruit_of_seed
@@ -11,7 +12,6 @@ from samples.grasp import Grasp, simulate
 from samples.grasp_plan import Hold, Programme, hold_along, planned_grasps, two_cycles
 from samples.hexahedra import COARSE, Fineness
 from samples.sensor_noise import SensorNoise, measured
-from tests.samples.test_flesh import ball
 
 SILENT = SensorNoise(
     displacement_mm=0, reference_mm=0, force_N=0, reference_N=0, displacement_scale=0, force_scale=0,
