@@ -12,6 +12,7 @@ from fem.modulus_absolute import absolute_compliance
 from fem.modulus_budget import ErrorBudget
 from fem.modulus_energy import energy_ratio
 from fem.modulus_fit import CompliantFit, MarkerTracks, fit_compliance
+from fem.modulus_force_noise import noise_tracks, without_force_noise
 from fem.modulus_frames import FrameModulus, modulus_per_frame
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_response import marker_tracks
@@ -85,8 +86,22 @@ def estimate_modulus(
     advice = "record the frames before and during the closing of the jaws"
     if loaded.sum() > 1:
         fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=moves)
+        air = noise_tracks(history, solid, tracks, loaded)
+        fit, force_noise_mm = without_force_noise(
+            fit, tracks, air[0] if air else None, scale_sd=budget.gel_scale_sd, fruit_moves=moves
+        )
         if fit.compliance_sd < NOISY * abs(fit.compliance):
-            return _from_first_touch(history, tracks, force, fit, loaded, budget=budget, fruit_moves=moves)
+            return _from_first_touch(
+                history,
+                tracks,
+                force,
+                fit,
+                loaded,
+                budget=budget,
+                fruit_moves=moves,
+                force_noise_mm=force_noise_mm,
+                quiet=air,
+            )
         reason = (
             f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
             f"spread of more than {NOISY:.0%}"
@@ -107,6 +122,8 @@ def _from_first_touch(
     *,
     budget: ErrorBudget,
     fruit_moves: bool,
+    force_noise_mm: float,
+    quiet: tuple[MarkerTracks, Float[np.ndarray, "f n 3"]] | None,
 ) -> ModulusEstimate:
     ratio = energy_ratio(
         tracks,
@@ -115,12 +132,13 @@ def _from_first_touch(
         force_sd_N=max(pad.force_sd_N for pad in history.pads),
         gel_scale_sd=budget.gel_scale_sd,
         force_scale_sd=budget.force_scale_sd,
+        quiet=quiet,
     )
     modulus = _require_positive(fit.compliance)
     by_force = (ratio.force_noise, ratio.force_scale)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
     misfit = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
-    noise_mm = float(tracks.sd_mm.mean())
+    noise_mm = float(np.hypot(tracks.sd_mm.mean(), force_noise_mm))
     excess = max(1.0, fit.residual_rms_mm / noise_mm)
     least_squares = _method(modulus, (excess * fit.compliance_sd * modulus, misfit, *by_force), budget)
     by_energy = (ratio.displacement_noise, ratio.gel_scale, misfit, *by_force)
@@ -141,6 +159,7 @@ def _from_first_touch(
             least_squares_MPa=modulus,
             energy_MPa=energy.E_MPa if energy else None,
             residual_rms_mm=fit.residual_rms_mm,
+            noise_mm=noise_mm,
             fruit_moves=fruit_moves,
         ),
         loaded=loaded,

@@ -26,6 +26,10 @@ GAUGE_SD_MM = 10.0
 the X_i leave free, and is far beyond any real one."""
 
 
+HELD = 1e24
+"""Weight that holds 1/E at a given value; what a recording knows of it is below 1e12."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class MarkerTracks:
     """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
@@ -59,10 +63,13 @@ class CompliantFit:
     residual_rms_mm: float
 
 
-def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) -> CompliantFit:
+def fit_compliance(
+    tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool, compliance: float | None = None
+) -> CompliantFit:
     """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base.
 
-    Memory grows as (n markers) (t frames) + (6 t)^2.
+    With `compliance` given, 1/E is that, and only the rest is fitted. Memory grows as (n markers) (t frames)
+    + (6 t)^2.
     """
     frames = len(tracks.position_mm)
     y, c, d = (
@@ -90,6 +97,9 @@ def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) 
     normal -= along.T @ (along / stiffness[:, None])
     right -= along.T @ (seen / stiffness)
     normal[np.arange(1, size), np.arange(1, size)] += 1 / GAUGE_SD_MM**2
+    if compliance is not None:
+        normal[0, 0] += HELD
+        right[0] += HELD * compliance
     theta, variance = _solved(normal, right, unknowns=size if fruit_moves else 1)
     scale = (seen - along @ theta) / stiffness
     motion = np.einsum("nxk,tk->tnx", rigid, theta[1:].reshape(frames, 6))

@@ -22,6 +22,7 @@ def warnings_of(
     least_squares_MPa: float,
     energy_MPa: float | None,
     residual_rms_mm: float,
+    noise_mm: float,
     fruit_moves: bool,
 ) -> tuple[str, ...]:
     """Sentences on: the two methods, the residual, the balance of the pads, loading against unloading."""
@@ -36,11 +37,10 @@ def warnings_of(
             f"the energy ratio gives {energy_MPa:.3f} MPa and least squares {least_squares_MPa:.3f} MPa: "
             "something in this grasp is not linear elastic flesh"
         )
-    noise_mm = max(pad.displacement_sd_mm for pad in history.pads)
     if noise_mm > 0 and residual_rms_mm > RESIDUAL_OVER_NOISE * noise_mm:
         found.append(
             f"the linear model leaves {1e3 * residual_rms_mm:.0f} um of marker motion unexplained; "
-            f"the markers' noise is {1e3 * noise_mm:.0f} um"
+            f"noise in displacement and force explains {1e3 * noise_mm:.0f} um"
         )
     if fruit_moves and len(history.pads) == 2:
         total = [float(np.linalg.norm(pad.force_N.sum(axis=1), axis=1).max()) for pad in history.pads]
