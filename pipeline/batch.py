@@ -1,5 +1,6 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
+import difflib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from pipeline.layout import BatchFolder
 from pipeline.problem import BatchRefused, Problem
 from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
-from recon.priors import PitPrior, load_prior
+from recon.priors import PitPrior, known_categories, load_prior
 
 T = TypeVar("T")
 _NO_POISSON_RATIO = (
@@ -98,7 +99,10 @@ def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
     try:
         return load_prior(folder.root / named if named.endswith(".toml") else named)
     except ReconFailure as failure:
-        raise BatchRefused([Problem(str(folder.settings), failure.detail)]) from None
+        near = difflib.get_close_matches(named.lower(), known_categories(), n=1, cutoff=0.75)
+        sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
+        key = "pit.prior" if settings.pit.prior else "category"
+        raise BatchRefused([Problem(str(folder.settings), f'"{key}": {sentence}')]) from None
 
 
 def _all_bring_pits(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> bool:

@@ -73,7 +73,10 @@ def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterat
             f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.',
         )
     photos = folder.photo_files()
-    yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where=str(folder.photos)))
+    if astray := folder.photos_elsewhere():
+        yield _at(row, folder.photos, astray)
+    else:
+        yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where="The folder"))
     for path in photos:
         yield from _tried(row, path, partial(read_photo, path))
 

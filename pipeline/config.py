@@ -111,6 +111,8 @@ def read_settings(path: Path) -> Settings:
     """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
     try:
         text = path.read_text(encoding="utf-8")
+    except NotADirectoryError:
+        raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")]) from None
     except FileNotFoundError:
         if not path.parent.is_dir():
             raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")]) from None

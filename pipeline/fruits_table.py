@@ -1,5 +1,6 @@
 """`fruits.csv`: one row per fruit, read with every fault of every row named."""
 
+import csv
 import io
 import math
 import re
@@ -66,25 +67,37 @@ def _table(path: Path) -> pd.DataFrame:
             [Problem(str(path), "is missing; it lists the fruit, one row each: fruit_id,height_mm,...")]
         ) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
+        raise BatchRefused(
+            [Problem(str(path), f"cannot be read as UTF-8 text ({error}); save it as CSV UTF-8.")]
+        ) from None
+    if ";" in text.partition("\n")[0]:
+        raise BatchRefused([Problem(str(path), "separates cells by semicolons; save it with commas.")])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
             table = pd.read_csv(
                 io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
             )
-    except (pd.errors.ParserError, pd.errors.EmptyDataError, pd.errors.ParserWarning) as error:
+    except pd.errors.EmptyDataError:
+        raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")]) from None
+    except (pd.errors.ParserError, pd.errors.ParserWarning):
         raise BatchRefused(
             [
                 Problem(
                     str(path),
-                    f"is not a readable CSV table: {error}; every row needs one cell per column, "
-                    "and numbers a decimal point.",
+                    f"{_longer_row(text)} has more cells than the header; separate cells by a comma "
+                    "and write numbers with a decimal point.",
                 )
             ]
         ) from None
     table.columns = [str(c).strip() for c in table.columns]
     return table
+
+
+def _longer_row(text: str) -> str:
+    """The first line with more cells than the header, by its number."""
+    rows = list(csv.reader(io.StringIO(text)))
+    return next((f"line {i}" for i, row in enumerate(rows, 1) if len(row) > len(rows[0])), "a line")
 
 
 def _records(table: pd.DataFrame) -> list[dict[str, str]]:

@@ -33,6 +33,21 @@ class FruitFolder:
         """Photos by name."""
         return photo_paths(self.photos)
 
+    def photos_elsewhere(self) -> str:
+        """A sentence where there are no photos in photos/ but pictures near it, or of a kind not read."""
+        if self.photo_files():
+            return ""
+        beside = photo_paths(self.root)
+        if beside:
+            return f"holds no photo, but {len(beside)} lie beside it; move them into photos/."
+        others = [p for p in self.photos.iterdir() if p.is_file()] if self.photos.is_dir() else []
+        if others:
+            kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
+            return (
+                f"holds {len(others)} files ({kinds}), but only .jpg, .jpeg and .png are read; convert them."
+            )
+        return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
+
     def grasp_files(self) -> tuple[Path, ...]:
         """Recordings by name."""
         return tuple(sorted(p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()))

@@ -52,7 +52,8 @@ def fruit_shape(task: FruitTask) -> Shape:
         require_closed(vertices, faces, what="fruit.ply")
         return _shape(vertices, faces, np.eye(4), source="fruit.ply", facts={})
     if not folder.photo_files():
-        raise FruitEnded(Outcome.NO_SHAPE, str(folder.root))
+        astray = folder.photos_elsewhere()
+        raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{': photos/ ' + astray if astray else ''}")
     if task.mat is None and task.given.height_mm is None:
         raise FruitEnded(Outcome.NO_SCALE, task.fruit_id)
     model = task.settings.recon.geometry_model
@@ -162,3 +163,18 @@ def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
     for path, part in ((results.fruit_ply, shape), (results.pit_ply, pit)):
         placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
         write_whole(path, mesh_bytes(placed, part.faces))
+
+
+def other_height(task: FruitTask, shape: Shape) -> list[str]:
+    """A warning where the mesh is not as high as staff measured: another fruit, unit, or mat."""
+    given, found = task.given.height_mm, shape.record.height_mm
+    if given is None or abs(found / given - 1) < HEIGHTS_APART:
+        return []
+    return [
+        f"The mesh is {found:.1f} mm high and fruits.csv says {given:g} mm: check the unit (mm), that the "
+        "photos show this fruit, and that mat.json is of the mat that was printed."
+    ]
+
+
+HEIGHTS_APART = 0.08
+"""A calliper and a mesh agree to a millimetre or two."""

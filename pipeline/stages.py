@@ -24,7 +24,7 @@ from pipeline.grasp import PlacedGrasp, estimate, foreign, place_grasp, touched_
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import FleshRecord, FruitRecord, GraspRecord, ModulusRecord, write_record
-from pipeline.shape import Shape, embedded_pit, fruit_shape, write_meshes
+from pipeline.shape import Shape, embedded_pit, fruit_shape, other_height, write_meshes
 from pipeline.task import FruitTask
 from recon.failure import ReconFailure
 from reports.mesh_picture import mesh_picture
@@ -94,7 +94,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
     with diary.stage("mesh"):
         shape = fruit_shape(task)
         known["mesh"] = shape.record
-        diary.warnings += shape.warnings
+        diary.warnings += [*shape.warnings, *other_height(task, shape)]
     with diary.stage("pit"):
         pit = embedded_pit(task, shape)
         known["pit"] = pit.record

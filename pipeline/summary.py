@@ -7,6 +7,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from reports.entries import BatchEntry, ranked
+from reports.words import remarks
 
 
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
@@ -15,6 +16,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     for name in ("rank", "fruit", "E (MPa)", "±"):
         table.add_column(name, justify="left" if name == "fruit" else "right")
     table.add_column("maturity")
+    table.add_column("remarks")
     for fruit in ranked(batch.fruits):
         if fruit.E_MPa is None or fruit.E_sd_MPa is None:
             continue
@@ -25,6 +27,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
             f"{fruit.E_MPa:.3f}",
             f"{fruit.E_sd_MPa:.3f}",
             escape(f"{fruit.maturity or ''}{sure}"),
+            escape(remarks(fruit)),
         )
     if table.row_count:
         console.print(table)

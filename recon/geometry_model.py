@@ -1,11 +1,14 @@
 """A learned geometry model (ONNX, VGGT's names): photos in, one 3D point for each pixel out."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
 import onnxruntime
 from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation

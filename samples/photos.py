@@ -207,7 +207,7 @@ def _mitsuba() -> Any:
     except ImportError as missing:
         raise RendererMissing(
             "Photos of sample fruit need the renderer Mitsuba 3, which is not installed; "
-            'run: pip install "drupe[samples]"'
+            "run in drupe's folder: pip install '.[samples]'"
         ) from missing
     if mi.variant() is None:
         mi.set_variant("llvm_ad_rgb" if _compiler_found() else "scalar_rgb")
@@ -231,7 +231,7 @@ def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     except ImportError as missing:
         raise RendererMissing(
             "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
-            'run: pip install "drupe[samples]"'
+            "run in drupe's folder: pip install '.[samples]'"
         ) from missing
 
     def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -49,11 +49,12 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("", "not a readable CSV"),
+        ("", "is empty"),
         ("height_mm\n60\n", 'the column "fruit_id" is missing'),
         ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
         ("fruit_id\n", "holds no fruit"),
-        ("fruit_id,height_mm,mass_g\nA,57,8,120\n", "one cell per column"),
+        ("fruit_id;height_mm\nA;57,8\n", "semicolons"),
+        ("fruit_id,height_mm,mass_g\nA,57,8,120\n", "line 2 has more cells than the header"),
     ],
 )
 def test_a_broken_table_is_said(tmp_path, text, says):
