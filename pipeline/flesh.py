@@ -36,7 +36,7 @@ def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) 
     sizes = task.settings.mesh
     arrays = (*pit.skin, pit.vertices, pit.faces, touched_mm)
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
-    key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("fem",))
+    key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("pipeline", "fem"))
 
     def compute() -> Artifact:
         mesh = tetrahedralise(

@@ -106,7 +106,7 @@ def _work(
 ) -> None:
     tasks = dict(todo)
     with (
-        BatchProgress(console, total=len(todo), jobs=jobs) as progress,
+        BatchProgress(console, total=len(todo)) as progress,
         closing(run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s)) as events,
     ):
         for event in events:

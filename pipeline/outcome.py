@@ -13,7 +13,7 @@ class Outcome(Enum):
     GRADED = ("graded", "")
     NO_GRASP = ("no-grasp", "No tactile recording in grasps/, so there is a mesh but no modulus; {}")
     ALL_GRASPS_FAILED = ("grasps-failed", "None of its recordings could be used: {}")
-    NO_SHAPE = ("no-shape", "Neither photos nor fruit.ply found in {}")
+    NO_SHAPE = ("no-shape", "Neither photos nor fruit.ply found in {}; add one of the two.")
     NO_SCALE = (
         "no-scale",
         "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "

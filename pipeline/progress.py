@@ -11,9 +11,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 class BatchProgress:
     """Shows which fruit is at which stage, how many are done, and when the rest will be."""
 
-    def __init__(self, console: Console, *, total: int, jobs: int) -> None:
+    def __init__(self, console: Console, *, total: int) -> None:
         self._console = console
-        self._total, self._jobs = total, jobs
+        self._total = total
         self._started = time.monotonic()
         self._done = 0
         self._stage: dict[str, str] = {}

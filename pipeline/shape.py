@@ -22,6 +22,9 @@ from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
 from reports.photo import thumbnail_jpeg
 
+HEIGHTS_APART = 0.08
+"""A calliper and a mesh agree to a millimetre or two."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
@@ -52,8 +55,8 @@ def fruit_shape(task: FruitTask) -> Shape:
         require_closed(vertices, faces, what="fruit.ply")
         return _shape(vertices, faces, np.eye(4), source="fruit.ply", facts={})
     if not folder.photo_files():
-        astray = folder.photos_elsewhere()
-        raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{': photos/ ' + astray if astray else ''}")
+        astray = folder.photos_elsewhere().rstrip(".")
+        raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{f' (photos/: {astray})' if astray else ''}")
     if task.mat is None and task.given.height_mm is None:
         raise FruitEnded(Outcome.NO_SCALE, task.fruit_id)
     model = task.settings.recon.geometry_model
@@ -63,7 +66,7 @@ def fruit_shape(task: FruitTask) -> Shape:
         "mesh",
         files=[*folder.photo_files(), *mat_file, *([model_path] if model_path else [])],
         settings=[task.settings.recon.model_dump(), None if task.mat else task.given.height_mm],
-        rooms=("recon",),
+        rooms=("pipeline", "recon", "reports"),
     )
     made = cached(task.results.cache, "mesh", key, lambda: _from_photos(task, model_path))
     write_whole(task.results.photo, made.arrays["photo"].tobytes())
@@ -96,7 +99,6 @@ def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
             "surface_sd_mm": made.surface_sd_mm,
             "quality": {k: v for k, v in asdict(made.quality).items() if np.isfinite(v)},
             "warnings": list(made.warnings),
-            "seconds": made.seconds,
         },
     )
 
@@ -174,7 +176,3 @@ def other_height(task: FruitTask, shape: Shape) -> list[str]:
         f"The mesh is {found:.1f} mm high and fruits.csv says {given:g} mm: check the unit (mm), that the "
         "photos show this fruit, and that mat.json is of the mat that was printed."
     ]
-
-
-HEIGHTS_APART = 0.08
-"""A calliper and a mesh agree to a millimetre or two."""

@@ -41,3 +41,16 @@ def test_forgetting_keeps_what_the_stages_made(tmp_path):
         write_whole(path, "x")
     results.forget()
     assert [p.name for p in tmp_path.rglob("*") if p.is_file()] == ["mesh.npz"]
+
+
+def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
+    folder = FruitFolder(tmp_path)
+    assert "there is no such folder" in folder.photos_elsewhere()
+    (tmp_path / "photos").mkdir()
+    assert folder.photos_elsewhere() == ""
+    (tmp_path / "photos" / "1.heic").touch()
+    assert "1 files (.heic)" in folder.photos_elsewhere()
+    (tmp_path / "2.jpg").touch()
+    assert "1 lie beside it" in folder.photos_elsewhere()
+    (tmp_path / "photos" / "3.jpg").touch()
+    assert folder.photos_elsewhere() == ""
