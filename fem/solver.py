@@ -24,11 +24,66 @@ class Factor(Protocol):
         """K^-1 load, column by column."""
         ...
 
+    def last_compliance(self) -> Float[np.ndarray, "c c"]:
+        """K^-1 on the dofs named as `last`, in their order: dense, symmetric; (0, 0) if none were named."""
+        ...
+
+
+@runtime_checkable
+class Analysis(Protocol):
+    """What the pattern of nonzeros alone decides; good for all matrices that share it (Newton steps)."""
+
+    def factorise(self, stiffness: csr_array) -> Factor:
+        """Factorise a matrix of the analysed pattern; raises SINGULAR_STIFFNESS like `factorise`."""
+        ...
+
+
+def solver_name() -> str:
+    """The solver in use, for records."""
+    return "SuperLU (scipy) on a METIS order"
+
+
+def factorise(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Factor:
+    """Factorise a symmetric positive definite matrix; raises SINGULAR_STIFFNESS where it is not one.
+
+    `last`: the dofs among which `Factor.last_compliance` is wanted.
+    """
+    return analyse(stiffness, last=last).factorise(stiffness)
+
+
+def analyse(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Analysis:
+    """Order the elimination for the pattern of a symmetric matrix; its values do not matter."""
+    if (np.diff(stiffness.indptr) == 0).any():
+        raise _singular("a node belongs to no element")
+    last = np.zeros(0, dtype=np.int64) if last is None else last
+    return _Order(nested_dissection(stiffness), last)
+
+
+@dataclass(frozen=True)
+class _Order:
+    order: Int[np.ndarray, " d"]
+    last: Int[np.ndarray, " c"]
+
+    def factorise(self, stiffness: csr_array) -> Factor:
+        permuted = csc_array(stiffness[self.order][:, self.order])
+        try:
+            lu = splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        except RuntimeError as error:
+            raise _singular(str(error)) from error
+        factor = _PermutedLU(lu, self.order, self.last)
+        probe = np.random.default_rng(0).standard_normal((len(self.order), 1))
+        answer = factor.solve(probe)
+        missed = float(np.abs(stiffness @ answer - probe).max())
+        if not (missed < 1e-6 and float((probe * answer).sum()) > 0):
+            raise _singular(f"a trial load is missed by {missed:.1e} of itself")
+        return factor
+
 
 @dataclass(frozen=True)
 class _PermutedLU:
     lu: SuperLU
     order: Int[np.ndarray, " d"]
+    last: Int[np.ndarray, " c"]
 
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         solution = np.empty(load.shape)
@@ -36,24 +91,13 @@ class _PermutedLU:
             solution[self.order, k] = self.lu.solve(load[self.order, k])
         return solution
 
-
-def factorise(stiffness: csr_array) -> Factor:
-    """Factorise a symmetric positive definite matrix; raises SINGULAR_STIFFNESS where it is not one."""
-    if (np.diff(stiffness.indptr) == 0).any():
-        raise _singular("a node belongs to no element")
-    order = nested_dissection(stiffness)
-    permuted = csc_array(stiffness[order][:, order])
-    try:
-        lu = splu(permuted, permc_spec="NATURAL", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError as error:
-        raise _singular(str(error)) from error
-    factor = _PermutedLU(lu, order)
-    probe = np.random.default_rng(0).standard_normal((len(order), 1))
-    answer = factor.solve(probe)
-    missed = float(np.abs(stiffness @ answer - probe).max())
-    if not (missed < 1e-6 and float((probe * answer).sum()) > 0):
-        raise _singular(f"a trial load is missed by {missed:.1e} of itself")
-    return factor
+    def last_compliance(self) -> Float[np.ndarray, "c c"]:
+        compliance = np.empty((len(self.last), len(self.last)))
+        for k, dof in enumerate(self.last):
+            unit = np.zeros((len(self.order), 1))
+            unit[dof] = 1
+            compliance[:, k] = self.solve(unit)[self.last, 0]
+        return (compliance + compliance.T) / 2
 
 
 def nested_dissection(matrix: csr_array) -> Int[np.ndarray, " d"]:
