@@ -20,6 +20,7 @@ class FemProblem(StrEnum):
     OFF_SURFACE = "off-surface"
     NO_LOAD = "no-load"
     NO_MODULUS = "no-modulus"
+    NOT_CONVERGED = "not-converged"
 
 
 class FemFailure(Exception):

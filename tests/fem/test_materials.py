@@ -1,0 +1,150 @@
+"""Every law against its own energy, against Hooke's law, and against closed forms of simple states."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+from fem.failure import FemFailure, FemProblem
+from fem.materials.fung import Fung
+from fem.materials.linear import Linear
+from fem.materials.neo_hookean import NeoHookean
+from fem.materials.yeoh import Yeoh
+
+NU = 0.45
+STEEP = [Yeoh(poisson_ratio=NU, second=0.8, third=0.3), Fung(poisson_ratio=NU, stiffening=1.5)]
+FINITE = [NeoHookean(poisson_ratio=NU), *STEEP]
+EVERY = [Linear(poisson_ratio=NU), *FINITE]
+
+
+def name(law):
+    return type(law).__name__
+
+
+def strained(count: int, size: float, seed: int = 0) -> np.ndarray:
+    return np.eye(3) + size * np.random.default_rng(seed).uniform(-1, 1, (count, 3, 3))
+
+
+def slope_of(function, F: np.ndarray, h: float) -> np.ndarray:
+    """Central differences to every component of F, last two axes."""
+    columns = []
+    for k in range(9):
+        step = h * np.eye(9)[k].reshape(3, 3)
+        columns.append((function(F + step) - function(F - step)) / (2 * h))
+    return np.stack(columns, axis=-1).reshape(*columns[0].shape, 3, 3)
+
+
+@pytest.mark.parametrize("law", EVERY, ids=name)
+@pytest.mark.parametrize(("derivative", "of"), [("stress", "energy"), ("tangent", "stress")])
+def test_each_is_the_derivative_of_the_one_before(law, derivative, of):
+    F = strained(20, 0.25)
+    exact = getattr(law, derivative)(F)
+    off = [np.abs(slope_of(getattr(law, of), F, h) - exact).max() for h in (4e-3, 2e-3, 1e-3)]
+    if off[0] < 1e-10:  # a polynomial of second degree: differences are exact
+        return
+    assert np.array(off[:-1]) / off[1:] == pytest.approx(4.0, rel=0.05)  # error like h^2
+    assert off[-1] < 2e-4 * np.abs(exact).max()
+
+
+@pytest.mark.parametrize("law", EVERY, ids=name)
+def test_the_tangent_is_symmetric(law):
+    A = law.tangent(strained(20, 0.3))
+    assert np.abs(A - A.transpose(0, 3, 4, 1, 2)).max() < 1e-12 * np.abs(A).max()
+
+
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_a_turned_body_turns_its_stress(law):
+    Q = Rotation.random(12, rng=np.random.default_rng(1)).as_matrix()
+    F = strained(12, 0.3)
+    assert np.abs(law.stress(Q @ F) - Q @ law.stress(F)).max() < 1e-12
+    assert np.abs(law.energy(Q @ F) - law.energy(F)).max() < 1e-13
+
+
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_a_material_without_grain_does_not_care_how_it_was_turned_before(law):
+    Q = Rotation.random(12, rng=np.random.default_rng(2)).as_matrix()
+    F = strained(12, 0.3)
+    assert np.abs(law.stress(F @ Q) - law.stress(F) @ Q).max() < 1e-12
+
+
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_a_rotation_alone_makes_no_stress(law):
+    Q = Rotation.random(12, rng=np.random.default_rng(3)).as_matrix()
+    assert np.abs(law.stress(Q)).max() < 1e-13
+    assert np.abs(law.energy(Q)).max() < 1e-14
+
+
+@pytest.mark.parametrize("law", EVERY, ids=name)
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.3, 0.49])
+def test_small_strain_is_hookes_law_of_unit_modulus(law, poisson_ratio):
+    law = type(law)(**{**vars(law), "poisson_ratio": poisson_ratio})
+    hooke = Linear(poisson_ratio=poisson_ratio)
+    here = np.eye(3)[None]
+    assert np.abs(law.tangent(here) - hooke.tangent(here)).max() < 1e-13 / (1 - 2 * poisson_ratio)
+    off = []
+    for size in (2e-3, 1e-3):
+        F = strained(5, size)
+        off.append(np.abs(law.stress(F) - hooke.stress(F)).max() / np.abs(hooke.stress(F)).max())
+    assert off[1] < 0.05 / (1 - 2 * poisson_ratio)
+    if off[0] > 1e-12:
+        assert off[0] / off[1] == pytest.approx(2.0, rel=0.1)  # second-order effects: half at half the strain
+
+
+def pulled(law, stretch: float) -> float:
+    """P_11 of a bar that is stretched and free at its sides."""
+
+    def F(across: float) -> np.ndarray:
+        return np.diag([stretch, across, across])[None]
+
+    across = brentq(lambda a: law.stress(F(a))[0, 1, 1], 0.5 * stretch**-0.5, 1.5 * stretch**-0.5, xtol=1e-15)
+    return float(law.stress(F(across))[0, 0, 0])
+
+
+@pytest.mark.parametrize("stretch", [0.6, 0.9, 1.3, 1.7])
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_a_pulled_bar_of_constant_volume_follows_the_closed_form(law, stretch):
+    """P = 2 w'(i) (l - l^-2) with i = l^2 + 2/l - 3; Treloar, "The Physics of Rubber Elasticity", 1975."""
+    i = stretch**2 + 2 / stretch - 3
+    slope = {"NeoHookean": 1.0, "Yeoh": 1 + 1.6 * i + 0.9 * i**2, "Fung": np.exp(1.5 * i)}[name(law)]
+    per_mu = []
+    for poisson_ratio in (0.4998, 0.4999):
+        nearly = type(law)(**{**vars(law), "poisson_ratio": poisson_ratio})
+        per_mu.append(pulled(nearly, stretch) * 2 * (1 + poisson_ratio))
+    # what change of volume is left goes like 1 - 2 nu
+    limit = 2 * per_mu[1] - per_mu[0]
+    assert limit == pytest.approx(slope * (stretch - stretch**-2), rel=1e-3)
+
+
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_simple_shear_follows_the_closed_form(law):
+    """For F = I + g e1 e2' Cauchy stress is 2 w' dev(F F'): s_12 = 2 w' g, s_11 - s_22 = s_12 g, i = g^2."""
+    g = 0.4
+    F = np.eye(3)[None].copy()
+    F[0, 0, 1] = g
+    cauchy = (law.stress(F) @ F.swapaxes(1, 2))[0]
+    mu = 0.5 / (1 + NU)
+    slope = {"NeoHookean": 1.0, "Yeoh": 1 + 1.6 * g**2 + 0.9 * g**4, "Fung": np.exp(1.5 * g**2)}[name(law)]
+    assert cauchy[0, 1] == pytest.approx(mu * slope * g, rel=1e-12)
+    assert cauchy[0, 0] - cauchy[1, 1] == pytest.approx(mu * slope * g**2, rel=1e-12)
+    assert cauchy[1, 1] == pytest.approx(cauchy[2, 2], rel=1e-12)
+    assert np.trace(cauchy) == pytest.approx(0.0, abs=1e-14)
+
+
+def test_without_stiffening_the_steep_laws_are_neo_hookean():
+    F = strained(6, 0.3)
+    plain = NeoHookean(poisson_ratio=NU).stress(F)
+    assert np.abs(Yeoh(poisson_ratio=NU, second=0.0, third=0.0).stress(F) - plain).max() < 1e-15
+    assert np.abs(Fung(poisson_ratio=NU, stiffening=1e-9).stress(F) - plain).max() < 1e-8
+
+
+@pytest.mark.parametrize("law", FINITE, ids=name)
+def test_matter_cannot_be_turned_inside_out(law):
+    inside_out = np.diag([1.0, 1.0, -0.2])[None]
+    assert np.isnan(law.stress(inside_out)).any()
+    assert np.isnan(law.energy(inside_out)).all()
+
+
+def test_a_poisson_ratio_beyond_one_half_is_refused():
+    with pytest.raises(FemFailure) as refused:
+        NeoHookean(poisson_ratio=0.5).stress(np.eye(3)[None])
+    assert refused.value.problem is FemProblem.BAD_POISSON_RATIO
