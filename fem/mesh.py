@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.closed_surface import Surface, checked_surface, must_enclose, split_boundary
+from fem.creases import corner_targets, middle_targets
 from fem.curve import pull, t4_jacobians, t10_jacobians
 from fem.elements import TET_FACES, t6_gradient, t6_shape, t10_gradient, tet_quadrature, tri_quadrature
 from fem.failure import FemFailure, FemProblem
@@ -113,7 +114,10 @@ def _on_surfaces(
     for faces, surface in ((skin, outer), (inner, pit)):
         moving = np.intersect1d(faces, candidates)
         if surface is not None and len(moving):
-            nodes = pull(nodes, tets, moving, surface.closest(nodes[moving]), t4_jacobians)
+            sharp, place = corner_targets(nodes, faces, moving, surface.creases)
+            moving = np.setdiff1d(moving, sharp)
+            place = np.vstack([place, surface.closest(nodes[moving])])
+            nodes = pull(nodes, tets, np.concatenate([sharp, moving]), place, t4_jacobians)
     return nodes
 
 
@@ -131,7 +135,10 @@ def _quadratic(
             moving = np.unique(faces)
             moving = moving[moving >= n_corners]
             if surface is not None:
-                nodes = pull(nodes, tets10, moving, surface.closest(nodes[moving]), t10_jacobians)
+                sharp, place = middle_targets(nodes, faces, surface.creases)
+                moving = np.setdiff1d(moving, sharp)
+                place = np.vstack([place, surface.closest(nodes[moving])])
+                nodes = pull(nodes, tets10, np.concatenate([sharp, moving]), place, t10_jacobians)
     folded = t10_jacobians(nodes, tets10).min(axis=1) <= 0
     if folded.any():
         where = ", ".join(f"{x:.0f}" for x in nodes[tets10[folded][0]].mean(axis=0))

@@ -24,6 +24,8 @@ def closest_on_triangles(
     Every triangle that can hold it is tried: those whose circumscribed ball reaches within the distance to
     the nearest triangle centre.
     """
+    if not len(points_mm):
+        return Closest(np.empty(0, dtype=np.int64), points_mm.copy(), points_mm.copy(), np.empty(0))
     corner = vertices_mm[faces]
     centre = corner.mean(axis=1)
     radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)

@@ -45,3 +45,43 @@ def cube_mesh(n: int, *, uneven: float = 0.25, seed: int = 0, bulge: float = 0.0
 
 def on_cube_surface(nodes):
     return np.flatnonzero(((nodes < 1e-9) | (nodes > 1 - 1e-9)).any(axis=1))
+
+
+def box(size_mm, *, centre_mm=(0.0, 0.0, 0.0), cells=1):
+    """A box's surface, each side cut into cells x cells squares of two triangles."""
+    axis = np.arange(cells + 1) / cells - 0.5
+    u, v = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    corner = (np.arange(cells)[:, None] * (cells + 1) + np.arange(cells)).ravel()
+    square = np.stack([corner, corner + cells + 1, corner + cells + 2, corner + 1], axis=1)
+    triangles = np.vstack([square[:, [0, 1, 2]], square[:, [0, 2, 3]]])
+    vertices, faces = [], []
+    for axis_out in range(3):
+        for side in (1, -1):
+            wall = np.full((len(u), 3), 0.5 * side)
+            wall[:, (axis_out + 1) % 3], wall[:, (axis_out + 2) % 3] = u, v
+            faces.append(triangles[:, ::side] + sum(len(w) for w in vertices))
+            vertices.append(wall)
+    return _welded(np.vstack(vertices) * np.asarray(size_mm) + np.asarray(centre_mm), np.vstack(faces))
+
+
+def tetrahedron(edge_mm, *, centre_mm=(0.0, 0.0, 0.0)):
+    """A regular tetrahedron's surface."""
+    corner = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]]) * edge_mm / np.sqrt(8)
+    return corner + np.asarray(centre_mm), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+
+
+def star(width_mm, *, centre_mm=(0.0, 0.0, 0.0)):
+    """Kepler's eight-pointed star (two tetrahedra through each other): tips at a cube's corners."""
+    tips = np.stack(np.meshgrid(*3 * [[-1.0, 1.0]], indexing="ij"), axis=-1).reshape(-1, 3)
+    vertices = np.vstack([tips, np.eye(3), -np.eye(3)]) * width_mm / 2
+    faces = []
+    for k, tip in enumerate(tips):
+        root = 8 + np.arange(3) + 3 * (tip < 0)
+        turn = 1 if tip.prod() > 0 else -1
+        faces += [[k, *root[[i, (i + 1) % 3]][::turn]] for i in range(3)]
+    return vertices + np.asarray(centre_mm), np.array(faces)
+
+
+def _welded(vertices, faces):
+    _, first, number = np.unique(np.round(vertices, 9), axis=0, return_index=True, return_inverse=True)
+    return vertices[first], number.reshape(-1)[faces]
