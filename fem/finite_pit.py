@@ -1,0 +1,40 @@
+"""The pit as a rigid body that may turn by any angle: x = c + t + R a for a = X - c at rest."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+
+def turned(turn: Float[np.ndarray, "3 3"], step_rad: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """exp(step) R: a further rotation, as a vector in space, on top of the one so far."""
+    return np.asarray(Rotation.from_rotvec(step_rad).as_matrix() @ turn)
+
+
+def rigid_fit(
+    arm_mm: Float[np.ndarray, "p 3"], moved_mm: Float[np.ndarray, "p 3"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
+    """Shift t and rotation R of the rigid motion nearest to the displacements of a body's points.
+
+    Least squares of |a + u - t - R a|. Source: Kabsch, Acta Crystallographica A 32, 1976.
+    """
+    mean_arm, mean_moved = arm_mm.mean(axis=0), moved_mm.mean(axis=0)
+    turn, _ = Rotation.align_vectors(arm_mm + moved_mm - mean_arm - mean_moved, arm_mm - mean_arm)
+    matrix = turn.as_matrix()
+    return mean_moved + mean_arm - matrix @ mean_arm, matrix
+
+
+def resultant(arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "6"]:
+    """Total force (N) and moment (N mm) of forces at the ends of these arms."""
+    return np.concatenate([force_N.sum(axis=0), np.cross(arm_mm, force_N).sum(axis=0)])
+
+
+def turning_stiffness(
+    arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"]
+) -> Float[np.ndarray, "3 3"]:
+    """What forces f of fixed direction add to the stiffness against rotation (N mm per rad).
+
+    The second derivative of f . exp(w) a at w = 0 is (a f' + f a')/2 - (a . f) I, a the arm in its present
+    place and f the force that holds the point.
+    """
+    product = arm_mm.T @ force_N
+    return np.asarray((product + product.T) / 2 - np.trace(product) * np.eye(3))
