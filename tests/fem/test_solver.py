@@ -2,8 +2,9 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, diags_array, kron
 
+from fem.elimination_order import nested_dissection
 from fem.failure import FemFailure, FemProblem
-from fem.solver import factorise, nested_dissection
+from fem.solver import factorise
 
 
 def plate(n, shift=0.0):

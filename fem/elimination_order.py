@@ -1,0 +1,122 @@
+"""The order in which unknowns are eliminated, and what hangs on what: from the pattern of nonzeros alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pymetis
+from jaxtyping import Int
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+#: separators tried by METIS at every cut, of which the smallest is taken
+SEPARATORS_TRIED = 2
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Dofs whose rows have one and the same pattern (those of a node): they are ordered as one.
+
+    `start` and `members` list the dofs of each group. `entry_start` and `entry_dof` list the columns of its
+    rows, in the order in which they are stored.
+    """
+
+    of_dof: Int[np.ndarray, " d"]
+    members: Int[np.ndarray, " d"]
+    start: Int[np.ndarray, " g1"]
+    entry_start: Int[np.ndarray, " g1"]
+    entry_dof: Int[np.ndarray, " e"]
+
+    @property
+    def size(self) -> Int[np.ndarray, " g"]:
+        """Dofs in each group."""
+        return np.diff(self.start)
+
+    def links(self) -> tuple[Int[np.ndarray, " l"], Int[np.ndarray, " l"]]:
+        """Pairs of different groups that share a nonzero, both ways, sorted by the first."""
+        is_first = np.zeros(len(self.of_dof), dtype=bool)
+        is_first[self.members[self.start[:-1]]] = True
+        row = np.repeat(np.arange(len(self.size)), np.diff(self.entry_start))
+        column = self.of_dof[self.entry_dof]
+        keep = is_first[self.entry_dof] & (row != column)
+        return row[keep], column[keep]
+
+
+@dataclass(frozen=True)
+class EliminationTree:
+    """Groups in elimination order, and the tree that says which elimination waits for which.
+
+    parent[v] is the first group that is changed by the elimination of v, -1 for none. The links are those of
+    the matrix between positions of the order, low < high, sorted by low.
+    """
+
+    order: Int[np.ndarray, " g"]
+    parent: list[int]
+    low: Int[np.ndarray, " l"]
+    high: Int[np.ndarray, " l"]
+
+
+def same_pattern_groups(matrix: csr_array) -> Groups:
+    """Rows with equal columns, found by a hash: the sum of a random number for each column."""
+    weight = np.random.default_rng(1).integers(1, 2**62, size=matrix.shape[0], dtype=np.int64)
+    mark = np.add.reduceat(weight[matrix.indices], matrix.indptr[:-1])  # wraps around
+    _, first, of_dof = np.unique(mark, return_index=True, return_inverse=True)
+    rank = np.empty(len(first), dtype=np.int64)
+    rank[np.argsort(first)] = np.arange(len(first))  # keeps the numbering's locality
+    of_dof = rank[of_dof]
+    start = np.concatenate([[0], np.cumsum(np.bincount(of_dof))])
+    members = np.argsort(of_dof, kind="stable")
+    length = np.diff(matrix.indptr)[members[start[:-1]]].astype(np.int64)
+    entry_start = np.concatenate([[0], np.cumsum(length)])
+    shift = matrix.indptr[members[start[:-1]]] - entry_start[:-1]
+    entry = np.arange(entry_start[-1]) + np.repeat(shift, length)
+    return Groups(of_dof, members, start, entry_start, matrix.indices[entry])
+
+
+def elimination_tree(groups: Groups) -> EliminationTree:
+    """Nested dissection by METIS, and its elimination tree."""
+    row, column = groups.links()
+    n = len(groups.size)
+    order = np.arange(n)
+    if len(row):
+        indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(np.int32)
+        ranked, _ = pymetis.nested_dissection(
+            pymetis.CSRAdjacency(indptr, column.astype(np.int32)),
+            vweights=groups.size.astype(np.int32),
+            options=pymetis.Options(nseps=SEPARATORS_TRIED),
+        )
+        order = np.asarray(ranked).astype(np.int64)  # METIS has another integer of 64 bits
+    place = np.empty(n, dtype=np.int64)
+    place[order] = np.arange(n)
+    low, high = place[row], place[column]
+    once = low < high
+    low, high = low[once], high[once]
+    by_low = np.argsort(low * n + high)
+    low, high = low[by_low], high[by_low]
+    return EliminationTree(order, _parents(low, high, n), low, high)
+
+
+def _parents(low: Int[np.ndarray, " l"], high: Int[np.ndarray, " l"], n: int) -> list[int]:
+    """The elimination tree of a graph is that of its minimum spanning tree for the link weight `high`.
+
+    Both trees follow from which groups hang together once all up to v are there (Liu, "The role of
+    elimination trees in sparse factorization", SIAM J. Matrix Anal. Appl. 11, 1990), and a minimum spanning
+    tree keeps just that. It has one link per group, so that the loop below is short.
+    """
+    links = csr_array((high + 1.0, (high, low)), shape=(n, n))
+    tree = minimum_spanning_tree(links).tocoo()
+    a, b = np.maximum(tree.row, tree.col), np.minimum(tree.row, tree.col)
+    ascending = np.argsort(a, kind="stable")
+    parent, top = [-1] * n, list(range(n))
+    for later, v in zip(a[ascending].tolist(), b[ascending].tolist(), strict=True):
+        while top[v] != v:
+            top[v] = top[top[v]]
+            v = top[v]
+        parent[v] = top[v] = later
+    return parent
+
+
+def nested_dissection(matrix: csr_array) -> Int[np.ndarray, " d"]:
+    """A fill-reducing elimination order of the dofs."""
+    groups = same_pattern_groups(matrix)
+    order = elimination_tree(groups).order
+    return np.concatenate([groups.members[groups.start[g] : groups.start[g + 1]] for g in order])
