@@ -1,0 +1,130 @@
+"""The forward data of paper.py as the estimator gets them: markers with a place, a motion and a force.
+
+The independent solver's patch nodes are halved by mirror planes and lie where its mesh has them. The planes
+are undone, and every node's force goes to the markers of a regular grid over the patch, rim included, by the
+grid's bilinear hat functions: total force and moment are kept to rounding, and a marker's force is the
+traction times its cell, as a gel model with nodes at the markers gives it.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fem.modulus_inputs import GraspHistory, PadHistory
+
+HERE = Path(__file__).parent / "forward"
+DISPLACEMENT_SD_MM, FORCE_SD_N = 1e-3, 1e-6
+"""The data have no noise but the solver's rounding; the estimator wants a spread all the same."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Forward:
+    """One solution: per pad its face's axis, centre, edge, motion at level 1, and node places and forces."""
+
+    low_mm: np.ndarray
+    high_mm: np.ndarray
+    core: str
+    core_size_mm: float
+    core_centre_mm: np.ndarray
+    levels: np.ndarray
+    pads: tuple["PadData", ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadData:
+    """The nodes of one patch, mirror planes undone: places (n, 3), forces (levels, n, 3)."""
+
+    axis: int
+    centre_mm: np.ndarray
+    edge_mm: float
+    move_mm: np.ndarray
+    place_mm: np.ndarray
+    force_N: np.ndarray
+
+
+def forward(name: str) -> Forward:
+    """The committed solution of that name."""
+    with np.load(HERE / f"{name}.npz") as data:
+        kept = {key: data[key] for key in data.files}
+    pads = []
+    for k, (axis, centre, edge, move) in enumerate(
+        zip(kept["patch_axis"], kept["patch_centre_mm"], kept["patch_edge_mm"], kept["moves_mm"], strict=True)
+    ):
+        own = kept["pad"] == k
+        force = kept["force_N"][:, own].astype(float)
+        pads.append(
+            PadData(
+                axis=int(axis),
+                centre_mm=centre,
+                edge_mm=float(edge),
+                move_mm=move,
+                place_mm=kept["place_mm"][own],
+                force_N=force,
+            )
+        )
+    for axis in kept["mirrors"]:
+        pads = _mirrored(pads, np.where(np.arange(3) == axis, -1.0, 1.0))
+    return Forward(
+        low_mm=kept["low_mm"],
+        high_mm=kept["high_mm"],
+        core=str(kept["core"][0]),
+        core_size_mm=float(kept["core_size_mm"]),
+        core_centre_mm=kept["core_centre_mm"],
+        levels=kept["levels"],
+        pads=tuple(pads),
+    )
+
+
+def _mirrored(pads: list[PadData], flip: np.ndarray) -> list[PadData]:
+    """Each pad with its image; a pad that the plane cuts is completed, another one gets a twin."""
+    found = []
+    for pad in pads:
+        place, force = pad.place_mm * flip, pad.force_N * flip
+        if np.allclose(pad.centre_mm * flip, pad.centre_mm):
+            place, force = np.vstack([pad.place_mm, place]), np.concatenate([pad.force_N, force], axis=1)
+            found.append(_with(pad, place, force))
+        else:
+            twin = _with(pad, place, force, centre_mm=pad.centre_mm * flip, move_mm=pad.move_mm * flip)
+            found += [pad, twin]
+    return found
+
+
+def _with(pad: PadData, place_mm: np.ndarray, force_N: np.ndarray, **changes: np.ndarray) -> PadData:
+    return PadData(**{**vars(pad), "place_mm": place_mm, "force_N": force_N, **changes})
+
+
+def marker_grid(pad: PadData, *, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Markers on a grid of so many cells along an edge: flat coordinates, places, forces (levels, n, 3)."""
+    across = [k for k in range(3) if k != pad.axis]
+    line = np.linspace(-pad.edge_mm / 2, pad.edge_mm / 2, cells + 1)
+    flat = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    place = np.tile(pad.centre_mm, (len(flat), 1))
+    place[:, across] += flat
+    seen = (pad.place_mm - pad.centre_mm)[:, across]
+    hat = np.maximum(0.0, 1 - np.abs(seen[:, :, None] - line) / (line[1] - line[0]))
+    weight = np.einsum("na,nb->nab", hat[:, 0], hat[:, 1]).reshape(len(seen), -1)
+    return flat, place, np.einsum("nm,lnx->lmx", weight, pad.force_N)
+
+
+def grasp_history(data: Forward, *, cells: int) -> GraspHistory:
+    """A frame at first touch, without load, and one per level; the positions are exact."""
+    steps = np.concatenate([[0.0], data.levels])
+    pads = []
+    for number, pad in enumerate(data.pads):
+        flat, place, force = marker_grid(pad, cells=cells)
+        pads.append(
+            PadHistory(
+                name=f"pad {number + 1}",
+                rest_mm=np.column_stack([flat, np.zeros(len(flat))]),
+                surface_mm=place,
+                position_mm=place + steps[:, None, None] * pad.move_mm,
+                gel_displacement_mm=np.zeros((len(steps), *place.shape)),
+                force_N=np.concatenate([np.zeros((1, *place.shape)), force]),
+                episode=np.zeros((len(steps), len(place)), dtype=np.int64),
+                displacement_sd_mm=DISPLACEMENT_SD_MM,
+                force_sd_N=FORCE_SD_N,
+                lag1=0.0,
+            )
+        )
+    return GraspHistory(time_s=np.arange(len(steps)) * 0.1, phase=("load",) * len(steps), pads=tuple(pads))
