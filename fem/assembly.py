@@ -16,12 +16,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import bsr_array, csr_array
 
+from fem.element_gradients import gradient_products, inverse_3x3
+from fem.element_pattern import ElementPattern
 from fem.elements import t10_gradient, t10_shape, tet_quadrature
 from fem.failure import FemFailure, FemProblem
 
 LARGEST_POISSON_RATIO = 0.4999
 """Beyond it the flesh is incompressible to these elements, and its stiffness is all rounding."""
-_BATCH = 4096
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,14 @@ class Stiffness:
         mu, lame = unit_lame_constants(poisson_ratio)
         data = mu * self.k_mu.data + lame * self.k_lambda.data
         return bsr_array((data, self.k_mu.indices, self.k_mu.indptr), shape=self.k_mu.shape).tocsr()
+
+    def change_with_poisson_ratio(
+        self, displacement: Float[np.ndarray, "d f"], *, poisson_ratio: float
+    ) -> Float[np.ndarray, "d f"]:
+        """(dK0/dnu) u, column by column."""
+        shear = -0.5 / (1 + poisson_ratio) ** 2
+        lame = (1 + 2 * poisson_ratio**2) / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)) ** 2
+        return np.asarray(shear * (self.k_mu @ displacement) + lame * (self.k_lambda @ displacement))
 
 
 def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
@@ -53,27 +62,15 @@ def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
 
 
 def assemble(nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]) -> Stiffness:
-    """Both parts of the stiffness of curved T10 elements (14-point quadrature)."""
-    pair, slot = _node_pairs(tets, len(nodes_mm))
-    lame = np.zeros((len(pair), 3, 3))
-    shear = np.zeros((len(pair), 3, 3))
-    for start in range(0, len(tets), _BATCH):
-        part = slice(start, start + _BATCH)
-        h = _gradient_products(nodes_mm[tets[part]])
-        trace = np.einsum("makbk->mab", h)
-        volumetric = h.transpose(0, 1, 3, 2, 4)  # (m, a, b, i, j)
-        deviatoric = h.transpose(0, 1, 3, 4, 2) + trace[..., None, None] * np.eye(3)
-        where = slot[part].ravel()
-        for blocks, total in ((volumetric, lame), (deviatoric, shear)):
-            flat = blocks.reshape(-1, 9)
-            for k in range(9):
-                total.reshape(-1, 9)[:, k] += np.bincount(where, weights=flat[:, k], minlength=len(pair))
-    indptr = np.searchsorted(pair // len(nodes_mm), np.arange(len(nodes_mm) + 1))
-    column = pair % len(nodes_mm)
-    shape = (3 * len(nodes_mm), 3 * len(nodes_mm))
-    return Stiffness(
-        bsr_array((shear, column, indptr), shape=shape), bsr_array((lame, column, indptr), shape=shape)
-    )
+    """Both parts of the stiffness of T10 elements: straight ones exactly, curved ones with 14 points."""
+    pattern = ElementPattern.of(tets, len(nodes_mm))
+    lame = np.empty((len(pattern.indices), 3, 3))
+    for i, j, h in gradient_products(nodes_mm, tets):
+        lame[:, i, j] = pattern.gather @ h.reshape(-1)
+        if i != j:
+            lame[:, j, i] = lame[pattern.mirror, i, j]
+    shear = lame.transpose(0, 2, 1) + np.trace(lame, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    return Stiffness(pattern.blocks(shear), pattern.blocks(lame))
 
 
 def lumped_moments(
@@ -83,30 +80,9 @@ def lumped_moments(
     points, weights = tet_quadrature()
     shape = t10_shape(points)
     x = nodes_mm[tets]
-    volume = np.linalg.det(np.einsum("qin,mnx->mqix", t10_gradient(points), x)) * weights
-    place = np.concatenate([np.ones((*volume.shape, 1)), np.einsum("qn,mnx->mqx", shape, x)], axis=2)
-    load = np.einsum("mq,qn,mqk->mnk", volume, shape, place, optimize=True)
-    total = np.zeros((len(nodes_mm), 4))
-    np.add.at(total, tets, load)
-    return total
-
-
-def _gradient_products(x: Float[np.ndarray, "m 10 3"]) -> Float[np.ndarray, "m 10 3 10 3"]:
-    """H of each element: integral of dN_a/dx_i dN_b/dx_j."""
-    points, weights = tet_quadrature()
-    reference = t10_gradient(points)  # (q, i, n)
-    jacobian = np.einsum("qin,mnx->mqix", reference, x, optimize=True)  # dx_x/dxi_i
-    measure = np.linalg.det(jacobian) * weights
-    slope = np.linalg.solve(jacobian, reference[None])  # (m, q, x, n)
-    scaled = slope * np.sqrt(measure)[..., None, None]
-    flat = scaled.transpose(0, 1, 3, 2).reshape(len(x), len(weights), 30)
-    return np.asarray(flat.transpose(0, 2, 1) @ flat).reshape(len(x), 10, 3, 10, 3)
-
-
-def _node_pairs(
-    tets: Int[np.ndarray, "m 10"], n_nodes: int
-) -> tuple[Int[np.ndarray, " s"], Int[np.ndarray, "m 100"]]:
-    """Every pair of nodes that share an element, sorted row by row, and each element's places there."""
-    key = (tets[:, :, None].astype(np.int64) * n_nodes + tets[:, None, :]).reshape(-1)
-    pair, slot = np.unique(key, return_inverse=True)
-    return pair, slot.reshape(len(tets), 100)
+    jacobian = (t10_gradient(points).reshape(-1, 10) @ x).reshape(len(x), len(weights), 3, 3)
+    volume = inverse_3x3(jacobian.transpose(2, 3, 0, 1))[1] * weights
+    place = np.concatenate([np.ones((*volume.shape, 1)), shape @ x], axis=2)
+    load = (shape.T @ (volume[..., None] * place)).reshape(-1, 4)
+    where = tets.ravel()
+    return np.stack([np.bincount(where, weights=one, minlength=len(nodes_mm)) for one in load.T], axis=1)
