@@ -19,6 +19,7 @@ class FemProblem(StrEnum):
     SINGULAR_STIFFNESS = "singular-stiffness"
     OFF_SURFACE = "off-surface"
     NO_LOAD = "no-load"
+    TOO_FEW_MARKERS = "too-few-markers"
     NO_MODULUS = "no-modulus"
     NOT_CONVERGED = "not-converged"
 

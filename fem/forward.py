@@ -1,10 +1,11 @@
 """Displacement of the flesh under loads for E = 1 MPa; divide by E in MPa for the real one."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from fem.assembly import Stiffness, assemble
@@ -27,19 +28,28 @@ class UnitModulusSolid:
     (what inertia would do), and of the displacements that differ by a rigid motion the one is given whose
     translation and rotation vanish in the mean over the flesh. The compliance stays symmetric.
     support "base": skin nodes within 0.2 mm of the lowest z do not move.
+    `contact_nodes`: skin nodes whose compliance among each other is wanted (`contact_compliance`).
     """
 
     mesh: FleshMesh
     poisson_ratio: float
     support: Support
+    parts: Stiffness
     stiffness: csr_array
     kinematics: csr_array
     factor: Factor
     free_body: FreeBody
+    contact_nodes: Int[np.ndarray, " c"]
 
     @classmethod
     def factorise(
-        cls, mesh: FleshMesh, *, poisson_ratio: float, support: Support, parts: Stiffness | None = None
+        cls,
+        mesh: FleshMesh,
+        *,
+        poisson_ratio: float,
+        support: Support,
+        parts: Stiffness | None = None,
+        contact_nodes: Int[np.ndarray, " c"] | None = None,
     ) -> "UnitModulusSolid":
         """Assemble K0(nu), tie the pit's nodes to its six motions, hold what the support holds, factorise.
 
@@ -49,16 +59,24 @@ class UnitModulusSolid:
         parts = assemble(mesh.nodes_mm, mesh.tets) if parts is None else parts
         stiffness = parts.for_unit_modulus(poisson_ratio=poisson_ratio)
         motions = reduction(mesh.nodes_mm, mesh.pit_nodes)
-        kinematics = csr_array(motions[:, np.flatnonzero(_moving(mesh, motions.shape[1], support))])
-        factor = factorise(csr_array(kinematics.T @ stiffness @ kinematics))
+        moving = _moving(mesh, motions.shape[1], support)
+        kinematics = csr_array(motions[:, np.flatnonzero(moving)])
+        nodes = np.zeros(0, dtype=np.int64) if contact_nodes is None else contact_nodes
+        columns = _dofs(mesh, nodes)
+        factor = factorise(
+            csr_array(kinematics.T @ stiffness @ kinematics),
+            last=(np.cumsum(moving) - 1)[columns[moving[columns]]],
+        )
         return cls(
             mesh=mesh,
             poisson_ratio=poisson_ratio,
             support=support,
+            parts=parts,
             stiffness=stiffness,
             kinematics=kinematics,
             factor=factor,
             free_body=FreeBody.of(mesh),
+            contact_nodes=nodes,
         )
 
     def displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
@@ -74,6 +92,27 @@ class UnitModulusSolid:
         if free:
             moved = self.free_body.without_rigid_motion(moved)
         return np.ascontiguousarray(moved.T).reshape(nodal_force_N.shape)
+
+    @cached_property
+    def contact_compliance(self) -> Float[np.ndarray, "d d"]:
+        """Displacement times E of the contact nodes' dofs (three a node, in order) under unit forces on them.
+
+        mm MPa / N; symmetric; what `displacement` gives, without a solve for each. A free fruit's is P A P'
+        with P of fem.free_body and A the compliance of the fruit held at its pit (or three nodes); zero where
+        a base holds.
+        """
+        dofs = (3 * self.contact_nodes[:, None] + np.arange(3)).ravel()
+        rows = self.kinematics[dofs]
+        held = np.zeros((len(dofs), len(dofs)))
+        moves = np.flatnonzero(np.diff(rows.indptr))
+        held[np.ix_(moves, moves)] = self.factor.last_compliance()
+        if self.support == "base":
+            return held
+        body = self.free_body
+        moved = self.kinematics @ self.factor.solve(self.kinematics.T @ body.body_forces)
+        rigid = body.modes[dofs] @ np.linalg.inv(body.inertia)
+        across = moved[dofs] @ rigid.T
+        return np.asarray(held - across - across.T + rigid @ (body.body_forces.T @ moved) @ rigid.T)
 
     def unbalance(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
         """Resultant force (N) and moment (N mm, about the flesh's centroid) of each load."""

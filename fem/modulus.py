@@ -7,35 +7,33 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.failure import FemFailure, FemProblem
-from fem.forward import UnitModulusSolid
+from fem.grasp_model import GraspModel
 from fem.modulus_absolute import absolute_compliance
 from fem.modulus_budget import ErrorBudget
 from fem.modulus_energy import energy_ratio
 from fem.modulus_fit import CompliantFit, MarkerTracks, fit_compliance
-from fem.modulus_force_noise import noise_tracks, without_force_noise
+from fem.modulus_force_noise import ForceNoise, force_noise
 from fem.modulus_frames import FrameModulus, modulus_per_frame
+from fem.modulus_information import GraspInformation, grasp_information
 from fem.modulus_inputs import GraspHistory
+from fem.modulus_joint import GraspEvidence, joint_modulus
 from fem.modulus_response import marker_tracks
-from fem.modulus_thinning import thinned
+from fem.modulus_thinning import loaded_frames
 from fem.modulus_warnings import warnings_of
 
 NOISY = 0.1
 """A first-touch fit with more relative noise than this knows less than the absolute surface does."""
 NO_WORK_SD = 0.5
 """Relative spread where force and displacement do not even do positive work on each other."""
+FEWEST_MARKERS = 6
+"""Fewer markers under load than this do not even hold the fruit's six rigid motions."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MethodEstimate:
-    """One method's modulus.
-
-    `own_sd_MPa`: what this recording alone brings, noise and scale errors of the sensor and misfit of the
-    model (half the relative difference between the two methods, which weigh frames differently). `sd_MPa`:
-    that with the model's part.
-    """
+    """One method's modulus and its standard deviation."""
 
     E_MPa: float
-    own_sd_MPa: float
     sd_MPa: float
 
 
@@ -43,65 +41,50 @@ class MethodEstimate:
 class ModulusEstimate:
     """Young's modulus from one recording.
 
-    `E_MPa` is the least-squares one; `model_sd_MPa` the part of its spread that another grasp of the same
-    fruit shares (mesh, surface, pit prior). `energy` is None where the measured work is not positive.
+    `E_MPa` is the least-squares one; `parts_sd_MPa` name what its standard deviation is made of (their
+    squares add up), with the pit at its prior. `energy` is None where the measured work is not positive.
     `form`: "first-touch" (each marker against itself) or "absolute" (the frame of the greatest force against
     the scanned surface), where only one frame is loaded or where noise leaves the first-touch fit a spread of
     more than NOISY; a warning says which. `loaded` marks the frames used, `residual_mm` is what the model
-    leaves of each marker's place in them (NaN out of contact).
+    leaves of each marker's place in them (NaN out of contact). `evidence` is what several grasps of a fruit
+    are combined from (fem.modulus_joint).
     """
 
     E_MPa: float
     E_sd_MPa: float
-    model_sd_MPa: float
+    parts_sd_MPa: dict[str, float]
     least_squares: MethodEstimate
     energy: MethodEstimate | None
     form: Literal["first-touch", "absolute"]
     residual_rms_mm: float
     frames: tuple[FrameModulus, ...]
     warnings: tuple[str, ...]
+    evidence: GraspEvidence = field(repr=False)
     loaded: Bool[np.ndarray, " t"] = field(repr=False)
     residual_mm: Float[np.ndarray, "f n 3"] = field(repr=False)
 
 
-def estimate_modulus(
-    history: GraspHistory, solid: UnitModulusSolid, *, budget: ErrorBudget
-) -> ModulusEstimate:
-    """The modulus that makes the fruit of `solid` move under the measured forces as the markers moved.
+def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorBudget) -> ModulusEstimate:
+    """The modulus that makes the fruit of `model` move under the measured forces as the markers moved.
 
-    Least squares over all frames and markers (modulus_fit) and the strain-energy ratio (modulus_energy), each
-    marker compared with its own first touch; against the scanned surface (modulus_absolute) where only one
-    frame is loaded, or where noise makes the first-touch compliance uncertain by more than NOISY. One solve
-    per frame used: the loaded frames, thinned evenly where there are more than MOST_FRAMES of them
-    (modulus_thinning). Raises FemFailure: no-load, no-modulus (forces and displacement contradict any elastic
-    fruit), off-surface.
+    `model` is that of the same recording (fem.grasp_model). Least squares over all frames and markers
+    (modulus_fit) and the strain-energy ratio (modulus_energy), each marker compared with its own first touch;
+    against the scanned surface (modulus_absolute) where only one frame is loaded, or where noise makes the
+    first-touch compliance uncertain by more than NOISY. The loaded frames are thinned evenly where there are
+    more than MOST_FRAMES of them (modulus_thinning). Raises FemFailure: no-load, too-few-markers, no-modulus
+    (forces and displacement contradict any elastic fruit).
     """
-    loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
-    if not loaded.any():
-        raise FemFailure(FemProblem.NO_LOAD, "found no frame in which a marker touches, expected a contact")
-    loaded = thinned(loaded)
-    tracks, force = marker_tracks(history, solid, loaded)
-    moves = solid.support == "free"
+    loaded = loaded_frames(history)
+    tracks, force = marker_tracks(history, model, loaded)
+    _require_markers(tracks)
     reason = "only one frame is loaded"
     advice = "record the frames before and during the closing of the jaws"
     if loaded.sum() > 1:
-        fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=moves)
-        air = noise_tracks(history, solid, tracks, loaded)
-        fit, force_noise_mm = without_force_noise(
-            fit, tracks, air[0] if air else None, scale_sd=budget.gel_scale_sd, fruit_moves=moves
-        )
+        fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
+        air = force_noise(history, model, tracks, loaded, scale_sd=budget.gel_scale_sd)
+        fit = fit if air is None else air.taken_out(fit, tracks)
         if fit.compliance_sd < NOISY * abs(fit.compliance):
-            return _from_first_touch(
-                history,
-                tracks,
-                force,
-                fit,
-                loaded,
-                budget=budget,
-                fruit_moves=moves,
-                force_noise_mm=force_noise_mm,
-                quiet=air,
-            )
+            return _from_first_touch(history, model, tracks, force, fit, loaded, air, budget=budget)
         reason = (
             f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
             f"spread of more than {NOISY:.0%}"
@@ -110,20 +93,19 @@ def estimate_modulus(
     warning = (
         f"{reason}: the modulus rests on one frame and the scanned surface, and its error is large; {advice}"
     )
-    return _absolute(history, tracks, force, loaded, warning, budget=budget, fruit_moves=moves)
+    return _absolute(history, model, tracks, force, loaded, warning, budget=budget)
 
 
 def _from_first_touch(
     history: GraspHistory,
+    model: GraspModel,
     tracks: MarkerTracks,
     force: Float[np.ndarray, "f n 3"],
     fit: CompliantFit,
     loaded: Bool[np.ndarray, " t"],
+    air: ForceNoise | None,
     *,
     budget: ErrorBudget,
-    fruit_moves: bool,
-    force_noise_mm: float,
-    quiet: tuple[MarkerTracks, Float[np.ndarray, "f n 3"]] | None,
 ) -> ModulusEstimate:
     ratio = energy_ratio(
         tracks,
@@ -132,23 +114,35 @@ def _from_first_touch(
         force_sd_N=max(pad.force_sd_N for pad in history.pads),
         gel_scale_sd=budget.gel_scale_sd,
         force_scale_sd=budget.force_scale_sd,
-        quiet=quiet,
+        quiet=(air.tracks, air.force_N) if air else None,
     )
     modulus = _require_positive(fit.compliance)
-    by_force = (ratio.force_noise, ratio.force_scale)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
     misfit = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
-    noise_mm = float(np.hypot(tracks.sd_mm.mean(), force_noise_mm))
-    excess = max(1.0, fit.residual_rms_mm / noise_mm)
-    least_squares = _method(modulus, (excess * fit.compliance_sd * modulus, misfit, *by_force), budget)
-    by_energy = (ratio.displacement_noise, ratio.gel_scale, misfit, *by_force)
-    energy = _method(ratio.modulus_MPa, by_energy, budget) if elastic else None
+    evidence = GraspEvidence(
+        information=grasp_information(
+            tracks,
+            model,
+            force,
+            scale_sd=budget.gel_scale_sd,
+            noise=(air.information, air.compliance) if air else (0.0, 0.0),
+        ),
+        E_MPa=modulus,
+        misfit_sd=misfit,
+        discretisation_sd=budget.discretisation_sd,
+    )
+    alone = joint_modulus([evidence], budget=budget, infer_pit=False)
+    share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
+    noise = float(np.linalg.norm([*share.values(), ratio.displacement_noise, ratio.gel_scale]))
+    energy = MethodEstimate(E_MPa=ratio.modulus_MPa, sd_MPa=noise * ratio.modulus_MPa) if elastic else None
     frames = modulus_per_frame(history, tracks, fit, loaded)
     return ModulusEstimate(
         E_MPa=modulus,
-        E_sd_MPa=least_squares.sd_MPa,
-        model_sd_MPa=budget.model_sd * modulus,
-        least_squares=least_squares,
+        E_sd_MPa=modulus * float(np.linalg.norm(list(share.values()))),
+        parts_sd_MPa={part: sd * modulus for part, sd in share.items()},
+        least_squares=MethodEstimate(
+            E_MPa=modulus, sd_MPa=modulus * float(np.linalg.norm(list(share.values())))
+        ),
         energy=energy,
         form="first-touch",
         residual_rms_mm=fit.residual_rms_mm,
@@ -159,9 +153,10 @@ def _from_first_touch(
             least_squares_MPa=modulus,
             energy_MPa=energy.E_MPa if energy else None,
             residual_rms_mm=fit.residual_rms_mm,
-            noise_mm=noise_mm,
-            fruit_moves=fruit_moves,
+            noise_mm=float(np.hypot(tracks.sd_mm.mean(), air.moved_mm * fit.compliance if air else 0.0)),
+            fruit_moves=model.fruit_moves,
         ),
+        evidence=evidence,
         loaded=loaded,
         residual_mm=fit.residual_mm,
     )
@@ -169,45 +164,62 @@ def _from_first_touch(
 
 def _absolute(
     history: GraspHistory,
+    model: GraspModel,
     tracks: MarkerTracks,
     force: Float[np.ndarray, "f n 3"],
     loaded: Bool[np.ndarray, " t"],
     warning: str,
     *,
     budget: ErrorBudget,
-    fruit_moves: bool,
 ) -> ModulusEstimate:
     """From the frame of the greatest force alone; `warning` says why."""
     peak = int(np.argmax(np.linalg.norm(force, axis=2).sum(axis=1)))
     pads = np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
     fit = absolute_compliance(
-        tracks, force, peak, pad_of_marker=pads, surface_sd_mm=budget.surface_sd_mm, fruit_moves=fruit_moves
+        tracks,
+        force,
+        peak,
+        pad_of_marker=pads,
+        surface_sd_mm=budget.surface_sd_mm,
+        fruit_moves=model.fruit_moves,
     )
     modulus = _require_positive(fit.compliance)
-    spread = (fit.noise, fit.surface)
-    least_squares = _method(modulus, spread, budget)
-    energy = _method(1 / fit.energy_compliance, spread, budget) if fit.energy_compliance > 0 else None
+    evidence = GraspEvidence(
+        information=GraspInformation.of_modulus_alone(fit.compliance, relative_sd=fit.noise),
+        E_MPa=modulus,
+        misfit_sd=fit.surface,
+        discretisation_sd=budget.discretisation_sd,
+    )
+    alone = joint_modulus([evidence], budget=budget, infer_pit=False)
+    share = alone.E_sd_MPa / alone.E_MPa
     only = np.zeros_like(loaded)
     only[np.flatnonzero(loaded)[peak]] = True
     return ModulusEstimate(
         E_MPa=modulus,
-        E_sd_MPa=least_squares.sd_MPa,
-        model_sd_MPa=float(np.hypot(budget.model_sd, fit.surface)) * modulus,
-        least_squares=least_squares,
-        energy=energy,
+        E_sd_MPa=share * modulus,
+        parts_sd_MPa=alone.parts_sd_MPa,
+        least_squares=MethodEstimate(E_MPa=modulus, sd_MPa=share * modulus),
+        energy=MethodEstimate(E_MPa=1 / fit.energy_compliance, sd_MPa=share / fit.energy_compliance)
+        if fit.energy_compliance > 0
+        else None,
         form="absolute",
         residual_rms_mm=float(np.sqrt(np.nanmean((fit.residual_mm**2).sum(axis=2)))),
         frames=(),
         warnings=(warning,),
+        evidence=evidence,
         loaded=only,
         residual_mm=fit.residual_mm,
     )
 
 
-def _method(modulus: float, relative: tuple[float, ...], budget: ErrorBudget) -> MethodEstimate:
-    noise = float(np.sqrt(np.sum(np.square(relative))))
-    total = float(np.hypot(noise, budget.model_sd))
-    return MethodEstimate(E_MPa=modulus, own_sd_MPa=noise * modulus, sd_MPa=total * modulus)
+def _require_markers(tracks: MarkerTracks) -> None:
+    touched = int((tracks.episode >= 0).any(axis=0).sum())
+    if touched < FEWEST_MARKERS:
+        raise FemFailure(
+            FemProblem.TOO_FEW_MARKERS,
+            f"found {touched} markers under load, expected at least {FEWEST_MARKERS}: press deeper, or look "
+            "for a pad that touches only with its edge",
+        )
 
 
 def _require_positive(compliance: float) -> float:

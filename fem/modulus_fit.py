@@ -71,40 +71,20 @@ def fit_compliance(
     With `compliance` given, 1/E is that, and only the rest is fitted. Memory grows as (n markers) (t frames)
     + (6 t)^2.
     """
+    columns = tracks.unit_displacement[None]
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    normal, right = equations.normal, equations.right
     frames = len(tracks.position_mm)
-    y, c, d = (
-        about_episode_mean(values, tracks.episode)
-        for values in (
-            tracks.position_mm - tracks.place_mm,
-            tracks.unit_displacement,
-            tracks.gel_displacement_mm,
-        )
-    )
-    rigid = rigid_motion(tracks.place_mm)
-    weight = 1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2)
-    size = 1 + 6 * frames
-    normal, right = np.zeros((size, size)), np.zeros(size)
-    normal[0, 0], right[0] = np.einsum("n,tnx,tnx->", weight, c, c), np.einsum("n,tnx,tnx->", weight, c, y)
-    normal[0, 1:] = normal[1:, 0] = np.einsum("n,nxk,tnx->tk", weight, rigid, c).ravel()
-    normal[1:, 1:] = _motion_equations(rigid, weight, tracks.episode)
-    right[1:] = np.einsum("n,nxk,tnx->tk", weight, rigid, y).ravel()
-    # The scale error of each marker, by a rank-one step.
-    along = np.empty((len(weight), size))
-    along[:, 0] = np.einsum("n,tnx,tnx->n", weight, c, d)
-    along[:, 1:] = np.einsum("n,nxk,tnx->ntk", weight, rigid, d).reshape(len(weight), -1)
-    seen = np.einsum("n,tnx,tnx->n", weight, d, y)
-    stiffness = np.einsum("n,tnx,tnx->n", weight, d, d) + 1 / scale_sd**2
-    normal -= along.T @ (along / stiffness[:, None])
-    right -= along.T @ (seen / stiffness)
-    normal[np.arange(1, size), np.arange(1, size)] += 1 / GAUGE_SD_MM**2
     if compliance is not None:
         normal[0, 0] += HELD
         right[0] += HELD * compliance
-    theta, variance = _solved(normal, right, unknowns=size if fruit_moves else 1)
-    scale = (seen - along @ theta) / stiffness
-    motion = np.einsum("nxk,tk->tnx", rigid, theta[1:].reshape(frames, 6))
-    residual = y - theta[0] * c - about_episode_mean(motion, tracks.episode) - scale[:, None] * d
-    residual[tracks.episode < 0] = np.nan
+    theta, variance = _solved(normal, right, unknowns=len(right) if fruit_moves else 1)
+    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    motion = np.einsum("nxk,tk->tnx", rigid_motion(tracks.place_mm), theta[1:].reshape(frames, 6))
+    residual = np.full(motion.shape, np.nan)
+    explained = theta[0] * tracks.unit_displacement + motion + scale[:, None] * tracks.gel_displacement_mm
+    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
+    np.copyto(residual, left, where=(tracks.episode >= 0)[:, :, None])
     return CompliantFit(
         compliance=float(theta[0]),
         compliance_sd=float(np.sqrt(variance)),
@@ -112,6 +92,93 @@ def fit_compliance(
         residual_mm=residual,
         residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """Normal equations N a = b of the amounts a of several displacement fields, all other unknowns eliminated.
+
+    `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
+    independent noise their squares add up to the diagonal of N.
+    """
+
+    normal: Float[np.ndarray, "k k"]
+    right: Float[np.ndarray, " k"]
+    scores: Float[np.ndarray, "n k"]
+
+
+def information(
+    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
+) -> Information:
+    """The information of `tracks` on fields that stand where s c stands above."""
+    k, frames = len(columns), len(tracks.position_mm)
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    normal, right = equations.normal[:k, :k], equations.right[:k]
+    turns = np.zeros((k, 6 * frames))
+    moved = np.zeros(6 * frames)
+    if fruit_moves:
+        motions = cho_factor(equations.normal[k:, k:])
+        turns = cho_solve(motions, equations.normal[k:, :k]).T
+        moved = cho_solve(motions, equations.right[k:])
+        normal, right = normal - turns @ equations.normal[k:, :k], right - turns @ equations.right[k:]
+    amounts = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+    theta = np.append(amounts, moved - amounts @ turns)
+    rigid = rigid_motion(tracks.place_mm)
+    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    explained = np.einsum("nxk,tk->tnx", rigid, theta[k:].reshape(frames, 6))
+    explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
+    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
+    left *= _weight(tracks)[:, None]
+    own = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
+    scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
+    turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
+    scores -= turned @ turns.T + own * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
+    return Information(normal=normal, right=right, scores=scores)
+
+
+def _weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:
+    return np.asarray(1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2))
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Of k amounts and 6 t motions; and, of the markers' scales, what was eliminated."""
+
+    normal: Float[np.ndarray, "m m"]
+    right: Float[np.ndarray, " m"]
+    along: Float[np.ndarray, "n m"]
+    seen: Float[np.ndarray, " n"]
+    stiffness: Float[np.ndarray, " n"]
+
+
+def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float) -> _Equations:
+    """Normal equations without the markers' places and scales."""
+    k, frames = len(columns), len(tracks.position_mm)
+    y, d, *fields = (
+        about_episode_mean(values, tracks.episode)
+        for values in (tracks.position_mm - tracks.place_mm, tracks.gel_displacement_mm, *columns)
+    )
+    rigid = rigid_motion(tracks.place_mm)
+    weight = _weight(tracks)
+    c = np.stack(fields)
+    weighted = weight[:, None] * c
+    flat, size = weighted.reshape(k, -1), k + 6 * frames
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    normal[:k, :k], right[:k] = flat @ c.reshape(k, -1).T, flat @ y.ravel()
+    normal[:k, k:] = np.einsum("nxl,ktnx->ktl", rigid, weighted, optimize=True).reshape(k, -1)
+    normal[k:, :k] = normal[:k, k:].T
+    normal[k:, k:] = _motion_equations(rigid, weight, tracks.episode)
+    right[k:] = np.einsum("n,nxl,tnx->tl", weight, rigid, y, optimize=True).ravel()
+    # The scale error of each marker, by a rank-one step.
+    along = np.empty((len(weight), size))
+    along[:, :k] = np.einsum("ktnx,tnx->nk", weighted, d, optimize=True)
+    along[:, k:] = np.einsum("n,nxl,tnx->ntl", weight, rigid, d, optimize=True).reshape(len(weight), -1)
+    seen = np.einsum("n,tnx,tnx->n", weight, d, y, optimize=True)
+    stiffness = np.einsum("n,tnx,tnx->n", weight, d, d, optimize=True) + 1 / scale_sd**2
+    normal -= along.T @ (along / stiffness[:, None])
+    right -= along.T @ (seen / stiffness)
+    normal[np.arange(k, size), np.arange(k, size)] += 1 / GAUGE_SD_MM**2
+    return _Equations(normal, right, along, seen, stiffness)
 
 
 def _solved(

@@ -12,12 +12,12 @@ information about 1/E that the fit has and S_n what the air alone would give,
 (method of moments). s_n, the slope that the air shows, takes care of noise that displacement and force share.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fem.forward import UnitModulusSolid
+from fem.grasp_model import GraspModel
 from fem.modulus_fit import CompliantFit, MarkerTracks, about_episode_mean, fit_compliance
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_response import marker_tracks
@@ -27,10 +27,43 @@ LARGEST_SHARE = 0.5
 """Beyond this share of noise in the information the correction would be a guess: the fit stays as it is."""
 
 
-def noise_tracks(
-    history: GraspHistory, solid: UnitModulusSolid, tracks: MarkerTracks, loaded: Bool[np.ndarray, " t"]
-) -> tuple[MarkerTracks, Float[np.ndarray, "t n 3"]] | None:
-    """The loaded frames of `tracks`, and their forces, as if the sensor felt only what it feels in the air.
+@dataclass(frozen=True, kw_only=True)
+class ForceNoise:
+    """The loaded frames as if the sensor felt only what it feels in the air, sent through the fit.
+
+    `information` and `compliance`: S_n and s_n. `moved_mm`: the motion that this noise feigns for E = 1 (rms).
+    """
+
+    tracks: MarkerTracks
+    force_N: Float[np.ndarray, "t n 3"]
+    information: float
+    compliance: float
+    moved_mm: float
+    scale_sd: float
+    fruit_moves: bool
+
+    def taken_out(self, fit: CompliantFit, tracks: MarkerTracks) -> CompliantFit:
+        """The fit of `tracks` without the noise's share; as it is where that share is too large to trust."""
+        information = fit.compliance_sd**-2
+        left = information - self.information
+        if self.information > LARGEST_SHARE * information:
+            return fit
+        compliance = (information * fit.compliance - self.information * self.compliance) / left
+        corrected = fit_compliance(
+            tracks, scale_sd=self.scale_sd, fruit_moves=self.fruit_moves, compliance=float(compliance)
+        )
+        return replace(corrected, compliance_sd=float(left**-0.5))
+
+
+def force_noise(
+    history: GraspHistory,
+    model: GraspModel,
+    tracks: MarkerTracks,
+    loaded: Bool[np.ndarray, " t"],
+    *,
+    scale_sd: float,
+) -> ForceNoise | None:
+    """What the air before the first touch tells of the noise in the forces.
 
     Frames in the air follow each other as they were recorded, over and over. None where there are fewer than
     FEWEST_AIR_FRAMES before the first touch, or where they carry no noise (a deadband).
@@ -39,7 +72,7 @@ def noise_tracks(
     air = np.arange(max(0, first - 1 - MOST_AIR_FRAMES), max(0, first - 1))
     if len(air) < FEWEST_AIR_FRAMES:
         return None
-    quiet, force = marker_tracks(history, solid, np.isin(np.arange(len(loaded)), air))
+    quiet, force = marker_tracks(history, model, np.isin(np.arange(len(loaded)), air))
     if not np.any(force):
         return None
     turn: Int[np.ndarray, " f"] = np.arange(len(tracks.episode)) % len(air)
@@ -48,26 +81,25 @@ def noise_tracks(
         position_mm=tracks.place_mm + _centred(quiet.gel_displacement_mm)[turn],
         unit_displacement=_centred(quiet.unit_displacement)[turn],
     )
-    return felt, np.where((tracks.episode >= 0)[:, :, None], _centred(force)[turn], 0.0)
+    felt_N = np.where((tracks.episode >= 0)[:, :, None], _centred(force)[turn], 0.0)
+    return noise_in_fit(felt, felt_N, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
 
 
-def without_force_noise(
-    fit: CompliantFit, tracks: MarkerTracks, noise: MarkerTracks | None, *, scale_sd: float, fruit_moves: bool
-) -> tuple[CompliantFit, float]:
-    """The fit with the noise's share taken out of 1/E, and that noise as marker motion (rms, mm)."""
-    if noise is None:
-        return fit, 0.0
+def noise_in_fit(
+    noise: MarkerTracks, force_N: Float[np.ndarray, "t n 3"], *, scale_sd: float, fruit_moves: bool
+) -> ForceNoise:
+    """The record of noise that comes as tracks: S_n, s_n, and the motion that it feigns."""
     alone = fit_compliance(noise, scale_sd=scale_sd, fruit_moves=fruit_moves)
-    information, share = fit.compliance_sd**-2, alone.compliance_sd**-2
-    if share > LARGEST_SHARE * information:
-        return fit, 0.0
-    compliance = (information * fit.compliance - share * alone.compliance) / (information - share)
-    corrected = fit_compliance(
-        tracks, scale_sd=scale_sd, fruit_moves=fruit_moves, compliance=float(compliance)
-    )
     moved = about_episode_mean(noise.unit_displacement, noise.episode)[noise.episode >= 0]
-    noise_mm = abs(float(compliance)) * float(np.sqrt(np.mean(moved**2)))
-    return replace(corrected, compliance_sd=float((information - share) ** -0.5)), noise_mm
+    return ForceNoise(
+        tracks=noise,
+        force_N=force_N,
+        information=alone.compliance_sd**-2,
+        compliance=alone.compliance,
+        moved_mm=float(np.sqrt(np.mean(moved**2))),
+        scale_sd=scale_sd,
+        fruit_moves=fruit_moves,
+    )
 
 
 def _centred(values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:

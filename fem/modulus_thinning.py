@@ -3,8 +3,19 @@
 import numpy as np
 from jaxtyping import Bool
 
+from fem.failure import FemFailure, FemProblem
+from fem.modulus_inputs import GraspHistory
+
 MOST_FRAMES = 120
 """One solve of the whole fruit and six unknown motions per frame; more frames of one press tell no more."""
+
+
+def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
+    """The frames a modulus is estimated from; raises NO_LOAD where no marker ever touches."""
+    loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
+    if not loaded.any():
+        raise FemFailure(FemProblem.NO_LOAD, "found no frame in which a marker touches, expected a contact")
+    return thinned(loaded)
 
 
 def thinned(loaded: Bool[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csr_array, eye_array
+from scipy.sparse import csr_array, eye_array, kron
 from scipy.spatial import Delaunay
 
 from fem.rigid_core import rigid_modes
@@ -42,21 +42,38 @@ class TractionField:
     marker_mm: Float[np.ndarray, "n 3"]
     weights: csr_array
 
+    def matrices(self) -> tuple[csr_array, Float[np.ndarray, "3q 6"], Float[np.ndarray, "6 3n"]]:
+        """`forces` as a matrix, sparse + one of rank six: W (x) 1 + A B, dofs point by point, x, y, z."""
+        plain = csr_array(kron(self.weights, np.eye(3), format="csr"))
+        rigid, solve = self._balance
+        centre = self.points_mm.mean(axis=0)
+        of_markers, of_points = (
+            rigid_modes(places, centre_mm=centre).reshape(-1, 6)
+            for places in (self.marker_mm, self.points_mm)
+        )
+        missing = of_markers - plain.T @ of_points
+        return plain, rigid.reshape(-1, 6), np.asarray(solve @ missing.T)
+
     def forces(self, marker_force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t q 3"]:
         """Forces at `points_mm` with the total force and moment of the markers, to rounding.
 
         The interpolated field keeps the force; on a curved surface its moment is a few micrometres off, which
         the smallest field a + b x (x - centre), weighted like the loads themselves, takes out.
         """
-        spread = np.stack([self.weights @ frame for frame in marker_force_N])
-        centre = self.points_mm.mean(axis=0)
-        arms, marker_arms = self.points_mm - centre, self.marker_mm - centre
+        plain, rigid, balance = self.matrices()
+        flat = marker_force_N.reshape(len(marker_force_N), -1).T
+        spread = plain @ flat + rigid @ (balance @ flat)
+        return np.ascontiguousarray(spread.T).reshape(len(marker_force_N), -1, 3)
+
+    @property
+    def _balance(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 6"]]:
+        """The rigid motions weighted like the loads, and what turns a missing resultant into amounts of
+        them."""
         share = np.asarray(self.weights.sum(axis=1)).reshape(-1)
-        rigid = rigid_modes(self.points_mm, centre_mm=centre)
-        gram = np.einsum("qik,q,qil->kl", rigid, share, rigid)
-        missing = _resultant(marker_force_N, marker_arms) - _resultant(spread, arms)
-        balance = np.linalg.lstsq(gram, missing.T, rcond=1e-12)[0].T
-        return np.asarray(spread + np.einsum("q,qik,tk->tqi", share, rigid, balance))
+        rigid = rigid_modes(self.points_mm, centre_mm=self.points_mm.mean(axis=0))
+        weighted = share[:, None, None] * rigid
+        gram = np.einsum("qik,qil->kl", rigid, weighted)
+        return weighted, np.asarray(np.linalg.pinv(gram, rcond=1e-12, hermitian=True))
 
 
 def marker_weights(
@@ -121,8 +138,3 @@ def _cells(flat_mm: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "m 3"], F
     shortest = np.median(sides.min(axis=1))
     kept = (sides.max(axis=1) < LONGEST_SIDE * shortest) & (area > 1e-3 * np.median(area))
     return triangles[kept], 0.5 * area[kept]
-
-
-def _resultant(force: Float[np.ndarray, "t q 3"], arms: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "t 6"]:
-    """Total force and moment, frame by frame."""
-    return np.hstack([force.sum(axis=1), np.cross(arms, force).sum(axis=1)])

@@ -1,6 +1,6 @@
 """Points on the skin of a mesh: where they sit in its T6 faces, and how fields are read off there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -35,6 +35,10 @@ class SurfacePoints:
         row = np.repeat(np.arange(len(shape)), 6)
         entries = (shape.ravel(), (row, self.face_nodes.ravel()))
         return coo_array(entries, shape=(len(shape), self.n_nodes)).tocsr()
+
+    def among(self, nodes: Int[np.ndarray, " c"]) -> "SurfacePoints":
+        """The same points on a field that is known at these nodes only (sorted; every face's are there)."""
+        return replace(self, n_nodes=len(nodes), face_nodes=np.searchsorted(nodes, self.face_nodes))
 
     def sample(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f p 3"]:
         """A nodal vector field (or f of them) at the points."""

@@ -1,0 +1,63 @@
+"""What one grasp needs to know of the fruit: everything dense, nothing of the mesh.
+
+C maps forces at the markers to displacements at the markers for E = 1 MPa:
+
+    C = S K^-1 L        L: marker forces -> traction field -> nodes;  S: nodes -> markers
+
+K^-1 on the contact nodes is condensed once per fruit (fem.solver), the rest is sparse. A frame then costs one
+product of a matrix and a vector.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import vstack
+
+from fem.forward import UnitModulusSolid
+from fem.grasp_sensitivity import Sensitivity, sensitivities
+from fem.modulus_inputs import GraspHistory
+from fem.modulus_thinning import loaded_frames
+from fem.pad_link import PadLink, pad_link
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspModel:
+    """All pads' markers side by side on a fruit of E = 1 MPa.
+
+    `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
+    columns marker by marker, x, y, z. `sensitivity`: how the response to the recording's own loaded frames
+    changes with what is not known exactly; None where nothing was asked. `fruit_moves`: no base holds it.
+    """
+
+    place_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    compliance: Float[np.ndarray, "d d"]
+    sensitivity: Sensitivity
+    fruit_moves: bool
+
+    def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """Displacement of the markers times E, mm MPa, frame by frame."""
+        flat = force_N.reshape(len(force_N), -1)
+        return np.asarray(flat @ self.compliance.T).reshape(force_N.shape)
+
+
+def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
+    """The model of one grasp on a solid that was factorised for (at least) this grasp's contact nodes.
+
+    Raises FemFailure: off-surface, no-load.
+    """
+    links = [pad_link(pad, solid) for pad in history.pads]
+    return GraspModel(
+        place_mm=np.vstack([link.place.point_mm for link in links]),
+        normal=np.vstack([link.place.normal for link in links]),
+        compliance=_marker_compliance(links, solid.contact_compliance),
+        sensitivity=sensitivities(history, solid, links, loaded_frames(history)),
+        fruit_moves=solid.support == "free",
+    )
+
+
+def _marker_compliance(links: list[PadLink], contact: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "d d"]:
+    """S C L, pad by pad."""
+    read = vstack([link.sampling for link in links], format="csr") @ contact
+    return np.hstack([read @ link.plain + (read @ link.rigid) @ link.balance for link in links])

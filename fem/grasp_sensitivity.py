@@ -1,0 +1,128 @@
+"""How the markers' displacement changes with what is not known exactly: pit, Poisson's ratio, surface, pose.
+
+One column per cause, d(unit displacement)/d(cause), frame by frame: the derivative of C f at fixed forces.
+The forces of a recording span few directions, so that a handful of full solves (their leading singular
+vectors) serve all its frames:  dU = -K^-1 (dK/dp) U  with dK/dp from fem.shape_derivative.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.forward import UnitModulusSolid
+from fem.modulus_inputs import GraspHistory
+from fem.pad_link import PadLink, pad_link
+from fem.rigid_core import pit_centre_mm, rigid_modes
+from fem.shape_derivative import pit_velocities, skin_velocities, stiffness_change
+
+PIT_OFFSET = ("pit x", "pit y", "pit z")
+PIT_SIZE = "pit size"
+PIT = (*PIT_OFFSET, PIT_SIZE)
+POISSON_RATIO = "Poisson's ratio"
+SURFACE = "surface"
+MOST_MODES = 6
+LEAST_SHARE = 1e-3
+"""Singular vectors of the forces below this share of the greatest one are left out."""
+SHIFT_MM = 0.3
+"""Half the step of the difference quotient for a pad moved along the skin."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensitivity:
+    """d(unit displacement, mm MPa)/d(cause) for the markers of all pads in the frames used.
+
+    Causes: "pit x", "pit y", "pit z" (mm), "pit size" (its ln), "surface 1" to "surface 6" (mm, waves of
+    fem.shape_derivative), "Poisson's ratio" (1), and for each pad "<pad> across", "<pad> along" (mm, pose along
+    the skin). A fruit without a pit has no pit columns.
+    """
+
+    causes: tuple[str, ...]
+    values: Float[np.ndarray, "p f n 3"]
+
+
+def sensitivities(
+    history: GraspHistory, solid: UnitModulusSolid, links: list[PadLink], frames: Bool[np.ndarray, " t"]
+) -> Sensitivity:
+    """The columns of one grasp whose pads are linked to the solid; raises FemFailure (off-surface)."""
+    force = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
+    modes, share = _leading(force)
+    split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
+    by_pad = np.split(modes, split, axis=1)
+    nodal = [link.nodal_force(own) for link, own in zip(links, by_pad, strict=True)]
+    loads = np.zeros((len(modes), len(solid.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = np.sum(nodal, axis=0)
+    causes, forces = _inner_forces(solid, solid.displacement(loads))
+    moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
+    flat = moved.reshape(len(moved), -1).T
+    seen = np.concatenate([(link.sampling @ flat).T.reshape(len(moved), -1, 3) for link in links], axis=1)
+    found = list(seen.reshape(len(causes), len(modes), -1, 3))
+    for k, pad in enumerate(history.pads):
+        for name, way in zip(("across", "along"), _tangents(links[k].place.normal), strict=True):
+            causes.append(f"{pad.name} {name}")
+            ends = []
+            for step in (SHIFT_MM, -SHIFT_MM):
+                shifted = list(links)
+                shifted[k] = pad_link(pad, solid, shift_mm=step * way)
+                total = np.sum([*nodal[:k], shifted[k].nodal_force(by_pad[k]), *nodal[k + 1 :]], axis=0)
+                flat = solid.contact_compliance @ total.reshape(len(modes), -1).T
+                ends.append(
+                    np.concatenate([(s.sampling @ flat).T.reshape(len(modes), -1, 3) for s in shifted], 1)
+                )
+            found.append((ends[0] - ends[1]) / (2 * SHIFT_MM))
+    return Sensitivity(causes=tuple(causes), values=np.einsum("fr,prnx->pfnx", share, np.stack(found)))
+
+
+def _leading(
+    force: Float[np.ndarray, "f n 3"],
+) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
+    """The leading force patterns (unit vectors) and how much of each every frame holds, N."""
+    left, size, right = np.linalg.svd(force.reshape(len(force), -1), full_matrices=False)
+    kept = np.flatnonzero(size[:MOST_MODES] > LEAST_SHARE * size[0])
+    return right[kept].reshape(len(kept), -1, 3), left[:, kept] * size[kept]
+
+
+def _inner_forces(
+    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"]
+) -> tuple[list[str], Float[np.ndarray, "p r n 3"]]:
+    """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing."""
+    mesh = solid.mesh
+    has_pit = len(mesh.pit_nodes) > 0
+    causes, velocities = [], []
+    if has_pit:
+        causes += PIT
+        velocities += list(pit_velocities(mesh))
+        centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
+        moved = moved - np.einsum(
+            "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
+        )
+    waves = skin_velocities(mesh)
+    causes += [f"{SURFACE} {k + 1}" for k in range(len(waves))]
+    velocities += list(waves)
+    forces = -stiffness_change(mesh, solid.poisson_ratio, moved, np.stack(velocities))
+    if has_pit and solid.support == "base":
+        forces[causes.index(PIT_SIZE)] -= _couple(solid, moved, velocities[causes.index(PIT_SIZE)])
+    flat = moved.reshape(len(moved), -1).T
+    by_nu = -solid.parts.change_with_poisson_ratio(flat, poisson_ratio=solid.poisson_ratio)
+    causes.append(POISSON_RATIO)
+    return causes, np.concatenate([forces, by_nu.T.reshape(1, *moved.shape)])
+
+
+def _couple(
+    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], velocity: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "r n 3"]:
+    """What the flesh's forces on a growing pit turn it by, as forces on its nodes: their arms grow."""
+    nodes = solid.mesh.pit_nodes
+    reaction = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)[:, nodes]
+    moment = np.cross(velocity[nodes], reaction).sum(axis=1)
+    centre = pit_centre_mm(solid.mesh.nodes_mm, nodes)
+    turns = rigid_modes(solid.mesh.nodes_mm[nodes], centre_mm=centre)[:, :, 3:]
+    amounts = np.linalg.solve(np.einsum("nik,nil->kl", turns, turns), moment.T)
+    couple = np.zeros_like(moved)
+    couple[:, nodes] = np.einsum("nik,kr->rni", turns, amounts)
+    return couple
+
+
+def _tangents(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
+    """Two directions along the skin under a pad."""
+    return np.asarray(np.linalg.svd(normal.mean(axis=0)[None])[2][1:])

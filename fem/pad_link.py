@@ -1,0 +1,75 @@
+"""How one pad's markers hang on the contact nodes of a fruit: sparse maps of force and displacement."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array, kron
+
+from fem.forward import UnitModulusSolid
+from fem.mesh import FleshMesh
+from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.modulus_traction import TractionField, marker_weights
+from fem.surface import SurfacePoints, locate
+
+OFF_SKIN_MM = 3.0
+"""Markers farther than this from the skin of the mesh are a failure: registration has put them on the
+surface."""
+
+
+@dataclass(frozen=True)
+class PadLink:
+    """One pad's markers on a solid's contact nodes.
+
+    Nodal forces are `plain` f + `rigid` (`balance` f) (fem.modulus_traction, brought to the nodes), dofs node
+    by node; `sampling` reads displacements off at the markers.
+    """
+
+    place: SurfacePoints
+    sampling: csr_array
+    plain: csr_array
+    rigid: Float[np.ndarray, "d 6"]
+    balance: Float[np.ndarray, "6 m"]
+
+    def nodal_force(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
+        """Forces on the contact nodes; total force and moment are the markers' own."""
+        flat = force_N.reshape(len(force_N), -1).T
+        nodal = self.plain @ flat + self.rigid @ (self.balance @ flat)
+        return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
+
+
+def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:
+    """The skin nodes that these grasps load or read, sorted; raises FemFailure (off-surface)."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for history in histories:
+        for pad in history.pads:
+            place = locate(mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
+            between, _ = marker_weights(pad.rest_mm, place.point_mm)
+            skin = locate(mesh, between, within_mm=OFF_SKIN_MM)
+            found += [place.face_nodes.ravel(), skin.face_nodes.ravel()]
+    return np.unique(np.concatenate(found))
+
+
+def pad_link(
+    pad: PadHistory, solid: UnitModulusSolid, *, shift_mm: Float[np.ndarray, "3"] | None = None
+) -> PadLink:
+    """How one pad's markers sit on the solid, all of them moved by `shift_mm` against the skin."""
+    nodes = solid.contact_nodes
+    within = np.isin(solid.mesh.outer_faces, nodes).all(axis=1)
+    mesh = replace(solid.mesh, outer_faces=solid.mesh.outer_faces[within])
+    place = locate(
+        mesh, pad.surface_mm if shift_mm is None else pad.surface_mm + shift_mm, within_mm=OFF_SKIN_MM
+    )
+    between, weights = marker_weights(pad.rest_mm, place.point_mm)
+    skin = locate(mesh, between, within_mm=OFF_SKIN_MM)
+    field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
+    plain, rigid, balance = field.matrices()
+    spread = csr_array(kron(skin.among(nodes).interpolation.T, np.eye(3), format="csr"))
+    return PadLink(
+        place=place,
+        sampling=csr_array(kron(place.among(nodes).interpolation, np.eye(3), format="csr")),
+        plain=csr_array(spread @ plain),
+        rigid=spread @ rigid,
+        balance=balance,
+    )
