@@ -48,3 +48,35 @@ def reduction(nodes_mm: Float[np.ndarray, "n 3"], pit_nodes: Int[np.ndarray, " p
     matrix = coo_array(entries, shape=(3 * n, width)).tocsr()
     matrix.eliminate_zeros()
     return matrix
+
+
+def reduced(stiffness: csr_array, kinematics: csr_array) -> csr_array:
+    """T' K T. Rows of T that pick one q are carried over as they are; only the others are multiplied."""
+    length = np.diff(kinematics.indptr)
+    first = np.minimum(kinematics.indptr[:-1], max(kinematics.nnz - 1, 0))
+    picks = (length == 1) & (kinematics.data[first] == 1)
+    target = np.where(picks, kinematics.indices[first], -1)
+    chosen = target[picks]
+    if not (np.diff(chosen) > 0).all():
+        return csr_array(kinematics.T @ stiffness @ kinematics)
+    picked = _carried_over(stiffness, target, kinematics.shape[1])
+    others = kinematics.copy()
+    others.data = np.where(np.repeat(picks, length), 0, others.data)
+    others.eliminate_zeros()
+    if others.nnz == 0:
+        return picked
+    tied = csr_array(stiffness @ others)
+    mixed = csr_array((kinematics - others).T @ tied)
+    return csr_array(picked + (mixed + mixed.T) + others.T @ tied)
+
+
+def _carried_over(matrix: csr_array, target: Int[np.ndarray, " d"], width: int) -> csr_array:
+    """Entries of rows and columns with a target, moved there; the targets ascend."""
+    column = target[matrix.indices]
+    keep = (column >= 0) & np.repeat(target >= 0, np.diff(matrix.indptr))
+    until = np.concatenate([[0], np.cumsum(keep)])[matrix.indptr]
+    indptr = np.zeros(width + 1, dtype=matrix.indptr.dtype)
+    there = target >= 0
+    indptr[1 + target[there]] = np.diff(until)[there]
+    entries = (matrix.data[keep], column[keep].astype(matrix.indices.dtype), np.cumsum(indptr))
+    return csr_array(entries, shape=(width, width))
