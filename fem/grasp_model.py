@@ -2,7 +2,7 @@
 
 C maps forces at the markers to displacements at the markers for E = 1 MPa:
 
-    C = S K^-1 L        L: marker forces -> traction field -> nodes;  S: nodes -> markers
+    C = L' K^-1 L        L: marker forces -> traction field -> nodes;  L': nodes -> markers (fem.pad_link)
 
 K^-1 on the contact nodes is condensed once per fruit (fem.solver), the rest is sparse. A frame then costs one
 product of a matrix and a vector.
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import vstack
 
 from fem.forward import UnitModulusSolid
 from fem.grasp_sensitivity import Sensitivity, sensitivities
@@ -58,6 +57,9 @@ def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
 
 
 def _marker_compliance(links: list[PadLink], contact: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "d d"]:
-    """S C L, pad by pad."""
-    read = vstack([link.sampling for link in links], format="csr") @ contact
-    return np.hstack([read @ link.plain + (read @ link.rigid) @ link.balance for link in links])
+    """L' K^-1 L, pad by pad; symmetric."""
+    columns = []
+    for link in links:
+        moved = contact @ link.plain + (contact @ link.rigid) @ link.balance
+        columns.append(np.vstack([to.plain.T @ moved + to.balance.T @ (to.rigid.T @ moved) for to in links]))
+    return np.hstack(columns)

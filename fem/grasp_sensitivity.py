@@ -54,8 +54,7 @@ def sensitivities(
     loads[:, solid.contact_nodes] = np.sum(nodal, axis=0)
     causes, forces = _inner_forces(solid, solid.displacement(loads))
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
-    flat = moved.reshape(len(moved), -1).T
-    seen = np.concatenate([(link.sampling @ flat).T.reshape(len(moved), -1, 3) for link in links], axis=1)
+    seen = np.concatenate([link.seen(moved) for link in links], axis=1)
     found = list(seen.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):
         for name, way in zip(("across", "along"), _tangents(links[k].place.normal), strict=True):
@@ -66,9 +65,8 @@ def sensitivities(
                 shifted[k] = pad_link(pad, solid, shift_mm=step * way)
                 total = np.sum([*nodal[:k], shifted[k].nodal_force(by_pad[k]), *nodal[k + 1 :]], axis=0)
                 flat = solid.contact_compliance @ total.reshape(len(modes), -1).T
-                ends.append(
-                    np.concatenate([(s.sampling @ flat).T.reshape(len(modes), -1, 3) for s in shifted], 1)
-                )
+                under = np.ascontiguousarray(flat.T).reshape(total.shape)
+                ends.append(np.concatenate([s.seen(under) for s in shifted], axis=1))
             found.append((ends[0] - ends[1]) / (2 * SHIFT_MM))
     return Sensitivity(causes=tuple(causes), values=np.einsum("fr,prnx->pfnx", share, np.stack(found)))
 

@@ -22,12 +22,15 @@ surface."""
 class PadLink:
     """One pad's markers on a solid's contact nodes.
 
-    Nodal forces are `plain` f + `rigid` (`balance` f) (fem.modulus_traction, brought to the nodes), dofs node
-    by node; `sampling` reads displacements off at the markers.
+    Nodal forces are L f = `plain` f + `rigid` (`balance` f) (fem.modulus_traction, brought to the nodes),
+    dofs node by node. Displacements are read off by the transpose, L' u: the mean over what carries a
+    marker's force, so that forces do the same work on either side, f (L' u) = (L f) u. L keeps force and
+    moment, so L' reads rigid motions exactly, and the traction's sharpening makes it exact to second order
+    elsewhere. At the markers' own points, those on the rim of a hard pad, where the traction is steepest,
+    come out 13 % too low, and with them E by 3 %.
     """
 
     place: SurfacePoints
-    sampling: csr_array
     plain: csr_array
     rigid: Float[np.ndarray, "d 6"]
     balance: Float[np.ndarray, "6 m"]
@@ -37,6 +40,12 @@ class PadLink:
         flat = force_N.reshape(len(force_N), -1).T
         nodal = self.plain @ flat + self.rigid @ (self.balance @ flat)
         return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
+
+    def seen(self, moved: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
+        """Displacement of the markers when the contact nodes move so."""
+        flat = moved.reshape(len(moved), -1).T
+        read = self.plain.T @ flat + self.balance.T @ (self.rigid.T @ flat)
+        return np.ascontiguousarray(read.T).reshape(len(moved), -1, 3)
 
 
 def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:
@@ -68,7 +77,6 @@ def pad_link(
     spread = csr_array(kron(skin.among(nodes).interpolation.T, np.eye(3), format="csr"))
     return PadLink(
         place=place,
-        sampling=csr_array(kron(place.among(nodes).interpolation, np.eye(3), format="csr")),
         plain=csr_array(spread @ plain),
         rigid=spread @ rigid,
         balance=balance,
