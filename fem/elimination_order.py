@@ -8,9 +8,6 @@ from jaxtyping import Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-#: separators tried by METIS at every cut, of which the smallest is taken
-SEPARATORS_TRIED = 2
-
 
 @dataclass(frozen=True)
 class Groups:
@@ -82,7 +79,6 @@ def elimination_tree(groups: Groups) -> EliminationTree:
         ranked, _ = pymetis.nested_dissection(
             pymetis.CSRAdjacency(indptr, column.astype(np.int32)),
             vweights=groups.size.astype(np.int32),
-            options=pymetis.Options(nseps=SEPARATORS_TRIED),
         )
         order = np.asarray(ranked).astype(np.int64)  # METIS has another integer of 64 bits
     place = np.empty(n, dtype=np.int64)

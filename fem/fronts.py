@@ -15,16 +15,26 @@ _LEVELS = 8
 
 
 @dataclass(frozen=True)
+class Entries:
+    """Number `source` of the matrix goes to the place `target` of its front.
+
+    Those of front s are bounds[s] to bounds[s + 1]. Places are counted through the square of the front's
+    pivots and then the rows below, both column by column.
+    """
+
+    source: Int[np.ndarray, " e"]
+    target: Int[np.ndarray, " e"]
+    bounds: list[int]
+
+
+@dataclass(frozen=True)
 class Fronts:
     """Dense fronts in the order of elimination; children come before parents, subtrees are runs of fronts.
 
     order: dofs in the order of elimination.
     start, rows: front s eliminates start[s] to start[s + 1] of them and changes `rows[s]` (positions in the
     order, ascending).
-    base: its part of the factor is stored from base[s] on: the square of its pivots, then the rows below,
-    both column by column.
-    source, target, bounds: entry `source` of the matrix goes to the place `target` there; those of front s
-    are bounds[s] to bounds[s + 1].
+    entries: where the numbers of the matrix go.
     shelf[s]: shelf and place of what it leaves for its parent; shelf_size: numbers on the two shelves.
     first_below[s]: the first pivot of the subtree that ends with front s.
     """
@@ -34,10 +44,7 @@ class Fronts:
     rows: list[Int[np.ndarray, " _"]]
     parent: list[int]
     landing: list[Landing | None]
-    base: list[int]
-    source: Int[np.ndarray, " e"]
-    target: Int[np.ndarray, " e"]
-    bounds: list[int]
+    entries: list[Entries]
     shelf: list[tuple[int, int]]
     shelf_size: list[int]
     first_below: list[int]
@@ -66,10 +73,7 @@ def fronts(matrix: csr_array) -> Fronts:
     at = key - front * len(ordered)
     weight = np.concatenate([[0], np.cumsum(size[at])])
     rows = np.split(_ranges(offset[at], size[at]), weight[split[:-1]])
-    heights = np.diff(start) + np.diff(weight[np.concatenate([[0], split])])
-    base = np.concatenate([[0], np.cumsum(np.diff(start) * heights)])
     starts, parent = start.tolist(), nodes.parent
-    entries = _entries(matrix, groups, group, order, starts, rows, last_group)
     shelf, shelf_size = _shelves(rows, parent)
     first = list(range(len(parent)))
     for s, p in enumerate(parent):
@@ -81,10 +85,7 @@ def fronts(matrix: csr_array) -> Fronts:
         rows=rows,
         parent=parent,
         landing=[_landing(s, starts, rows, parent) for s in range(len(parent))],
-        base=base.tolist(),
-        source=entries[0],
-        target=entries[1],
-        bounds=entries[2],
+        entries=_entries(matrix, groups, group, order, starts, rows, last_group),
         shelf=shelf,
         shelf_size=shelf_size,
         first_below=[starts[f] for f in first],
@@ -174,36 +175,42 @@ def _entries(
     start: list[int],
     rows: list[np.ndarray],
     last_group: Int[np.ndarray, " s"],
-) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], list[int]]:
-    """Source, target and bounds of the matrix entries of each front, found once for all dofs of a group."""
+) -> list[Entries]:
+    """Found once for the first dof of every group, and moved on for the others: columns lie side by side."""
     position = np.empty(len(order), dtype=np.int64)
     position[order] = np.arange(len(order))
     length = np.diff(groups.entry_start)[group]
+    begin = np.array(start[:-1])
+    front_of_group = np.repeat(np.arange(len(begin)), np.diff(last_group, prepend=0))
     entry = _ranges(groups.entry_start[group], length)
     at = position[groups.entry_dof[entry]]
     of_group = np.repeat(np.arange(len(group)), length)
-    begin, end = np.array(start[:-1]), np.array(start[1:])
-    front = np.repeat(np.arange(len(begin)), np.diff(last_group, prepend=0))[of_group]
-    keep = at >= begin[front]
-    entry, at, of_group, front = entry[keep], at[keep], of_group[keep], front[keep]
-    bounds = np.searchsorted(front, np.arange(len(begin) + 1))
+    keep = at >= np.repeat(begin[front_of_group], length)
+    entry, at, of_group = entry[keep], at[keep], of_group[keep]
+    cuts = np.searchsorted(front_of_group[of_group], np.arange(len(begin) + 1)).tolist()
     local = np.empty_like(at)
+    stride = np.empty_like(at)
     where = np.empty(len(order), dtype=np.int64)
-    cuts = bounds.tolist()
     for s, changed in enumerate(rows):
-        where[start[s] : start[s + 1]] = np.arange(start[s + 1] - start[s])
-        where[changed] = np.arange(len(changed))
-        local[cuts[s] : cuts[s + 1]] = where[at[cuts[s] : cuts[s + 1]]]
-    width = (end - begin)[front]
-    height = np.array([len(r) for r in rows])[front]
-    is_row = at >= end[front]
-    column = position[groups.members[groups.start[group]]][of_group] - begin[front]
-    stride = np.where(is_row, height, width)
-    target = local + stride * column + np.where(is_row, width * width, 0)
-    size = groups.size[group][of_group]
-    member = _ranges(np.zeros_like(size), size)
-    row = groups.members[np.repeat(groups.start[group][of_group], size) + member]
-    source = matrix.indptr[row] + np.repeat(entry - groups.entry_start[group][of_group], size)
-    target = np.repeat(target, size) + member * np.repeat(stride, size)
-    totals = np.concatenate([[0], np.cumsum(size)])[bounds]
-    return source, target, totals.tolist()
+        p, q = start[s + 1] - start[s], len(changed)
+        where[start[s] : start[s + 1]] = np.arange(p)
+        where[changed] = np.arange(p * p, p * p + q)
+        mine = slice(cuts[s], cuts[s + 1])
+        local[mine] = where[at[mine]]
+        stride[mine] = np.where(local[mine] < p, p, q)
+    first = groups.start[group]
+    column = position[groups.members[first]] - begin[front_of_group]
+    target = local + stride * column[of_group]
+    offset = entry - groups.entry_start[group][of_group]
+    size = groups.size[group]
+    found = []
+    for member in range(int(size.max())):
+        has = (size > member)[of_group]
+        bounds = np.concatenate([[0], np.cumsum(has)])[cuts].tolist()
+        row_start = matrix.indptr[groups.members[np.minimum(first + member, len(order) - 1)]].astype(np.int64)
+        source = row_start[of_group] + offset
+        place = target + member * stride
+        if bounds[-1] < len(has):
+            source, place = source[has], place[has]
+        found.append(Entries(source, place, bounds))
+    return found

@@ -56,15 +56,15 @@ class NotPositiveDefinite(Exception):
 
 def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
     """Factorise the matrix whose stored values are given; raises NotPositiveDefinite."""
-    store = np.zeros(fronts.base[-1])
     shelves = [np.empty(size) for size in fronts.shelf_size]
     triangles, rows_below = [], []
     pending: list[list[tuple[np.ndarray, Landing]]] = [[] for _ in fronts.rows]
     for s, rows in enumerate(fronts.rows):
         p, q = fronts.start[s + 1] - fronts.start[s], len(rows)
-        panel = store[fronts.base[s] : fronts.base[s + 1]]
-        entries = slice(fronts.bounds[s], fronts.bounds[s + 1])
-        panel[fronts.target[entries]] = values[fronts.source[entries]]
+        panel = np.zeros(p * (p + q))  # front by front: one large block costs more system time
+        for entries in fronts.entries:
+            mine = slice(entries.bounds[s], entries.bounds[s + 1])
+            panel[entries.target[mine]] = values[entries.source[mine]]
         triangle = panel[: p * p].reshape(p, p).T
         below = panel[p * p :].reshape(p, q).T
         shelf, place = fronts.shelf[s]
