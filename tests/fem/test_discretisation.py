@@ -1,0 +1,67 @@
+import numpy as np
+import pytest
+from fem_shapes import cube_mesh
+
+from fem.discretisation import discretisation_error
+from fem.elements import TET_FACES
+from fem.failure import FemFailure
+from fem.forward import UnitModulusSolid
+from fem.mesh import FleshMesh
+from fem.surface import locate
+from fem.tets import boundary_faces
+
+
+def cube(n):
+    nodes, tets = cube_mesh(n, uneven=0.1)
+    owner, face = boundary_faces(tets[:, :4])[1].T
+    skin = tets[owner[:, None], TET_FACES[face]]
+    return FleshMesh(10 * nodes, tets, skin, np.zeros(0, dtype=np.int64))
+
+
+def pressed(n, poisson_ratio):
+    """A 10 mm cube on a base, even pressure on a 5 mm square of its top: solution and twice its energy."""
+    mesh = cube(n)
+    at = 2.5 + 5 * (np.stack(np.meshgrid(*2 * [np.arange(20)]), axis=-1).reshape(-1, 2) + 0.5) / 20
+    at = np.column_stack([at, np.full(len(at), 10.0)])
+    force = np.tile([0.0, 0, -1 / len(at)], (1, len(at), 1))
+    load = locate(mesh, at).point_load(force)
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support="base")
+    moved = solid.displacement(load)
+    return mesh, moved, (load * moved).sum()
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.3, 0.45])
+def test_the_error_estimated_is_the_energy_that_finer_meshes_find(poisson_ratio):
+    runs = [pressed(n, poisson_ratio) for n in (2, 4, 8)]
+    coarse, middle, fine = (energy for _, _, energy in runs)
+    converged = fine + (fine - middle) ** 2 / (2 * middle - coarse - fine)  # errors shrink geometrically
+    for mesh, moved, energy in runs[1:]:
+        estimate = discretisation_error(mesh, moved, poisson_ratio=poisson_ratio).energy_share[0]
+        assert 0.6 < estimate / (converged / energy - 1) < 1.3
+
+
+def test_even_strain_has_no_error_and_curved_strain_has_some():
+    mesh = cube(3)
+    even = mesh.nodes_mm @ np.array([[0.1, 0.2, 0], [0, -0.3, 0.1], [0.4, 0, 0.2]])
+    curved = np.sin(mesh.nodes_mm / 2)
+    found = discretisation_error(mesh, np.stack([even, curved]), poisson_ratio=0.3)
+    assert found.energy_share[0] < 1e-20
+    assert found.energy_share[1] > 1e-4
+
+
+def test_each_load_is_judged_alone_and_elements_add_up():
+    mesh, moved, _ = pressed(3, 0.45)
+    other = np.cos(mesh.nodes_mm)[None]
+    both = discretisation_error(mesh, np.concatenate([moved, other]), poisson_ratio=0.45)
+    alone = discretisation_error(mesh, 7 * moved, poisson_ratio=0.45)
+    assert both.energy_share[0] == pytest.approx(alone.energy_share[0], rel=1e-9)
+    assert np.allclose(both.per_element.sum(axis=1), both.energy_share)
+    assert (both.per_element >= 0).all()
+
+
+def test_fields_of_another_mesh_or_without_strain_are_refused():
+    mesh = cube(2)
+    with pytest.raises(FemFailure, match="one vector for each node of this mesh"):
+        discretisation_error(mesh, np.ones((1, 5, 3)), poisson_ratio=0.3)
+    with pytest.raises(FemFailure, match="strains nothing"):
+        discretisation_error(mesh, np.zeros((1, len(mesh.nodes_mm), 3)), poisson_ratio=0.3)
