@@ -1,10 +1,18 @@
 import numpy as np
 import pytest
-from scipy.sparse import csr_array, diags_array, kron
+from fem_shapes import cube_mesh, on_cube_surface
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron, random_array
+from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
-from fem.elimination_order import nested_dissection
+from fem.assembly import assemble
+from fem.elimination_order import elimination_tree, nested_dissection, same_pattern_groups
 from fem.failure import FemFailure, FemProblem
-from fem.solver import factorise
+from fem.fronts import fronts
+from fem.solver import analyse, factorise, solver_name
+from fem.supernodes import supernodes
 
 
 def plate(n, shift=0.0):
@@ -16,10 +24,156 @@ def plate(n, shift=0.0):
     )
 
 
-def test_solution_is_that_of_a_dense_solver():
+def held_cube(n, *, poisson_ratio=0.45, bulge=0.03):
+    """Stiffness of an uneven curved cube of T10 whose bottom is held."""
+    nodes, tets = cube_mesh(n, uneven=0.2, bulge=bulge)
+    free = np.flatnonzero(np.repeat(nodes[:, 2] > 1e-9, 3))
+    whole = assemble(nodes, tets).for_unit_modulus(poisson_ratio=poisson_ratio)
+    return csr_array(whole[free][:, free])
+
+
+def scattered(n, rng, density):
+    """A random sparse symmetric positive definite matrix."""
+    lower = random_array((n, n), density=density, rng=rng)
+    return csr_array(lower @ lower.T + (0.1 + rng.random()) * eye_array(n))
+
+
+@pytest.mark.parametrize(
+    "matrix",
+    [
+        pytest.param(held_cube(5), id="cube"),
+        pytest.param(held_cube(4, poisson_ratio=0.49), id="nearly incompressible cube"),
+        pytest.param(plate(40, shift=0.01), id="plate"),
+        pytest.param(csr_array(block_diag([held_cube(2), plate(7), [[3.0]]])), id="three separate bodies"),
+    ],
+)
+def test_solution_is_that_of_superlu(matrix):
+    load = np.random.default_rng(0).standard_normal((matrix.shape[0], 7))
+    theirs = splu(matrix.tocsc()).solve(load)
+    assert np.abs(factorise(matrix).solve(load) - theirs).max() < 1e-10 * np.abs(theirs).max()
+
+
+def test_one_load_is_solved_as_a_hundred_are():
+    matrix = held_cube(4)
+    factor, load = factorise(matrix), np.random.default_rng(0).standard_normal((matrix.shape[0], 100))
+    together = factor.solve(load)
+    alone = factor.solve(load[:, 41:42])[:, 0]
+    assert np.abs(together[:, 41] - alone).max() < 1e-11 * np.abs(alone).max()
+
+
+def test_loads_are_left_as_they_were():
+    load = np.ones((243, 2))
+    factorise(plate(9)).solve(load)
+    assert (load == 1).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    n=st.integers(1, 160), seed=st.integers(0, 2**32 - 1), density=st.sampled_from([0.0, 0.005, 0.02, 0.1])
+)
+def test_any_positive_definite_pattern_is_solved_and_condensed(n, seed, density):
+    rng = np.random.default_rng(seed)
+    matrix = scattered(n, rng, density)
+    last = rng.permutation(n)[: rng.integers(0, n + 1)]
+    factor = factorise(matrix, last=last)
+    load = rng.standard_normal((n, 3))
+    inverse = np.linalg.inv(matrix.toarray())
+    assert np.allclose(factor.solve(load), inverse @ load, atol=1e-9)
+    assert np.allclose(factor.last_compliance(), inverse[np.ix_(last, last)], atol=1e-9)
+
+
+@pytest.mark.parametrize("chosen", ["none", "scattered", "side by side", "a face", "all"])
+def test_compliance_is_that_of_plain_solves(chosen):
+    matrix = held_cube(4)
+    n = matrix.shape[0]
+    last = {
+        "none": np.zeros(0, dtype=int),
+        "scattered": np.random.default_rng(0).permutation(n)[:97],
+        "side by side": np.arange(200, 290),
+        "a face": (3 * on_cube_surface(cube_mesh(4)[0])[-80:, None] + np.arange(3)).ravel() - (2187 - n),
+        "all": np.arange(n)[::-1],
+    }[chosen]
+    last = last[(last >= 0) & (last < n)]
+    found = factorise(matrix, last=last).last_compliance()
+    unit = np.zeros((n, len(last)))
+    unit[last, np.arange(len(last))] = 1
+    expected = factorise(matrix).solve(unit)[last]
+    assert found.shape == (len(last), len(last))
+    assert (found == found.T).all()
+    assert np.abs(found - expected).max(initial=0) <= 1e-12 * np.abs(expected).max(initial=1)
+
+
+def test_one_analysis_serves_matrices_of_one_pattern():
+    soft, hard = held_cube(4, poisson_ratio=0.1), held_cube(4, poisson_ratio=0.49)
+    plan = analyse(soft, last=np.arange(5))
+    load = np.random.default_rng(0).standard_normal((soft.shape[0], 2))
+    for matrix in (soft, hard, soft):
+        factor, fresh = plan.factorise(matrix), factorise(matrix, last=np.arange(5))
+        assert (factor.solve(load) == fresh.solve(load)).all()
+        assert (factor.last_compliance() == fresh.last_compliance()).all()
+
+
+def test_a_matrix_of_another_pattern_is_refused_by_an_analysis():
+    with pytest.raises(ValueError, match="analyse it anew"):
+        analyse(plate(9)).factorise(held_cube(2))
+
+
+def test_columns_may_be_stored_in_any_order_and_more_than_once():
     matrix = plate(9)
-    load = np.random.default_rng(0).standard_normal((matrix.shape[0], 3))
-    assert np.allclose(factorise(matrix).solve(load), np.linalg.solve(matrix.toarray(), load), atol=1e-12)
+    shuffled = csr_array((matrix.data.copy(), matrix.indices.copy(), matrix.indptr), shape=matrix.shape)
+    for a, b in zip(matrix.indptr[:-1], matrix.indptr[1:], strict=True):
+        shuffled.indices[a:b] = matrix.indices[a:b][::-1]
+        shuffled.data[a:b] = matrix.data[a:b][::-1]
+    twice = csr_array(
+        (np.repeat(matrix.data / 2, 2), np.repeat(matrix.indices, 2), 2 * matrix.indptr), shape=matrix.shape
+    )
+    load = np.ones((matrix.shape[0], 1))
+    for other in (shuffled, twice):
+        assert np.allclose(factorise(other).solve(load), factorise(matrix).solve(load), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("matrix", "most"),
+    [(held_cube(4), 1.3), (plate(20), 1.6), (csr_array(block_diag([plate(5), plate(6)])), 3)],
+    ids=["cube", "plate", "two small plates"],
+)
+def test_fronts_hold_the_whole_fill_and_little_else(matrix, most):
+    groups = same_pattern_groups(matrix)
+    tree = elimination_tree(groups)
+    nodes = supernodes(tree, groups.size)
+    dofs = np.concatenate([groups.members[groups.start[g] : groups.start[g + 1]] for g in tree.order])
+    weight = groups.size[tree.order]
+    stored = np.zeros((len(tree.order),) * 2, dtype=bool)
+    for pivots, rows in zip(nodes.pivots, nodes.rows, strict=True):
+        stored[np.ix_(np.concatenate([pivots, rows]), pivots)] = True
+    fill = np.abs(np.linalg.cholesky(matrix.toarray()[np.ix_(dofs, dofs)])) > 0
+    place = np.repeat(np.arange(len(weight)), weight)
+    wide = stored[np.ix_(place, place)]
+    assert (np.tril(wide) >= fill).all()
+    assert np.tril(wide).sum() < most * fill.sum()
+
+
+def test_parents_are_the_first_rows_below_the_diagonal_of_the_factor():
+    matrix = plate(8, shift=0.1)
+    groups = same_pattern_groups(matrix)
+    tree = elimination_tree(groups)
+    first = groups.members[groups.start[:-1]][tree.order]
+    lower = np.tril(np.abs(np.linalg.cholesky(matrix.toarray()[np.ix_(first, first)])) > 1e-14, -1)
+    expected = [int(np.flatnonzero(column)[0]) if column.any() else -1 for column in lower.T]
+    assert tree.parent == expected
+
+
+def test_every_dof_is_eliminated_once_after_all_that_wait_below():
+    matrix = csr_array(block_diag([held_cube(3), plate(5)]))
+    plan = fronts(matrix)
+    assert (np.sort(plan.order) == np.arange(matrix.shape[0])).all()
+    assert connected_components(matrix)[0] == plan.parent.count(-1) == 2
+    assert all(p > s for s, p in enumerate(plan.parent) if p >= 0)
+    assert all(
+        set(rows) <= {*range(plan.start[p], plan.start[p + 1]), *plan.rows[p]}
+        for rows, p in zip(plan.rows, plan.parent, strict=True)
+        if p >= 0
+    )
 
 
 def test_order_is_a_permutation_that_keeps_dofs_of_a_node_together():
@@ -28,12 +182,21 @@ def test_order_is_a_permutation_that_keeps_dofs_of_a_node_together():
     assert (order.reshape(-1, 3) // 3 == order.reshape(-1, 3)[:, :1] // 3).all()
 
 
-def test_a_diagonal_matrix_and_one_dense_block_need_no_order():
-    assert np.allclose(
-        factorise(csr_array(np.diag([1.0, 2.0, 4.0]))).solve(np.ones((3, 1)))[:, 0], [1, 0.5, 0.25]
-    )
-    dense = np.eye(4) + 0.1
-    assert np.allclose(dense @ factorise(csr_array(dense)).solve(np.eye(4)), np.eye(4))
+@pytest.mark.parametrize("matrix", [np.diag([1.0, 2.0, 4.0]), np.eye(4) + 0.1, np.array([[5.0]])])
+def test_diagonal_dense_and_one_dof_matrices_are_solved(matrix):
+    factor = factorise(csr_array(matrix), last=np.array([0]))
+    assert np.allclose(matrix @ factor.solve(np.eye(len(matrix))), np.eye(len(matrix)))
+    assert np.allclose(factor.last_compliance(), np.linalg.inv(matrix)[:1, :1])
+
+
+def indefinite_cube():
+    matrix = held_cube(3)
+    return csr_array(matrix - 0.05 * abs(matrix).max() * eye_array(matrix.shape[0]))
+
+
+def loose_cube():
+    nodes, tets = cube_mesh(3)
+    return assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.3)
 
 
 @pytest.mark.parametrize(
@@ -41,10 +204,18 @@ def test_a_diagonal_matrix_and_one_dense_block_need_no_order():
     [
         pytest.param(csr_array(np.diag([1.0, 0.0, 1.0])), id="empty row"),
         pytest.param(csr_array(np.array([[1.0, -1.0], [-1.0, 1.0]])), id="singular"),
+        pytest.param(csr_array(np.array([[0.0, 1.0], [1.0, 0.0]])), id="no diagonal"),
         pytest.param(csr_array(-np.eye(3)), id="negative"),
+        pytest.param(csr_array(np.full((2, 2), np.nan)), id="not numbers"),
+        pytest.param(indefinite_cube(), id="indefinite"),
+        pytest.param(loose_cube(), id="held by nothing"),
     ],
 )
 def test_what_is_not_positive_definite_is_refused(matrix):
     with pytest.raises(FemFailure, match="not positive definite") as refused:
         factorise(matrix)
     assert refused.value.problem is FemProblem.SINGULAR_STIFFNESS
+
+
+def test_the_solver_says_its_name():
+    assert "multifrontal" in solver_name()
