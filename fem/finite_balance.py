@@ -154,10 +154,6 @@ class FiniteBalance:
         """The state at `share` of the way from the first to the second (beyond it, above one)."""
         return self.admissible(first.moved_mm + share * (second.moved_mm - first.moved_mm))
 
-    def displacement(self, state: FiniteState) -> Float[np.ndarray, "n 3"]:
-        """Of all nodes, mm."""
-        return state.moved_mm
-
     def residual(self, state: FiniteState) -> Float[np.ndarray, " d"]:
         """Forces of the flesh and of the multipliers less the load, then the mean rigid motion."""
         nodal = state.force_N - self.load

@@ -33,8 +33,8 @@ def turning_stiffness(
 ) -> Float[np.ndarray, "3 3"]:
     """What forces f of fixed direction add to the stiffness against rotation (N mm per rad).
 
-    The second derivative of f . exp(w) a at w = 0 is (a f' + f a')/2 - (a . f) I, a the arm in its present
-    place and f the force that holds the point.
+    The moment a x f of a force at the end of a changes by (w x a) x f = (a f' - (a . f) I) w; a is the arm in
+    its present place and f the force that holds the point. Symmetric where the moments cancel.
     """
     product = arm_mm.T @ force_N
-    return np.asarray((product + product.T) / 2 - np.trace(product) * np.eye(3))
+    return np.asarray(product - np.trace(product) * np.eye(3))

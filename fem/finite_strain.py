@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.failure import FemFailure, FemProblem
-from fem.finite_balance import FiniteBalance, FiniteState
+from fem.finite_balance import FiniteBalance
 from fem.finite_elements import FiniteFlesh
 from fem.forward import UnitModulusSolid
 from fem.materials.law import UnitLaw
-from fem.newton import Ending, NewtonResult, equilibrium
+from fem.newton import Ending, Tangent, equilibrium
 
 TOLERANCE = 1e-7
 """Forces out of balance, as a share of the load; displacements are then exact to about as much."""
@@ -80,7 +80,7 @@ class FiniteStrainSolid:
         return FiniteFlesh.of(self.solid.mesh, self.law)
 
     @cached_property
-    def _rest(self) -> FiniteBalance:
+    def rest(self) -> FiniteBalance:
         """Without load: all that every load shares, and the linear tangent."""
         return FiniteBalance.of(self.solid, self.flesh)
 
@@ -102,11 +102,15 @@ class FiniteStrainSolid:
         linear = self.solid.displacement(nodal_force_over_E)
         found: list[_Loaded] = []
         for k, load in enumerate(nodal_force_over_E):
+            last = found[-1] if found and _alike(nodal_force_over_E[k - 1], load) else None
             if start is not None:
                 first = start[k]
             else:
-                first = linear[k] + _foretold(nodal_force_over_E, linear, found, k)
-            found.append(self._loaded(load, first, tolerance=tolerance, keep_factor=keep_factor))
+                first = linear[k] if last is None else linear[k] + _foretold(linear, last, k)
+            tangent = None
+            if keep_factor:
+                tangent = self.rest.linear_tangent if last is None else last.tangent
+            found.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
         return FiniteResult(
             displacement=np.stack([one.moved_mm for one in found]),
             share=np.array([one.share for one in found]),
@@ -122,22 +126,27 @@ class FiniteStrainSolid:
         first: Float[np.ndarray, "n 3"],
         *,
         tolerance: float,
-        keep_factor: bool,
+        tangent: Tangent | None,
     ) -> "_Loaded":
         """One load, at once or in steps: halved where the search fails, doubled where it succeeds."""
-        rest = self._rest
+        rest, keep = self.rest, tangent is not None
         last = rest.state(np.zeros_like(first))
-        if not load.any():
-            return _Loaded(rest.displacement(last), 1.0, Ending.CONVERGED, 0, 0, 0.0)
         share, step, iterations, tangents, left = 0.0, 1.0, 0, 0, 0.0
         ending, guess = Ending.CONVERGED, rest.admissible(first)
-        while share < 1:
+        while share < 1 and load.any():
             wanted = min(1.0, share + step)
-            result = self._search(rest.under(wanted * load), guess, tolerance, keep_factor)
+            result = equilibrium(
+                rest.under(wanted * load),
+                guess,
+                tolerance=tolerance,
+                iterations=ITERATIONS,
+                tangent=tangent,
+            )
             iterations, tangents = iterations + len(result.shares), tangents + result.tangents
             ending = result.ending
             if ending is Ending.CONVERGED:
                 before, last, left = last, result.state, result.sizes[-1]
+                tangent = result.tangent if keep else None
                 step = min(2 * step, 1 - wanted)
                 # straight on along the path so far
                 guess = rest.between(before, last, 1 + step / (wanted - share)) if step > 0 else last
@@ -147,21 +156,20 @@ class FiniteStrainSolid:
             else:
                 step /= 2
                 guess = rest.state(step * first) if share == 0 else last
-        return _Loaded(rest.displacement(last), share, ending, iterations, tangents, left)
-
-    def _search(
-        self, balance: FiniteBalance, guess: FiniteState, tolerance: float, keep_factor: bool
-    ) -> NewtonResult[FiniteState]:
-        return equilibrium(
-            balance,
-            guess,
-            tolerance=tolerance,
-            iterations=ITERATIONS,
-            tangent=balance.linear_tangent if keep_factor else None,
+            if keep and tangent is None:
+                tangent = rest.linear_tangent
+        return _Loaded(
+            moved_mm=last.moved_mm,
+            share=share if load.any() else 1.0,
+            ending=ending,
+            iterations=iterations,
+            tangents=tangents,
+            out_of_balance=left,
+            tangent=tangent,
         )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class _Loaded:
     moved_mm: Float[np.ndarray, "n 3"]
     share: float
@@ -169,6 +177,7 @@ class _Loaded:
     iterations: int
     tangents: int
     out_of_balance: float
+    tangent: Tangent | None
 
 
 def finite_displacement(
@@ -182,14 +191,13 @@ def finite_displacement(
     return FiniteStrainSolid(solid=solid, law=law).displacement(nodal_force_over_E, start=start)
 
 
-def _foretold(
-    loads: Float[np.ndarray, "f n 3"], linear: Float[np.ndarray, "f n 3"], found: list[_Loaded], k: int
-) -> Float[np.ndarray, "n 3"]:
+def _alike(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:
+    """Whether two loads act alike, though not equally strong."""
+    sizes = float(np.linalg.norm(before)) * float(np.linalg.norm(now))
+    return float((before * now).sum()) > ALIKE * sizes
+
+
+def _foretold(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
     """The departure from the linear answer, which grows with the square of a load that keeps its shape."""
-    if not found or found[-1].share < 1:
-        return np.zeros_like(loads[k])
-    before, now = loads[k - 1].ravel(), loads[k].ravel()
-    sizes = float(np.linalg.norm(before)), float(np.linalg.norm(now))
-    if min(sizes) == 0 or float(before @ now) < ALIKE * sizes[0] * sizes[1]:
-        return np.zeros_like(loads[k])
-    return np.asarray((found[-1].moved_mm - linear[k - 1]) * (sizes[1] / sizes[0]) ** 2)
+    size = float(np.linalg.norm(linear[k])) / float(np.linalg.norm(linear[k - 1]))
+    return np.asarray((last.moved_mm - linear[k - 1]) * size**2 * (last.share == 1))

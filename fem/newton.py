@@ -20,7 +20,7 @@ from fem.failure import FemFailure
 
 State = TypeVar("State")
 
-PATIENCE = 15
+PATIENCE = 30
 """A fresh factor costs about as much as this many residuals and solves."""
 MEMORY = 6
 """Earlier steps that the next one learns from."""
@@ -73,15 +73,18 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class NewtonResult(Generic[State]):
-    """The state of the smallest residual, and how it was come by.
+    """The state that was reached, and how.
 
     `sizes`: the residual's size before each step and at the end; `shares`: how much of each step was taken.
+    `tangent`: the last one in use, None where the next step would have renewed it; `tangents` counts those
+    made.
     """
 
     state: State
     ending: Ending
     sizes: tuple[float, ...]
     shares: tuple[float, ...]
+    tangent: Tangent | None
     tangents: int
 
 
@@ -137,7 +140,12 @@ def equilibrium(
         if sizes[-1] <= tolerance:
             ending = Ending.CONVERGED
     return NewtonResult(
-        state=state, ending=ending, sizes=tuple(sizes), shares=tuple(shares), tangents=renewed
+        state=state,
+        ending=ending,
+        sizes=tuple(sizes),
+        shares=tuple(shares),
+        tangent=tangent,
+        tangents=renewed,
     )
 
 

@@ -1,0 +1,320 @@
+"""Large deformation against closed forms, against the linear limit, and against itself turned round."""
+
+import numpy as np
+import pytest
+from fem_shapes import ball, cube_mesh, on_cube_surface
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+
+import fem.finite_balance
+from fem.elements import TET_FACES
+from fem.failure import FemFailure, FemProblem
+from fem.finite_elements import FiniteFlesh
+from fem.finite_pit import rigid_fit
+from fem.finite_strain import FiniteStrainSolid, finite_displacement
+from fem.forward import UnitModulusSolid
+from fem.materials.fung import Fung
+from fem.materials.linear import Linear
+from fem.materials.neo_hookean import NeoHookean
+from fem.materials.yeoh import Yeoh
+from fem.mesh import FleshMesh, tetrahedralise
+from fem.newton import Ending, equilibrium
+from fem.surface import locate, skin_quadrature
+from fem.tets import boundary_faces
+
+NU = 0.45
+LAWS = [
+    NeoHookean(poisson_ratio=NU),
+    Yeoh(poisson_ratio=NU, second=0.8, third=0.3),
+    Fung(poisson_ratio=NU, stiffening=1.5),
+]
+
+
+def name(law):
+    return type(law).__name__
+
+
+def block(n: int = 3, **uneven) -> FleshMesh:
+    nodes, tets = cube_mesh(n, **uneven)
+    owner, face = boundary_faces(tets[:, :4])[1].T
+    return FleshMesh(nodes, tets, tets[owner[:, None], TET_FACES[face]], np.zeros(0, dtype=np.int64))
+
+
+@pytest.fixture(scope="module")
+def small_fruit():
+    """A coarse cube of 24 mm around a pit off its centre, a box of 8 x 8 x 12 mm."""
+    nodes, tets = cube_mesh(6, uneven=0.0)
+    nodes = 24 * nodes - 12
+    away = np.abs(nodes[tets[:, :4]].mean(axis=1) - [0, 0, 2])
+    used, numbered = np.unique(tets[(away > [4, 4, 6]).any(axis=1)], return_inverse=True)
+    nodes, tets = nodes[used], numbered.reshape(-1, 10)
+    owner, face = boundary_faces(tets[:, :4])[1].T
+    faces = tets[owner[:, None], TET_FACES[face]]
+    inner = (np.abs(nodes[faces]) < 11).all(axis=(1, 2))
+    return FleshMesh(nodes, tets, faces[~inner], np.unique(faces[inner]))
+
+
+@pytest.fixture(scope="module")
+def free(small_fruit):
+    solid = UnitModulusSolid.factorise(small_fruit, poisson_ratio=NU, support="free")
+    return FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=NU))
+
+
+@pytest.fixture(scope="module")
+def pinch(small_fruit):
+    """Two smooth pads that press along x, not quite opposite and not quite equal."""
+    points, area = skin_quadrature(small_fruit)
+    load = np.zeros((1, *small_fruit.nodes_mm.shape))
+    for side, y, strength in ((1.0, 1.0, 0.18), (-1.0, -0.5, 0.174)):
+        away = np.linalg.norm(points.point_mm - np.array([side * 12.0, y, 0.5]), axis=1)
+        traction = -side * strength * np.maximum(1 - (away / 6) ** 2, 0)[:, None] * [1, 0.05, 0]
+        load += points.point_load((traction * area[:, None])[None])
+    return load
+
+
+@pytest.mark.parametrize("law", LAWS, ids=name)
+def test_an_even_strain_is_in_balance_on_any_mesh(law):
+    mesh = block(uneven=0.3, bulge=0.05)
+    F = np.eye(3) + np.array([[0.3, 0.4, -0.1], [0.0, -0.2, 0.2], [0.1, -0.3, 0.15]])
+    flesh = FiniteFlesh.of(mesh, law)
+    moved = mesh.nodes_mm @ (F - np.eye(3)).T
+    force = flesh.force_N(moved)
+    inside = np.setdiff1d(np.arange(len(force)), on_cube_surface(mesh.nodes_mm))
+    assert np.abs(force[inside]).max() < 1e-13
+    right = mesh.nodes_mm[:, 0] > 1 - 1e-9
+    assert np.abs(force[right].sum(axis=0)).max() > 0.01
+    # the faces across x carry P's first column, and W is stored everywhere
+    virtual = np.einsum("ni,nj->ij", force, mesh.nodes_mm)
+    assert np.abs(virtual - law.stress(F[None])[0]).max() < 1e-12
+    assert flesh.energy_Nmm(moved) == pytest.approx(law.energy(F[None])[0], rel=1e-12)
+
+
+def test_nodal_forces_and_stiffness_are_derivatives_of_the_energy():
+    mesh = block(2, uneven=0.2, bulge=0.03)
+    flesh = FiniteFlesh.of(mesh, LAWS[1])
+    rng = np.random.default_rng(0)
+    moved, way = 0.03 * rng.normal(size=(2, *mesh.nodes_mm.shape))
+    force, stiffness = flesh.force_N(moved), flesh.stiffness(moved)
+    assert abs(stiffness - stiffness.T).max() < 1e-12
+    work, pull = (force * way).sum(), stiffness @ way.ravel()
+    off = []
+    for h in (2e-2, 1e-2):
+        ahead, behind = moved + h * way, moved - h * way
+        off.append(
+            [
+                abs((flesh.energy_Nmm(ahead) - flesh.energy_Nmm(behind)) / (2 * h) - work),
+                np.abs((flesh.force_N(ahead) - flesh.force_N(behind)).ravel() / (2 * h) - pull).max(),
+            ]
+        )
+    assert np.array(off[0]) / off[1] == pytest.approx([4.0, 4.0], rel=0.05)
+
+
+def pulled_block(solid: UnitModulusSolid, stress_MPa: float) -> np.ndarray:
+    """Dead tractions along x on the two faces across it."""
+    points, area = skin_quadrature(solid.mesh)
+    side = np.where(np.abs(points.normal[:, 0]) > 0.5, points.normal[:, 0], 0.0)
+    return points.point_load((stress_MPa * (side * area)[:, None] * [1.0, 0, 0])[None])
+
+
+@pytest.mark.parametrize("law", LAWS, ids=name)
+@pytest.mark.parametrize("stretch", [0.75, 1.4])
+def test_a_free_block_pulled_at_both_ends_follows_the_closed_form(law, stretch):
+    def bar(across: float) -> np.ndarray:
+        return law.stress(np.diag([stretch, across, across])[None])[0]
+
+    across = brentq(lambda a: bar(a)[1, 1], 0.5, 1.5, xtol=1e-14)
+    solid = UnitModulusSolid.factorise(block(uneven=0.2), poisson_ratio=NU, support="free")
+    found = finite_displacement(solid, law, pulled_block(solid, bar(across)[0, 0]))
+    found.require_equilibrium()
+    exact = (solid.mesh.nodes_mm - 0.5) * (np.array([stretch, across, across]) - 1)
+    assert np.abs(found.displacement[0] - exact).max() < 1e-6
+
+
+def test_linear_flesh_without_a_pit_gives_the_linear_answer():
+    solid = UnitModulusSolid.factorise(block(uneven=0.2), poisson_ratio=NU, support="free")
+    load = pulled_block(solid, 0.4)
+    found = finite_displacement(solid, Linear(poisson_ratio=NU), load)
+    assert np.abs(found.displacement - solid.displacement(load)).max() < 1e-7
+
+
+def test_small_loads_have_the_linear_answer_for_their_limit(free, pinch):
+    off = []
+    for size in (0.01, 0.005):
+        linear = free.solid.displacement(size * pinch)
+        off.append(np.abs(free.displacement(size * pinch).displacement - linear).max() / np.abs(linear).max())
+    assert off[1] < 0.005
+    assert off[0] / off[1] == pytest.approx(2.0, rel=0.05)
+
+
+def test_a_free_fruit_is_in_balance_in_its_deformed_shape(free, small_fruit, pinch):
+    moved = free.displacement(pinch).require_equilibrium().displacement[0]
+    assert np.abs(moved).max() > 0.5
+    mean = free.solid.free_body.body_forces.T @ moved.ravel()
+    assert np.abs(mean / np.diag(free.solid.free_body.inertia)).max() < 1e-9
+    # what the flesh does not hold is a body force linear in the place at rest, and the pit's inner forces
+    left = pinch[0] - free.flesh.force_N(moved)
+    place = small_fruit.nodes_mm + moved
+    assert np.abs(np.cross(place, free.flesh.force_N(moved)).sum(axis=0)).max() < 1e-9
+    body = free.solid.free_body.body_forces
+    loose = np.setdiff1d(np.arange(len(place)), small_fruit.pit_nodes)
+    dofs = (3 * loose[:, None] + np.arange(3)).ravel()
+    amounts = np.linalg.lstsq(body[dofs], left.ravel()[dofs], rcond=None)[0]
+    assert np.abs(left.ravel()[dofs] - body[dofs] @ amounts).max() < 1e-6 * np.abs(pinch).max()
+    at_pit = (left.ravel() - body @ amounts).reshape(-1, 3)[small_fruit.pit_nodes]
+    arms = place[small_fruit.pit_nodes]
+    assert np.abs(at_pit.sum(axis=0)).max() < 1e-6
+    assert np.abs(np.cross(arms, at_pit).sum(axis=0)).max() < 1e-5
+
+
+def test_the_pit_keeps_its_shape_however_far_it_turns(free, small_fruit, pinch):
+    nodes = small_fruit.pit_nodes
+    arms = small_fruit.nodes_mm[nodes] - small_fruit.nodes_mm[nodes].mean(axis=0)
+    couple = np.zeros_like(pinch)
+    couple[0, nodes] = np.cross([0.0, 0.0, 400.0], arms) / (arms[:, :2] ** 2).sum()
+    moved = free.displacement(pinch + couple).require_equilibrium().displacement[0]
+    now = small_fruit.nodes_mm[nodes] + moved[nodes]
+    now -= now.mean(axis=0)
+    turn = Rotation.align_vectors(now, arms)[0]
+    assert turn.magnitude() > np.radians(5)
+    assert np.abs(np.linalg.norm(now, axis=1) - np.linalg.norm(arms, axis=1)).max() < 1e-12
+
+
+def test_the_tangent_is_that_of_the_residual_with_the_pit_far_turned(free, small_fruit, pinch):
+    balance = free.rest.under(pinch[0])
+    rng = np.random.default_rng(0)
+    turned = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix()
+    smooth = small_fruit.nodes_mm @ (turned - np.eye(3)).T + 0.02 * np.sin(
+        0.3 * small_fruit.nodes_mm[:, ::-1]
+    )
+    state = balance.state(smooth)
+    way = rng.normal(size=len(balance.residual(state))) * 0.01
+    tangent = balance.tangent(state)
+    off = []
+    for h in (2e-2, 1e-2):
+        ahead, behind = (balance.moved(state, s * h * way, 1.0) for s in (1, -1))
+        slope = (balance.residual(ahead) - balance.residual(behind)) / (2 * h)
+        off.append(np.linalg.norm(tangent.solve(slope) - way) / np.linalg.norm(way))
+    assert off[0] / off[1] == pytest.approx(4.0, rel=0.1)
+    assert off[1] < 1e-3
+
+
+def test_newton_with_its_own_tangents_doubles_the_digits(free, pinch):
+    balance = free.rest.under(2 * pinch[0])
+    start = balance.state(np.zeros_like(pinch[0]))
+    found = equilibrium(balance, start, tolerance=1e-11, iterations=12)
+    assert found.ending is Ending.CONVERGED
+    late = np.log([s for s in found.sizes if 1e-13 < s < 0.2])
+    assert len(late) >= 3
+    assert (late[1:] / late[:-1] > 1.8).all()
+    assert len(found.shares) <= 7
+
+
+def test_chord_steps_and_newton_agree_and_the_pattern_is_analysed_once(free, pinch, monkeypatch):
+    analysed = []
+    real = fem.finite_balance.analyse
+    monkeypatch.setattr(fem.finite_balance, "analyse", lambda k: analysed.append(k) or real(k))
+    newton = FiniteStrainSolid(solid=free.solid, law=free.law)
+    exact = newton.displacement(pinch, keep_factor=False, tolerance=1e-10)
+    assert exact.tangents[0] >= 3
+    assert len(analysed) == 1
+    chord = free.displacement(pinch)
+    assert chord.tangents == (0,)
+    assert np.abs(chord.displacement - exact.displacement).max() < 1e-6 * np.abs(exact.displacement).max()
+
+
+def test_a_load_is_quicker_found_after_one_like_it(free, pinch):
+    alone = free.displacement(pinch)
+    series = free.displacement(np.concatenate([0.9 * pinch, pinch]))
+    assert series.iterations[1] < alone.iterations[0]
+    assert np.abs(series.displacement[1] - alone.displacement[0]).max() < 1e-6
+
+
+def test_any_start_leads_to_the_same_place(free, pinch):
+    good = free.displacement(pinch).displacement
+    wild = free.displacement(pinch, start=3 * free.solid.displacement(pinch))
+    assert wild.ending == (Ending.CONVERGED,)
+    assert np.abs(wild.displacement - good).max() < 1e-6
+    with_noise = good + 0.05 * np.random.default_rng(0).normal(size=good.shape)
+    again = free.displacement(pinch, start=with_noise, keep_factor=False)
+    assert np.abs(again.displacement - good).max() < 1e-6
+
+
+def test_a_fruit_and_its_load_turned_together_move_alike(free, small_fruit, pinch):
+    turn = Rotation.from_rotvec([0.4, 1.1, -0.7]).as_matrix()
+    there = FleshMesh(
+        small_fruit.nodes_mm @ turn.T, small_fruit.tets, small_fruit.outer_faces, small_fruit.pit_nodes
+    )
+    solid = UnitModulusSolid.factorise(there, poisson_ratio=NU, support="free")
+    found = finite_displacement(solid, free.law, pinch @ turn.T).displacement
+    assert np.abs(found @ turn - free.displacement(pinch).displacement).max() < 1e-6
+
+
+def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
+    """Dead pressure on all sides: P = K (l^3 - 1) l^2 cannot pass l^3 = 0.4, where it is -0.326 K."""
+    law = NeoHookean(poisson_ratio=0.3)
+    bulk = 1 / (3 * 0.4)
+    solid = UnitModulusSolid.factorise(block(2, uneven=0.2), poisson_ratio=0.3, support="free")
+    points, area = skin_quadrature(solid.mesh)
+    pressure = 0.5 * bulk
+    found = finite_displacement(
+        solid, law, points.point_load((-pressure * area[:, None] * points.normal)[None])
+    )
+    limit = 0.6 * 0.4 ** (2 / 3) / 0.5
+    assert limit - 0.03 < found.share[0] <= limit
+    assert found.ending[0] is not Ending.CONVERGED
+    stretch = brentq(lambda s: (s**3 - 1) * s**2 + 0.5 * found.share[0], 0.4 ** (1 / 3), 1)
+    assert np.abs(found.displacement[0] - (stretch - 1) * (solid.mesh.nodes_mm - 0.5)).max() < 1e-5
+    with pytest.raises(FemFailure, match=f"load 1 of 1 is balanced up to {found.share[0]:.0%}") as refused:
+        found.require_equilibrium()
+    assert refused.value.problem is FemProblem.NOT_CONVERGED
+
+
+def test_no_load_is_no_displacement(free, pinch):
+    found = free.displacement(0 * pinch)
+    assert (found.share == 1).all()
+    assert np.abs(found.displacement).max() < 1e-12
+
+
+def test_another_poisson_ratio_than_the_solids_is_refused(free):
+    with pytest.raises(FemFailure, match="must be the same"):
+        FiniteStrainSolid(solid=free.solid, law=NeoHookean(poisson_ratio=0.3))
+
+
+def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
+    """benchmarks/cube_calculix.py, hexahedra of another program; linear flesh would be 10 % off."""
+    truth = np.loadtxt("tests/data/cube-around-ball-calculix.csv", delimiter=",")
+    corner = np.array([[x, y, z] for x in (0, 20.0) for y in (0, 20.0) for z in (0, 20.0)])
+    sides = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    faces = np.array([half for a, b, c, d in sides for half in ((a, b, c), (a, c, d))])
+    mesh = tetrahedralise(
+        *(corner, faces),
+        *ball(4000, semi_axes_mm=(5, 5, 5), centre_mm=(10, 10, 10)),
+        edge_mm=2.0,
+        refine_at_mm=np.array([[13.0, 11.0, 20.0]]),
+        refine_radius_mm=7.0,
+        refine_edge_mm=1.4,
+    )
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="base")
+    points, area = skin_quadrature(mesh)
+    r2 = ((points.point_mm[:, :2] - [13.0, 11.0]) ** 2).sum(axis=1) / 8.0**2
+    bump = 0.16 * np.maximum(1 - r2, 0) ** 2 * area * (points.point_mm[:, 2] > 20 - 1e-6)
+    load = points.point_load((bump[:, None] * [0.2, 0.1, -1.0])[None])
+    found = finite_displacement(solid, NeoHookean(poisson_ratio=NU), load)
+    found.require_equilibrium()
+    top = truth[:, 2] > 20 - 1e-6
+    where = locate(mesh, truth[top, :3])
+    size = np.sqrt((truth[top, 3:] ** 2).sum(axis=1).mean())
+
+    def rms(displacement):
+        off = where.sample(displacement)[0] - truth[top, 3:]
+        return np.sqrt((off**2).sum(axis=1).mean()) / size
+
+    assert rms(found.displacement) < 0.005
+    assert rms(solid.displacement(load)) > 0.09
+    # the ball turns by 3.35 degrees: eight points of its surface follow
+    arms = mesh.nodes_mm[mesh.pit_nodes] - 10
+    shift, turn = rigid_fit(arms, found.displacement[0, mesh.pit_nodes])
+    assert np.degrees(Rotation.from_matrix(turn).magnitude()) == pytest.approx(3.35, rel=0.015)
+    start, moved = truth[~top, :3] - 10, truth[~top, 3:]
+    off = shift + start @ (turn - np.eye(3)).T - moved
+    assert np.sqrt((off**2).mean() / (moved**2).mean()) < 0.01
