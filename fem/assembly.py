@@ -35,7 +35,8 @@ class Stiffness:
     def for_unit_modulus(self, *, poisson_ratio: float) -> csr_array:
         """K0, the stiffness for E = 1 MPa: mu = 1 / (2 (1 + nu)), lambda = nu / ((1 + nu) (1 - 2 nu))."""
         mu, lame = unit_lame_constants(poisson_ratio)
-        data = mu * self.k_mu.data + lame * self.k_lambda.data
+        data = mu * self.k_mu.data
+        data += lame * self.k_lambda.data
         return bsr_array((data, self.k_mu.indices, self.k_mu.indptr), shape=self.k_mu.shape).tocsr()
 
     def change_with_poisson_ratio(
@@ -69,7 +70,10 @@ def assemble(nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]) 
         lame[:, i, j] = pattern.gather @ h.reshape(-1)
         if i != j:
             lame[:, j, i] = lame[pattern.mirror, i, j]
-    shear = lame.transpose(0, 2, 1) + np.trace(lame, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    shear = lame.transpose(0, 2, 1).copy()
+    trace = np.trace(lame, axis1=1, axis2=2)
+    for i in range(3):
+        shear[:, i, i] += trace
     return Stiffness(pattern.blocks(shear), pattern.blocks(lame))
 
 

@@ -17,14 +17,14 @@ def gradient_products(
     """i, j and H[., a, b] = integral of dN_a/dx_i dN_b/dx_j over each element, for all i <= j in turn.
 
     Straight elements have one Jacobian J, so that H is the same few integrals over the reference element
-    times det J, J^-1 and J^-1; curved ones are integrated with 14 points.
+    times det J, J^-1 and J^-1; curved ones are integrated with 14 points. H is overwritten at the next turn.
     """
     x = nodes_mm[tets]
     straight = _is_straight(x)
     constant = _StraightElements(x[straight])
     bent = _CurvedElements(x[~straight])
+    h = np.empty((len(x), 10, 10))
     for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        h = np.empty((len(x), 10, 10))
         h[straight] = constant.products(i, j)
         h[~straight] = bent.products(i, j)
         yield i, j, h

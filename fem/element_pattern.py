@@ -32,8 +32,11 @@ class ElementPattern:
         pair = (tets[:, :, None] * n_nodes + tets[:, None, :]).reshape(-1)
         bits = len(pair).bit_length()
         if (n_nodes**2).bit_length() + bits < 63:
-            key = np.sort((pair << bits) | np.arange(len(pair)))
-            pair, local = key >> bits, key & ((1 << bits) - 1)
+            pair <<= bits
+            pair |= np.arange(len(pair))
+            pair.sort()
+            local = (pair & ((1 << bits) - 1)).astype(np.int32 if bits < 31 else np.int64)
+            pair >>= bits
         else:
             local = np.argsort(pair, kind="stable")
             pair = pair[local]

@@ -12,7 +12,7 @@ from fem.assembly import Stiffness, assemble
 from fem.failure import FemFailure, FemProblem
 from fem.free_body import FreeBody
 from fem.mesh import FleshMesh
-from fem.rigid_core import pit_centre_mm, reduction, rigid_modes
+from fem.rigid_core import pit_centre_mm, reduced, reduction, rigid_modes
 from fem.solver import Factor, factorise
 
 Support = Literal["free", "base"]
@@ -64,7 +64,7 @@ class UnitModulusSolid:
         nodes = np.zeros(0, dtype=np.int64) if contact_nodes is None else contact_nodes
         columns = _dofs(mesh, nodes)
         factor = factorise(
-            csr_array(kinematics.T @ stiffness @ kinematics),
+            reduced(stiffness, kinematics),
             last=(np.cumsum(moving) - 1)[columns[moving[columns]]],
         )
         return cls(

@@ -52,8 +52,10 @@ def reduction(nodes_mm: Float[np.ndarray, "n 3"], pit_nodes: Int[np.ndarray, " p
 
 def reduced(stiffness: csr_array, kinematics: csr_array) -> csr_array:
     """T' K T. Rows of T that pick one q are carried over as they are; only the others are multiplied."""
+    if kinematics.nnz == 0:
+        return csr_array(kinematics.T @ stiffness @ kinematics)
     length = np.diff(kinematics.indptr)
-    first = np.minimum(kinematics.indptr[:-1], max(kinematics.nnz - 1, 0))
+    first = np.minimum(kinematics.indptr[:-1], kinematics.nnz - 1)
     picks = (length == 1) & (kinematics.data[first] == 1)
     target = np.where(picks, kinematics.indices[first], -1)
     chosen = target[picks]
@@ -74,7 +76,7 @@ def _carried_over(matrix: csr_array, target: Int[np.ndarray, " d"], width: int) 
     """Entries of rows and columns with a target, moved there; the targets ascend."""
     column = target[matrix.indices]
     keep = (column >= 0) & np.repeat(target >= 0, np.diff(matrix.indptr))
-    until = np.concatenate([[0], np.cumsum(keep)])[matrix.indptr]
+    until = np.concatenate([[0], np.cumsum(keep, dtype=matrix.indptr.dtype)])[matrix.indptr]
     indptr = np.zeros(width + 1, dtype=matrix.indptr.dtype)
     there = target >= 0
     indptr[1 + target[there]] = np.diff(until)[there]

@@ -134,7 +134,7 @@ def test_columns_may_be_stored_in_any_order_and_more_than_once():
 
 @pytest.mark.parametrize(
     ("matrix", "most"),
-    [(held_cube(4), 1.3), (plate(20), 1.6), (csr_array(block_diag([plate(5), plate(6)])), 3)],
+    [(held_cube(4), 1.3), (plate(20), 2), (csr_array(block_diag([plate(5), plate(6)])), 3)],
     ids=["cube", "plate", "two small plates"],
 )
 def test_fronts_hold_the_whole_fill_and_little_else(matrix, most):
