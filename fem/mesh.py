@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.closed_surface import Surface, checked_surface, must_enclose, split_boundary
+from fem.contact_size import contact_size
 from fem.creases import corner_targets, middle_targets
 from fem.curve import pull, t4_jacobians, t10_jacobians
 from fem.elements import TET_FACES, t6_gradient, t6_shape, t10_gradient, tet_quadrature, tri_quadrature
@@ -17,6 +18,8 @@ from fem.tetwild import fill, simplified
 
 #: largest relative change of the fruit's or the pit's volume that a mesh may bring
 VOLUME_TOLERANCE = 3e-3
+#: how far from the points refine_at_mm edges stay refine_edge_mm long, where only the latter is given
+RADIUS_MM = 2.0
 #: longest edges, as a share of the cube root of the fruit's volume
 LARGEST_SHARE = 1 / 8
 #: edges on the pit, and how far the mesher may stray from the surfaces it is given, as shares of edge_mm
@@ -57,8 +60,8 @@ def tetrahedralise(
     *,
     edge_mm: float,
     refine_at_mm: Float[np.ndarray, "q 3"] | None = None,
-    refine_radius_mm: float = 2.0,
-    refine_edge_mm: float = 1.5,
+    refine_radius_mm: float | None = None,
+    refine_edge_mm: float | None = None,
     dof_limit: int = 60_000,
     curved: bool = True,
 ) -> FleshMesh:
@@ -66,7 +69,8 @@ def tetrahedralise(
 
     Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach.
     Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond;
-    longer, where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
+    longer, where the mesh would otherwise exceed dof_limit degrees of freedom (three a node). Both follow
+    the width of the contact that the points cover where neither is given (fem.contact_size): cover it.
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.tetwild).
@@ -86,9 +90,12 @@ def tetrahedralise(
     nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
     if refine_at_mm is not None and len(refine_at_mm):
-        size = affordable_size(
-            nodes, tets, refine_at_mm, radius_mm=refine_radius_mm, edge_mm=refine_edge_mm, dof_limit=dof_limit
-        )
+        edge, radius = contact_size(refine_at_mm)
+        if refine_edge_mm is not None:
+            edge, radius = np.full(len(edge), refine_edge_mm), np.full(len(edge), RADIUS_MM)
+        if refine_radius_mm is not None:
+            radius = np.full(len(edge), refine_radius_mm)
+        size = affordable_size(nodes, tets, refine_at_mm, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
         nodes, tets = _refined(nodes, tets, size, outer, pit)
     return _quadratic(nodes, tets, outer, pit, curved=curved)
 

@@ -18,14 +18,22 @@ SizeField = Callable[[Float[np.ndarray, "p 3"]], Float[np.ndarray, " p"]]
 
 
 def size_near(
-    at_mm: Float[np.ndarray, "q 3"], *, radius_mm: float, edge_mm: float, growth: float = 0.5
+    at_mm: Float[np.ndarray, "q 3"],
+    *,
+    radius_mm: float | Float[np.ndarray, " q"],
+    edge_mm: float | Float[np.ndarray, " q"],
+    growth: float = 0.5,
 ) -> SizeField:
-    """The wanted edge length: edge_mm within radius_mm of the points, plus growth x distance beyond."""
+    """The wanted edge length: edge_mm within radius_mm of the points, plus growth x distance beyond.
+
+    Both may be given point by point: the nearest one's count.
+    """
     tree = cKDTree(at_mm)
+    edges, radii = (np.broadcast_to(value, len(at_mm)) for value in (edge_mm, radius_mm))
 
     def size_mm(points_mm: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " p"]:
-        beyond = np.maximum(tree.query(points_mm)[0] - radius_mm, 0.0)
-        return edge_mm + growth * beyond
+        distance, nearest = tree.query(points_mm)
+        return np.asarray(edges[nearest] + growth * np.maximum(distance - radii[nearest], 0.0))
 
     return size_mm
 
@@ -35,8 +43,8 @@ def affordable_size(
     tets: Int[np.ndarray, "m 4"],
     at_mm: Float[np.ndarray, "q 3"],
     *,
-    radius_mm: float,
-    edge_mm: float,
+    radius_mm: float | Float[np.ndarray, " q"],
+    edge_mm: float | Float[np.ndarray, " q"],
     dof_limit: int,
 ) -> SizeField:
     """`size_near` for the shortest edges, from edge_mm up, for which the T10 mesh keeps within dof_limit.
@@ -52,7 +60,7 @@ def affordable_size(
         if found <= dof_limit or len(nodes) == len(nodes_mm):
             return size
         room = max(dof_limit - before, 0.02 * before)
-        edge_mm *= max(1.08, ((found - before) / room) ** 0.3)
+        edge_mm = edge_mm * max(1.08, ((found - before) / room) ** 0.3)
 
 
 def t10_dofs(tets: Int[np.ndarray, "m 4"]) -> int:
