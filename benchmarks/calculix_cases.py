@@ -70,11 +70,13 @@ def grasp(
 
 def cases() -> dict[str, Case]:
     """Every forward solution, by name."""
-    fine = {"mesher": "bricks", "growth": 0.4, "largest_mm": 2.5}
+    fine = {"mesher": "bricks", "growth": 0.55, "largest_mm": 2.5}
     half = {"mesher": "bricks", "rim_mm": 0.2, "growth": 0.6, "largest_mm": 3.0}
     tets = {"mesher": "tetrahedra", "rim_mm": 0.06, "growth": 0.25, "largest_mm": 2.0}
     plain = {"mesher": "bricks", "rim_mm": 0.25, "growth": 0.5, "largest_mm": 3.0}
-    eighth = {"mesher": "tetrahedra", "rim_mm": 0.1, "growth": 0.25, "largest_mm": 2.0}
+    quarter = {"mesher": "tetrahedra", "rim_mm": 0.1, "growth": 0.25, "largest_mm": 2.0}
+    deep = {"mesher": "tetrahedra", "rim_mm": 0.05, "growth": 0.2, "largest_mm": 1.6}
+    shallow = {"mesher": "tetrahedra", "rim_mm": 0.2, "growth": 0.3, "largest_mm": 2.5}
     cube, ball = Core(shape="cube", size_mm=12.0), Core(shape="ball", size_mm=10.0)
     found: dict[str, Case] = {}
 
@@ -86,13 +88,14 @@ def cases() -> dict[str, Case]:
         add(
             f"press-{edge**2:.0f}mm2",
             press(core=cube, mirrors=(0, 1), edge_mm=edge),
-            rim_mm=edge / 200,
+            rim_mm=edge / 100,
             **fine,
         )
     add("press-linear", press(core=cube, mirrors=(0, 1)), **plain)
     add("press-neo-hookean", press(core=cube, mirrors=(0, 1)), levels=LEVELS, finite=True, **plain)
-    add("grasp-linear", grasp(core=ball, mirrors=(0, 1, 2)), **eighth)
-    add("grasp-neo-hookean", grasp(core=ball, mirrors=(0, 1, 2)), levels=LEVELS, finite=True, **eighth)
+    add("grasp", grasp(core=ball, mirrors=(0, 1, 2)), **deep)
+    add("grasp-linear", grasp(core=ball, mirrors=(0, 1, 2)), **shallow)
+    add("grasp-neo-hookean", grasp(core=ball, mirrors=(0, 1, 2)), levels=LEVELS, finite=True, **shallow)
     for at in (2.0, 4.0, 6.0, 8.0):
         add(f"press-at-{at:.0f}mm", press(core=cube, mirrors=(1,), at_mm=at), **half)
     for shape, size in CORES.items():
@@ -105,7 +108,7 @@ def cases() -> dict[str, Case]:
         shifted = replace(ball, centre_mm=tuple(SHIFT_MM * (k == along) for k in range(3)))
         for axis, jaws in ((0, "x"), (1, "y")):
             mirrors = tuple(k for k in range(3) if k != along and (k == axis or k == 2 or along == axis))
-            add(f"grasp-{jaws}-core-{name}", grasp(core=shifted, mirrors=mirrors, axis=axis), **eighth)
+            add(f"grasp-{jaws}-core-{name}", grasp(core=shifted, mirrors=mirrors, axis=axis), **quarter)
     return found
 
 

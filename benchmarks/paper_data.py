@@ -14,7 +14,7 @@ import numpy as np
 from fem.modulus_inputs import GraspHistory, PadHistory
 
 HERE = Path(__file__).parent / "forward"
-DISPLACEMENT_SD_MM, FORCE_SD_N = 1e-3, 1e-6
+DISPLACEMENT_SD_MM, FORCE_SD_N = 5e-3, 1e-6
 """The data have no noise but the solver's rounding; the estimator wants a spread all the same."""
 
 
@@ -27,6 +27,7 @@ class Forward:
     core: str
     core_size_mm: float
     core_centre_mm: np.ndarray
+    base_fixed: bool
     levels: np.ndarray
     pads: tuple["PadData", ...]
 
@@ -71,6 +72,7 @@ def forward(name: str) -> Forward:
         core=str(kept["core"][0]),
         core_size_mm=float(kept["core_size_mm"]),
         core_centre_mm=kept["core_centre_mm"],
+        base_fixed=name.startswith("press"),
         levels=kept["levels"],
         pads=tuple(pads),
     )
@@ -107,9 +109,9 @@ def marker_grid(pad: PadData, *, cells: int) -> tuple[np.ndarray, np.ndarray, np
     return flat, place, np.einsum("nm,lnx->lmx", weight, pad.force_N)
 
 
-def grasp_history(data: Forward, *, cells: int) -> GraspHistory:
-    """A frame at first touch, without load, and one per level; the positions are exact."""
-    steps = np.concatenate([[0.0], data.levels])
+def grasp_history(data: Forward, *, cells: int, levels: np.ndarray | slice = slice(None)) -> GraspHistory:
+    """A frame at first touch, without load, and one per chosen level; the positions are exact."""
+    steps = np.concatenate([[0.0], data.levels[levels]])
     pads = []
     for number, pad in enumerate(data.pads):
         flat, place, force = marker_grid(pad, cells=cells)
@@ -120,7 +122,7 @@ def grasp_history(data: Forward, *, cells: int) -> GraspHistory:
                 surface_mm=place,
                 position_mm=place + steps[:, None, None] * pad.move_mm,
                 gel_displacement_mm=np.zeros((len(steps), *place.shape)),
-                force_N=np.concatenate([np.zeros((1, *place.shape)), force]),
+                force_N=np.concatenate([np.zeros((1, *place.shape)), force[levels]]),
                 episode=np.zeros((len(steps), len(place)), dtype=np.int64),
                 displacement_sd_mm=DISPLACEMENT_SD_MM,
                 force_sd_N=FORCE_SD_N,
