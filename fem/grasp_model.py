@@ -25,14 +25,16 @@ class GraspModel:
     """All pads' markers side by side on a fruit of E = 1 MPa.
 
     `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
-    columns marker by marker, x, y, z. `sensitivity`: how the response to the recording's own loaded frames
-    changes with what is not known exactly; None where nothing was asked. `fruit_moves`: no base holds it.
+    columns marker by marker, x, y, z; `discretisation` is the share of it that the mesh withholds and that
+    was put back (fem.discretisation). `sensitivity`: how the response to the recording's own loaded frames
+    changes with what is not known exactly. `fruit_moves`: no base holds it.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
     normal: Float[np.ndarray, "n 3"]
     compliance: Float[np.ndarray, "d d"]
     sensitivity: Sensitivity
+    discretisation: float
     fruit_moves: bool
 
     def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
@@ -47,11 +49,13 @@ def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
     Raises FemFailure: off-surface, no-load.
     """
     links = [pad_link(pad, solid) for pad in history.pads]
+    sensitivity, withheld = sensitivities(history, solid, links, loaded_frames(history))
     return GraspModel(
         place_mm=np.vstack([link.place.point_mm for link in links]),
         normal=np.vstack([link.place.normal for link in links]),
-        compliance=_marker_compliance(links, solid.contact_compliance),
-        sensitivity=sensitivities(history, solid, links, loaded_frames(history)),
+        compliance=(1 + withheld) * _marker_compliance(links, solid.contact_compliance),
+        sensitivity=sensitivity,
+        discretisation=withheld,
         fruit_moves=solid.support == "free",
     )
 

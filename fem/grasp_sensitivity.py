@@ -10,9 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fem.discretisation import discretisation_error
 from fem.forward import UnitModulusSolid
 from fem.modulus_inputs import GraspHistory
-from fem.pad_link import PadLink, pad_link
+from fem.pad_link import PadLink, slid
 from fem.rigid_core import pit_centre_mm, rigid_modes
 from fem.shape_derivative import pit_velocities, skin_velocities, stiffness_change
 
@@ -21,10 +22,10 @@ PIT_SIZE = "pit size"
 PIT = (*PIT_OFFSET, PIT_SIZE)
 POISSON_RATIO = "Poisson's ratio"
 SURFACE = "surface"
-MOST_MODES = 6
+MOST_MODES = 4
 LEAST_SHARE = 1e-3
 """Singular vectors of the forces below this share of the greatest one are left out."""
-SHIFT_MM = 0.3
+SLIDE_MM = 0.1
 """Half the step of the difference quotient for a pad moved along the skin."""
 
 
@@ -32,9 +33,9 @@ SHIFT_MM = 0.3
 class Sensitivity:
     """d(unit displacement, mm MPa)/d(cause) for the markers of all pads in the frames used.
 
-    Causes: "pit x", "pit y", "pit z" (mm), "pit size" (its ln), "surface 1" to "surface 6" (mm, waves of
-    fem.shape_derivative), "Poisson's ratio" (1), and for each pad "<pad> across", "<pad> along" (mm, pose along
-    the skin). A fruit without a pit has no pit columns.
+    Causes: "pit x", "pit y", "pit z" (mm), "pit size" (its ln), "surface 1" to "surface 6" (mm, waves
+    of fem.shape_derivative), "Poisson's ratio" (1), and for each pad "<pad> across", "<pad> along" (mm, its
+    place on the skin). A fruit without a pit has no pit columns.
     """
 
     causes: tuple[str, ...]
@@ -43,16 +44,20 @@ class Sensitivity:
 
 def sensitivities(
     history: GraspHistory, solid: UnitModulusSolid, links: list[PadLink], frames: Bool[np.ndarray, " t"]
-) -> Sensitivity:
-    """The columns of one grasp whose pads are linked to the solid; raises FemFailure (off-surface)."""
+) -> tuple[Sensitivity, float]:
+    """The columns of one grasp whose pads are linked to the solid, and the share of the energy that the mesh
+    withholds under its leading force pattern."""
     force = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
     modes, share = _leading(force)
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     by_pad = np.split(modes, split, axis=1)
     nodal = [link.nodal_force(own) for link, own in zip(links, by_pad, strict=True)]
     loads = np.zeros((len(modes), len(solid.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = np.sum(nodal, axis=0)
-    causes, forces = _inner_forces(solid, solid.displacement(loads))
+    nodal_sum = np.sum(nodal, axis=0)
+    loads[:, solid.contact_nodes] = nodal_sum
+    moved = solid.displacement(loads)
+    withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
+    causes, forces = _inner_forces(solid, moved)
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
     seen = np.concatenate([link.seen(moved) for link in links], axis=1)
     found = list(seen.reshape(len(causes), len(modes), -1, 3))
@@ -60,15 +65,15 @@ def sensitivities(
         for name, way in zip(("across", "along"), _tangents(links[k].place.normal), strict=True):
             causes.append(f"{pad.name} {name}")
             ends = []
-            for step in (SHIFT_MM, -SHIFT_MM):
-                shifted = list(links)
-                shifted[k] = pad_link(pad, solid, shift_mm=step * way)
-                total = np.sum([*nodal[:k], shifted[k].nodal_force(by_pad[k]), *nodal[k + 1 :]], axis=0)
+            for step in (SLIDE_MM, -SLIDE_MM):
+                slid_pads = [*links[:k], slid(links[k], solid, step * way), *links[k + 1 :]]
+                total = nodal_sum - nodal[k] + slid_pads[k].nodal_force(by_pad[k])
                 flat = solid.contact_compliance @ total.reshape(len(modes), -1).T
                 under = np.ascontiguousarray(flat.T).reshape(total.shape)
-                ends.append(np.concatenate([s.seen(under) for s in shifted], axis=1))
-            found.append((ends[0] - ends[1]) / (2 * SHIFT_MM))
-    return Sensitivity(causes=tuple(causes), values=np.einsum("fr,prnx->pfnx", share, np.stack(found)))
+                ends.append(np.concatenate([link.seen(under) for link in slid_pads], axis=1))
+            found.append((ends[0] - ends[1]) / (2 * SLIDE_MM))
+    values = np.einsum("fr,prnx->pfnx", share, np.stack(found))
+    return Sensitivity(causes=tuple(causes), values=values), float(withheld)
 
 
 def _leading(
@@ -86,7 +91,8 @@ def _inner_forces(
     """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing."""
     mesh = solid.mesh
     has_pit = len(mesh.pit_nodes) > 0
-    causes, velocities = [], []
+    causes: list[str] = []
+    velocities: list[np.ndarray] = []
     if has_pit:
         causes += PIT
         velocities += list(pit_velocities(mesh))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fem.failure import FemFailure, FemProblem
 from fem.grasp_model import GraspModel
@@ -25,6 +25,10 @@ NOISY = 0.1
 """A first-touch fit with more relative noise than this knows less than the absolute surface does."""
 NO_WORK_SD = 0.5
 """Relative spread where force and displacement do not even do positive work on each other."""
+LEAST_MISFIT = 0.004
+"""Relative scatter between grasps of one synthetic fruit on a mesh and a pit that are a little off."""
+LEAST_SD, EFFECTIVITY_SD = 0.001, 0.3
+"""Of what elements do to E: what is left when it is small, and how well its estimate holds, as a share."""
 FEWEST_MARKERS = 6
 """Fewer markers under load than this do not even hold the fruit's six rigid motions."""
 
@@ -45,7 +49,8 @@ class ModulusEstimate:
     squares add up), with the pit at its prior. `energy` is None where the measured work is not positive.
     `form`: "first-touch" (each marker against itself) or "absolute" (the frame of the greatest force against
     the scanned surface), where only one frame is loaded or where noise leaves the first-touch fit a spread of
-    more than NOISY; a warning says which. `loaded` marks the frames used, `residual_mm` is what the model
+    more than NOISY; a warning says which. `discretisation`: the share of the compliance that the mesh
+    withheld and that was put back. `loaded` marks the frames used, `residual_mm` is what the model
     leaves of each marker's place in them (NaN out of contact). `evidence` is what several grasps of a fruit
     are combined from (fem.modulus_joint).
     """
@@ -56,6 +61,7 @@ class ModulusEstimate:
     least_squares: MethodEstimate
     energy: MethodEstimate | None
     form: Literal["first-touch", "absolute"]
+    discretisation: float
     residual_rms_mm: float
     frames: tuple[FrameModulus, ...]
     warnings: tuple[str, ...]
@@ -118,18 +124,20 @@ def _from_first_touch(
     )
     modulus = _require_positive(fit.compliance)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
-    misfit = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
+    apart = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
+    misfit = float(np.hypot(LEAST_MISFIT, apart))
     evidence = GraspEvidence(
         information=grasp_information(
             tracks,
             model,
             force,
+            pad_of_marker=_pad_of_marker(history),
+            force_sd_N=max(pad.force_sd_N for pad in history.pads),
             scale_sd=budget.gel_scale_sd,
-            noise=(air.information, air.compliance) if air else (0.0, 0.0),
         ),
         E_MPa=modulus,
         misfit_sd=misfit,
-        discretisation_sd=budget.discretisation_sd,
+        discretisation_sd=LEAST_SD + EFFECTIVITY_SD * model.discretisation,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
@@ -145,6 +153,7 @@ def _from_first_touch(
         ),
         energy=energy,
         form="first-touch",
+        discretisation=model.discretisation,
         residual_rms_mm=fit.residual_rms_mm,
         frames=frames,
         warnings=warnings_of(
@@ -174,12 +183,11 @@ def _absolute(
 ) -> ModulusEstimate:
     """From the frame of the greatest force alone; `warning` says why."""
     peak = int(np.argmax(np.linalg.norm(force, axis=2).sum(axis=1)))
-    pads = np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
     fit = absolute_compliance(
         tracks,
         force,
         peak,
-        pad_of_marker=pads,
+        pad_of_marker=_pad_of_marker(history),
         surface_sd_mm=budget.surface_sd_mm,
         fruit_moves=model.fruit_moves,
     )
@@ -188,7 +196,7 @@ def _absolute(
         information=GraspInformation.of_modulus_alone(fit.compliance, relative_sd=fit.noise),
         E_MPa=modulus,
         misfit_sd=fit.surface,
-        discretisation_sd=budget.discretisation_sd,
+        discretisation_sd=LEAST_SD + EFFECTIVITY_SD * model.discretisation,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = alone.E_sd_MPa / alone.E_MPa
@@ -203,6 +211,7 @@ def _absolute(
         if fit.energy_compliance > 0
         else None,
         form="absolute",
+        discretisation=model.discretisation,
         residual_rms_mm=float(np.sqrt(np.nanmean((fit.residual_mm**2).sum(axis=2)))),
         frames=(),
         warnings=(warning,),
@@ -210,6 +219,10 @@ def _absolute(
         loaded=only,
         residual_mm=fit.residual_mm,
     )
+
+
+def _pad_of_marker(history: GraspHistory) -> Int[np.ndarray, " n"]:
+    return np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
 
 
 def _require_markers(tracks: MarkerTracks) -> None:

@@ -25,8 +25,8 @@ class ErrorBudget:
 
     `pit_offset_sd_mm` (each axis), `pit_size_sd`: spread of the pit prior (centre; relative size).
     `surface_sd_mm`: error of the fruit's surface mesh. `pose_sd_mm`: error of a pad's place along
-    the skin. `poisson_ratio_sd`: spread of Poisson's ratio, zero where it is given.
-    `discretisation_sd`: relative error of a grasp's modulus by the size of the elements.
+    the skin. `poisson_ratio_sd`: spread of Poisson's ratio, zero where it is given. The size of elements is
+    not here: it is measured on every mesh (fem.discretisation).
     """
 
     gel_scale_sd: float = 0.004
@@ -36,7 +36,6 @@ class ErrorBudget:
     surface_sd_mm: float = 0.1
     pose_sd_mm: float = 0.3
     poisson_ratio_sd: float = 0.0
-    discretisation_sd: float = 0.003
 
     def sd_of(self, cause: str) -> float:
         """Prior standard deviation of a cause of fem.grasp_sensitivity, in its unit."""

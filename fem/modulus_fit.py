@@ -96,7 +96,7 @@ def fit_compliance(
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Normal equations N a = b of the amounts a of several displacement fields, all other unknowns eliminated.
+    """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated.
 
     `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
     independent noise their squares add up to the diagonal of N.

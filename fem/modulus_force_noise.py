@@ -31,7 +31,7 @@ LARGEST_SHARE = 0.5
 class ForceNoise:
     """The loaded frames as if the sensor felt only what it feels in the air, sent through the fit.
 
-    `information` and `compliance`: S_n and s_n. `moved_mm`: the motion that this noise feigns for E = 1 (rms).
+    `information` and `compliance`: S_n and s_n. `moved_mm`: motion that this noise feigns for E = 1 (rms).
     """
 
     tracks: MarkerTracks

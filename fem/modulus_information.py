@@ -1,17 +1,18 @@
 """What one recording knows of the modulus, and of everything else that moves the same markers.
 
-The fit of fem.modulus_fit with more columns: beside s c the fields  s dC/dp f  of every cause p of
-fem.grasp_sensitivity, and those of the markers' force scales, s C diag(f) h, h independent with a known
-spread. Places, motions of the fruit and scales of the gel are eliminated; a small symmetric matrix is left.
+Each pad's markers are compared with the model's response as a whole: one number per pad, the pad's own 1/E,
+from the fit of fem.modulus_fit with one column per pad. Every cause p of fem.grasp_sensitivity, and every
+scale error h of the markers' forces, changes these numbers by what the same fit makes of its field dC/dp f,
+or C diag(f) h. The finer pattern within a patch is not used: what it says of a pit is a few tenths of a
+micrometre, less than what any model leaves out there.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.grasp_model import GraspModel
-from fem.grasp_sensitivity import PIT
 from fem.modulus_fit import Information, MarkerTracks, information
 
 SCALE_MODES = 16
@@ -26,7 +27,7 @@ class GraspInformation:
     """Normal equations N a = b of the amounts a = s (1, p_1, ..., h_1, ...), s = 1/E, per MPa.
 
     `causes` names all but the first: those of the sensitivity, then FORCE_SCALE as often as there are
-    patterns.
+    patterns. The rank of N is the number of pads.
     """
 
     causes: tuple[str, ...]
@@ -45,29 +46,45 @@ def grasp_information(
     model: GraspModel,
     force_N: Float[np.ndarray, "t n 3"],
     *,
+    pad_of_marker: Int[np.ndarray, " n"],
+    force_sd_N: float,
     scale_sd: float,
-    noise: tuple[float, float],
 ) -> GraspInformation:
     """The information of one recording, its noise taken as large as what the model leaves of it.
 
-    `noise`: information about s that noise in the forces feigns, and the s that it shows
-    (fem.modulus_force_noise); it is taken out.
+    The forces stand without those of their patterns that noise would make too (`_above_noise`), so that no
+    noise in them pulls 1/E down (fem.modulus_force_noise).
     """
+    felt = model.unit_displacement(_above_noise(force_N, force_sd_N))
+    pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
-    felt = np.stack([model.unit_displacement(force_N * h[:, None]) for h in patterns])
-    fields = np.concatenate([tracks.unit_displacement[None], model.sensitivity.values, felt])
+    scaled = [model.unit_displacement(force_N * h[:, None]) for h in patterns]
+    fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
-    normal, right = known.normal, known.right
-    pit = [1 + k for k, cause in enumerate(model.sensitivity.causes) if cause in PIT]
-    effect = _design_effect(known, model.place_mm, [0, *pit])
-    feigned, shown = noise
-    normal[0, 0] -= feigned
-    right[0] -= feigned * shown
+    own = np.arange(len(pads))
+    weight = known.normal[np.ix_(own, own)]
+    # What the pads' own fit makes of each field: all of them together are the response itself.
+    sees = np.linalg.solve(weight, known.normal[own])
+    sees = np.column_stack([np.ones(len(pads)), sees[:, len(pads) :]])
+    weight = weight / _design_effect(known, model.place_mm, own)
     return GraspInformation(
         causes=(*model.sensitivity.causes, *len(patterns) * (FORCE_SCALE,)),
-        normal=normal / effect,
-        right=right / effect,
+        normal=sees.T @ weight @ sees,
+        right=sees.T @ weight @ np.linalg.solve(known.normal[np.ix_(own, own)], known.right[own]),
     )
+
+
+def _above_noise(force_N: Float[np.ndarray, "t n 3"], sd_N: float) -> Float[np.ndarray, "t n 3"]:
+    """The forces' patterns whose strength exceeds that of noise alone.
+
+    The greatest singular value of t x 3 n independent noise is sd (sqrt t + sqrt 3n) (Marchenko and Pastur
+    1967); the greatest pattern always stays.
+    """
+    flat = force_N.reshape(len(force_N), -1)
+    left, size, right = np.linalg.svd(flat, full_matrices=False)
+    kept = size > sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
+    kept[0] = True
+    return np.asarray((left[:, kept] * size[kept]) @ right[kept]).reshape(force_N.shape)
 
 
 def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "k n"]:
@@ -79,16 +96,15 @@ def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> F
 
 
 def _design_effect(
-    known: Information, place_mm: Float[np.ndarray, "n 3"], chosen: list[int]
+    known: Information, place_mm: Float[np.ndarray, "n 3"], own: Int[np.ndarray, " p"]
 ) -> float:
-    """By how much the variance of the chosen amounts exceeds that of independent noise; one at least.
+    """By how much the variance of the pads' numbers exceeds that of independent noise; one at least.
 
     What the model leaves is alike from frame to frame and from marker to neighbour. So the scores are summed
     over blocks of BLOCK_MM, each taken as one draw (Liang and Zeger 1986, Biometrika 73, cluster-robust
-    variance); their mean square over what independent noise would give, averaged over the amounts.
+    variance); their mean square over what independent noise would give, averaged over the pads.
     """
     block = np.unique(np.floor(place_mm / BLOCK_MM), axis=0, return_inverse=True)[1].reshape(-1)
-    sums = np.zeros((block.max() + 1, len(chosen)))
-    np.add.at(sums, block, known.scores[:, chosen])
-    expected = np.diag(known.normal)[chosen]
-    return max(1.0, float(np.mean((sums**2).sum(axis=0) / expected)))
+    sums = np.zeros((block.max() + 1, len(own)))
+    np.add.at(sums, block, known.scores[:, own])
+    return max(1.0, float(np.mean((sums**2).sum(axis=0) / np.diag(known.normal)[own])))

@@ -47,12 +47,12 @@ class PitPosterior:
     @property
     def moved(self) -> Float[np.ndarray, "4"]:
         """How far the data moved each from the prior, in the prior's standard deviations."""
-        return np.asarray(np.append(self.offset_mm, self.ln_size) / self.prior_sd)
+        return np.append(self.offset_mm, self.ln_size) / np.where(self.prior_sd > 0, self.prior_sd, np.inf)
 
     @property
     def learnt(self) -> Float[np.ndarray, "4"]:
         """Share of the prior's variance that the data took away."""
-        return np.asarray(1 - (self.sd / self.prior_sd) ** 2)
+        return np.asarray(1 - (self.sd / np.where(self.prior_sd > 0, self.prior_sd, np.inf)) ** 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +93,7 @@ def joint_modulus(
     """The inference above. Raises ValueError without a grasp.
 
     `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts what their spread does to
-    E. `pit_at`: offset (mm) and ln size, against the prior, of the pit that the information was computed with.
+    E. `pit_at`: offset (mm) and ln size, against the prior, of the pit the information was computed with.
     Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird 1986).
     """
     if not grasps:
@@ -132,7 +132,7 @@ class _Unknown:
 def _unknowns(
     grasps: Sequence[GraspEvidence], between: float, *, budget: ErrorBudget, pit_at: Float[np.ndarray, "4"]
 ) -> list[_Unknown]:
-    """ln s first (no prior), then pit and Poisson's ratio, then each grasp's own; none whose spread is zero."""
+    """ln s first (no prior), then pit and Poisson's ratio, then each grasp's own; none without a spread."""
     found = [_Unknown(name="ln s", part=TACTILE, sd=np.inf)]
     known = {cause for grasp in grasps for cause in grasp.information.causes}
     for name in (*PIT, POISSON_RATIO):
@@ -155,7 +155,7 @@ def _unknowns(
 
 @dataclass(frozen=True)
 class _Solution:
-    """The posterior of all unknowns; `fixed` ones stay at their prior and count by their sensitivity alone."""
+    """The posterior of all unknowns; `fixed` ones stay at their prior and count by their sensitivity."""
 
     unknowns: list[_Unknown]
     fixed: Bool[np.ndarray, " u"]

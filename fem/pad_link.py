@@ -1,7 +1,7 @@
 """How one pad's markers hang on the contact nodes of a fruit: sparse maps of force and displacement."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -31,6 +31,8 @@ class PadLink:
     """
 
     place: SurfacePoints
+    skin: SurfacePoints
+    weights: csr_array
     plain: csr_array
     rigid: Float[np.ndarray, "d 6"]
     balance: Float[np.ndarray, "6 m"]
@@ -60,23 +62,30 @@ def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.
     return np.unique(np.concatenate(found))
 
 
-def pad_link(
-    pad: PadHistory, solid: UnitModulusSolid, *, shift_mm: Float[np.ndarray, "3"] | None = None
-) -> PadLink:
-    """How one pad's markers sit on the solid, all of them moved by `shift_mm` against the skin."""
-    nodes = solid.contact_nodes
-    within = np.isin(solid.mesh.outer_faces, nodes).all(axis=1)
-    mesh = replace(solid.mesh, outer_faces=solid.mesh.outer_faces[within])
-    place = locate(
-        mesh, pad.surface_mm if shift_mm is None else pad.surface_mm + shift_mm, within_mm=OFF_SKIN_MM
-    )
+def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:
+    """How one pad's markers sit on the solid; raises FemFailure (off-surface)."""
+    place = locate(solid.mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
     between, weights = marker_weights(pad.rest_mm, place.point_mm)
-    skin = locate(mesh, between, within_mm=OFF_SKIN_MM)
+    return _linked(place, locate(solid.mesh, between, within_mm=OFF_SKIN_MM), weights, solid)
+
+
+def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"]) -> PadLink:
+    """The same pad a little elsewhere on the skin, to first order."""
+    mesh = solid.mesh
+    return _linked(link.place.slid(mesh, way_mm), link.skin.slid(mesh, way_mm), link.weights, solid)
+
+
+def _linked(
+    place: SurfacePoints, skin: SurfacePoints, weights: csr_array, solid: UnitModulusSolid
+) -> PadLink:
     field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
     plain, rigid, balance = field.matrices()
+    nodes = solid.contact_nodes
     spread = csr_array(kron(skin.among(nodes).interpolation.T, np.eye(3), format="csr"))
     return PadLink(
         place=place,
+        skin=skin,
+        weights=weights,
         plain=csr_array(spread @ plain),
         rigid=spread @ rigid,
         balance=balance,

@@ -90,7 +90,8 @@ def skin_velocities(mesh: FleshMesh) -> Float[np.ndarray, "6 n 3"]:
     outward = normal[skin[cKDTree(nodes[skin]).query(nodes)[1]]]
     fading = 1 - _share_of_pit(mesh) if len(mesh.pit_nodes) else np.ones(len(nodes))
     phase = 2 * np.pi / WAVE_MM * (nodes - nodes[skin].mean(axis=0)).T
-    return np.concatenate([np.cos(phase), np.sin(phase)])[:, :, None] * (fading[:, None] * outward)
+    waves = np.concatenate([np.cos(phase), np.sin(phase)])
+    return np.asarray(waves[:, :, None] * (fading[:, None] * outward))
 
 
 def _share_of_pit(mesh: FleshMesh) -> Float[np.ndarray, " n"]:

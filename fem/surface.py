@@ -36,6 +36,17 @@ class SurfacePoints:
         entries = (shape.ravel(), (row, self.face_nodes.ravel()))
         return coo_array(entries, shape=(len(shape), self.n_nodes)).tocsr()
 
+    def slid(self, mesh: FleshMesh, way_mm: Float[np.ndarray, "3"]) -> "SurfacePoints":
+        """The points moved a little along the skin, on their own faces continued; distances are not kept."""
+        x = mesh.nodes_mm[self.face_nodes]
+        tangent = np.einsum("pin,pnx->pix", t6_gradient(self.reference), x)
+        metric = np.einsum("pix,pjx->pij", tangent, tangent)
+        step = np.linalg.solve(metric, (tangent @ way_mm)[..., None])[..., 0]
+        place, normal, _ = _place_and_normal(self.reference + step, x)
+        return SurfacePoints(
+            self.n_nodes, self.face_nodes, self.reference + step, place, normal, np.zeros(len(place))
+        )
+
     def among(self, nodes: Int[np.ndarray, " c"]) -> "SurfacePoints":
         """The same points on a field that is known at these nodes only (sorted; every face's are there)."""
         return replace(self, n_nodes=len(nodes), face_nodes=np.searchsorted(nodes, self.face_nodes))

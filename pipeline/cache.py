@@ -90,7 +90,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) 
     buffer = io.BytesIO()
     header = json.dumps({"key": key, "facts": artifact.facts})
     named: dict[str, Any] = {HEADER: np.array(header), **artifact.arrays}
-    np.savez_compressed(buffer, **named)
+    np.savez(buffer, **named)
     write_whole(path, buffer.getvalue())
     return artifact
 

@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.forward import UnitModulusSolid
-from fem.modulus import ModulusEstimate, estimate_modulus
-from fem.modulus_budget import ErrorBudget
+from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
 from tactile.contact import Contact, find_contact
@@ -85,17 +83,16 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
     )
 
 
-def estimate(
-    grasp: PlacedGrasp, solid: UnitModulusSolid, *, budget: ErrorBudget
-) -> tuple[ModulusEstimate, GraspRecord]:
-    """The modulus this recording gives, and what the fruit's record says of it; raises FemFailure."""
-    found = estimate_modulus(history(grasp), solid, budget=budget)
+def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate) -> GraspRecord:
+    """What the fruit's record says of one recording and its modulus."""
     curves = force_curves(grasp)
     energy = found.energy
-    return found, GraspRecord(
+    return GraspRecord(
         grasp=grasp.name,
         E_MPa=found.E_MPa,
         E_sd_MPa=found.E_sd_MPa,
+        parts_sd_MPa=found.parts_sd_MPa,
+        discretisation=found.discretisation,
         E_energy_MPa=energy.E_MPa if energy else None,
         E_energy_sd_MPa=energy.sd_MPa if energy else None,
         E_least_squares_MPa=found.least_squares.E_MPa,

@@ -62,6 +62,8 @@ class GraspRecord(_Record):
     failure: str | None = None
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
+    parts_sd_MPa: dict[str, float] = {}
+    discretisation: float | None = None
     E_energy_MPa: float | None = None
     E_energy_sd_MPa: float | None = None
     E_least_squares_MPa: float | None = None
@@ -85,6 +87,22 @@ class FleshRecord(_Record):
     poisson_ratio: float
     poisson_ratio_sd: float
     poisson_ratio_source: str
+    solver: str = ""
+
+
+class PitFoundRecord(_Record):
+    """Where two or more grasps put the pit, against the prior's, fruit frame; one standard deviation each.
+
+    `moved`: by how many of the prior's standard deviations the data moved x, y, z and size.
+    """
+
+    offset_mm: tuple[float, float, float]
+    offset_sd_mm: tuple[float, float, float]
+    offset_prior_sd_mm: tuple[float, float, float]
+    size: float
+    size_sd: float
+    size_prior_sd: float
+    moved: tuple[float, float, float, float]
 
 
 class ModulusRecord(_Record):
@@ -95,6 +113,7 @@ class ModulusRecord(_Record):
     common_sd_MPa: float = 0.0
     """The part of E_sd_MPa that all fruit of the batch share, so that it does not touch their order."""
     parts_sd_MPa: dict[str, float] = {}
+    pit_found: PitFoundRecord | None = None
 
 
 class FruitRecord(_Record):

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.batch import Batch
 from pipeline.layout import Results
 from pipeline.provenance import versions
-from pipeline.records import FruitRecord, GraspRecord
+from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
 from pipeline.ripeness import Standing, agreement, standings
 from reports.entries import BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
 
@@ -146,7 +146,10 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
         facts += [
             (f"Error bar: {name}", f"± {value:.3f} MPa")
             for name, value in record.modulus.parts_sd_MPa.items()
+            if value >= 0.0005
         ]
+        if (found := record.modulus.pit_found) is not None:
+            facts += _pit_found(found)
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
     given = record.given
     if given.mass_g is not None:
@@ -154,6 +157,21 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
     if given.notes:
         facts.append(("Notes", given.notes))
     return facts
+
+
+def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
+    """What the grasps say of the pit, beside what the prior said."""
+    offset = ", ".join(
+        f"{x:+.1f} ± {sd:.1f}" for x, sd in zip(found.offset_mm, found.offset_sd_mm, strict=True)
+    )
+    before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
+    return [
+        ("Pit against the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
+        (
+            "Pit size against the prior",
+            f"{found.size:.3f} ± {found.size_sd:.3f} (prior 1 ± {found.size_prior_sd:.3f})",
+        ),
+    ]
 
 
 def _label(key: str) -> str:

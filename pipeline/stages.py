@@ -16,14 +16,13 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.modulus import ModulusEstimate
-from fem.modulus_combine import combine_grasps
+from fem.solver import solver_name
+from pipeline.elasticity import fruit_modulus, modulus_record, on_skin
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
-from pipeline.grasp import PlacedGrasp, estimate, foreign, place_grasp, touched_by_pad
+from pipeline.grasp import PlacedGrasp, foreign, grasp_record, place_grasp, touched_by_pad
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
-from pipeline.records import FleshRecord, FruitRecord, GraspRecord, ModulusRecord, write_record
+from pipeline.records import FleshRecord, FruitRecord, GraspRecord, write_record
 from pipeline.shape import Shape, embedded_pit, fruit_shape, other_height, write_meshes
 from pipeline.task import FruitTask
 from recon.failure import ReconFailure
@@ -114,40 +113,26 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             poisson_ratio=nu,
             poisson_ratio_sd=nu_sd,
             poisson_ratio_source=source,
+            solver=solver_name(),
         )
-    with diary.stage("stiffness"):
-        solids = {
-            support: UnitModulusSolid.factorise(mesh, poisson_ratio=nu, support=support)
-            for support in {grasp.recording.support for grasp in placed}
-        }
     with diary.stage("modulus"):
+        usable, reasons = on_skin(placed, mesh)
         budget = error_budget(task, shape)
-        estimates: list[ModulusEstimate] = []
+        if not usable:
+            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons.values()))
+        found = fruit_modulus(task, usable, mesh, poisson_ratio=nu, budget=budget)
         records = list(failed)
-        for grasp in placed:
-            try:
-                found, record = estimate(grasp, solids[grasp.recording.support], budget=budget)
-            except FemFailure as failure:
-                records.append(GraspRecord(grasp=grasp.name, failure=failure.detail))
-                diary.warnings.append(f"not used: {grasp.name}: {failure.detail}")
-                continue
-            estimates.append(found)
-            records.append(record)
-            diary.warnings += [f"{grasp.name}: {warning}" for warning in found.warnings]
+        for grasp, own in zip(usable, found.grasps, strict=True):
+            if isinstance(own, FemFailure):
+                reasons[grasp.name] = own.detail
+            else:
+                records.append(grasp_record(grasp, own))
+                diary.warnings += [f"{grasp.name}: {warning}" for warning in own.warnings]
+        records += [GraspRecord(grasp=name, failure=reason) for name, reason in reasons.items()]
+        diary.warnings += [f"not used: {name}: {reason}" for name, reason in reasons.items()]
+        diary.warnings += found.modulus.warnings
         known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
-        if not estimates:
-            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(r.failure or "" for r in records))
-        modulus = combine_grasps(estimates)
-        diary.warnings += modulus.warnings
-        known["modulus"] = ModulusRecord(
-            E_MPa=modulus.E_MPa,
-            E_sd_MPa=modulus.E_sd_MPa,
-            common_sd_MPa=budget.parts["Poisson's ratio"] * modulus.E_MPa,
-            parts_sd_MPa={
-                "scatter between grasps": modulus.between_sd_MPa,
-                **{cause: share * modulus.E_MPa for cause, share in budget.parts.items()},
-            },
-        )
+        known["modulus"] = modulus_record(found.modulus)
     with diary.stage("picture"):
         write_whole(
             task.results.picture,
