@@ -4,16 +4,24 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from fem.closed_surface import Surface, checked_surface, must_enclose, split_boundary
 from fem.contact_size import contact_size
 from fem.creases import corner_targets, middle_targets
 from fem.curve import pull, t4_jacobians, t10_jacobians
-from fem.elements import TET_FACES, t6_gradient, t6_shape, t10_gradient, tet_quadrature, tri_quadrature
+from fem.elements import (
+    TET_EDGES,
+    TET_FACES,
+    t6_gradient,
+    t6_shape,
+    t10_gradient,
+    tet_quadrature,
+    tri_quadrature,
+)
 from fem.failure import FemFailure, FemProblem
-from fem.refine import PASSES, SizeField, affordable_size, bisect_once
-from fem.tets import boundary_faces, with_mid_edges
+from fem.refine import PASSES, SizeField, affordable_size, bisect_edges, bisect_once
+from fem.tets import boundary_faces, compact, unique_edges, with_mid_edges
 from fem.tetwild import fill, simplified
 
 #: largest relative change of the fruit's or the pit's volume that a mesh may bring
@@ -98,6 +106,30 @@ def tetrahedralise(
         size = affordable_size(nodes, tets, refine_at_mm, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
         nodes, tets = _refined(nodes, tets, size, outer, pit)
     return _quadratic(nodes, tets, outer, pit, curved=curved)
+
+
+def refined_where(
+    mesh: FleshMesh,
+    marked: Bool[np.ndarray, " m"],
+    outer: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]],
+    pit: tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]] | None,
+) -> FleshMesh:
+    """The same flesh with the marked elements (and what must follow) cut in two at their longest edges.
+
+    For elements that hold much of fem.discretisation's error. Raises FemFailure as `tetrahedralise` does.
+    """
+    surfaces = (
+        checked_surface(*outer, name="fruit"),
+        None if pit is None else checked_surface(*pit, name="pit"),
+    )
+    nodes, tets = compact(mesh.nodes_mm, mesh.tets[:, :4])
+    before = len(nodes)
+    edges, of_tet = unique_edges(tets, TET_EDGES)
+    too_long = np.zeros(len(edges), dtype=bool)
+    too_long[of_tet[marked]] = True
+    nodes, tets = bisect_edges(nodes, tets, too_long)
+    nodes = _on_surfaces(nodes, tets, np.arange(before, len(nodes)), *surfaces)
+    return _quadratic(nodes, tets, *surfaces, curved=True)
 
 
 def _refined(

@@ -83,7 +83,16 @@ def bisected(
 def bisect_once(
     nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], size_mm: SizeField
 ) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
-    """Bisect the longest edge of every tetrahedron in which it is longer than wanted; the mesh conforms.
+    """Bisect the longest edge of every tetrahedron in which it is longer than wanted; the mesh conforms."""
+    edges, _ = unique_edges(tets, TET_EDGES)
+    length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
+    return bisect_edges(nodes_mm, tets, length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1)))
+
+
+def bisect_edges(
+    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 4"], too_long: Bool[np.ndarray, " e"]
+) -> tuple[Float[np.ndarray, "n2 3"], Int[np.ndarray, "m2 4"]]:
+    """Bisect the longest edge of every tetrahedron that has one too long (numbered as in unique_edges).
 
     Marks are closed first: a tetrahedron with any marked edge has its longest one marked too (Rivara, 1984).
     Each tetrahedron is then cut at its longest marked edge until none is left; ranks are global, so two
@@ -93,7 +102,7 @@ def bisect_once(
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
     rank = np.empty(len(edges), dtype=np.int64)
     rank[np.lexsort((np.arange(len(edges)), length))] = np.arange(len(edges))
-    marked = _closed_marks(rank, of_tet, length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1)))
+    marked = _closed_marks(rank, of_tet, too_long)
     if not marked.any():
         return nodes_mm, tets
     middle = np.full(len(edges), -1)
