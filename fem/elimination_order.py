@@ -9,6 +9,10 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
 
+#: rows hashed together: few enough to stay near the processor
+_BATCH = 2048
+
+
 @dataclass(frozen=True)
 class Groups:
     """Dofs whose rows have one and the same pattern (those of a node): they are ordered as one.
@@ -55,7 +59,12 @@ class EliminationTree:
 def same_pattern_groups(matrix: csr_array) -> Groups:
     """Rows with equal columns, found by a hash: the sum of a random number for each column."""
     weight = np.random.default_rng(1).integers(1, 2**62, size=matrix.shape[0], dtype=np.int64)
-    mark = np.add.reduceat(weight[matrix.indices], matrix.indptr[:-1])  # wraps around
+    mark = np.empty_like(weight)
+    for a in range(0, len(mark), _BATCH):
+        part = matrix.indptr[a : a + _BATCH + 1]
+        mark[a : a + _BATCH] = np.add.reduceat(  # wraps around
+            weight[matrix.indices[part[0] : part[-1]]], part[:-1] - part[0]
+        )
     _, first, of_dof = np.unique(mark, return_index=True, return_inverse=True)
     rank = np.empty(len(first), dtype=np.int64)
     rank[np.argsort(first)] = np.arange(len(first))  # keeps the numbering's locality

@@ -40,12 +40,15 @@ class Front:
     left: Float[np.ndarray, "q q"]
 
 
-def extend_add(front: Front, update: Float[np.ndarray, "c c"], landing: Landing) -> None:
-    """Add the update of a child to its parent's front."""
-    if len(update) > LONG_STRETCH * len(landing.runs):
+def extend_add(
+    front: Front, update: Float[np.ndarray, "c c"], landing: Landing, *, buffer: Float[np.ndarray, " b"]
+) -> None:
+    """Add the update of a child to its parent's front; the buffer, of BUFFER numbers, is overwritten."""
+    wide = len(front.triangle) + len(front.left) > BUFFER
+    if wide or len(update) > LONG_STRETCH * len(landing.runs):
         _add_blocks(front, update, landing)
     else:
-        _add_spread(front, update, landing)
+        _add_spread(front, update, landing, buffer)
 
 
 def _add_blocks(front: Front, update: np.ndarray, landing: Landing) -> None:
@@ -61,13 +64,14 @@ def _add_blocks(front: Front, update: np.ndarray, landing: Landing) -> None:
             np.add(target, update[a:b, c:d], out=target)
 
 
-def _add_spread(front: Front, update: np.ndarray, landing: Landing) -> None:
+def _add_spread(front: Front, update: np.ndarray, landing: Landing, buffer: np.ndarray) -> None:
     """Some rows at a time: first to the parent's columns, zeros between, then stretch by stretch."""
     place = landing.place
     p, count = len(front.triangle), len(place)
     size = p + len(front.left)
-    step = max(1, BUFFER // size)
-    spread = np.zeros((min(step, count), size))
+    step = min(count, BUFFER // size)
+    spread = buffer[: step * size].reshape(step, size)
+    spread[:] = 0
     for low in range(0, count, step):
         high = min(count, low + step)
         spread[: high - low, place[low:]] = update[low:high, low:]

@@ -6,25 +6,13 @@ import numpy as np
 from jaxtyping import Int
 from scipy.sparse import csr_array
 
-from fem.elimination_order import Groups, elimination_tree, same_pattern_groups
+from fem.elimination_order import elimination_tree, same_pattern_groups
 from fem.extend_add import Landing
+from fem.front_entries import Entries, front_entries, ranges
 from fem.supernodes import Supernodes, supernodes
 
 #: levels of the tree whose boundaries shape the order within a front
 _LEVELS = 8
-
-
-@dataclass(frozen=True)
-class Entries:
-    """Number `source` of the matrix goes to the place `target` of its front.
-
-    Those of front s are bounds[s] to bounds[s + 1]. Places are counted through the square of the front's
-    pivots and then the rows below, both column by column.
-    """
-
-    source: Int[np.ndarray, " e"]
-    target: Int[np.ndarray, " e"]
-    bounds: list[int]
 
 
 @dataclass(frozen=True)
@@ -62,7 +50,7 @@ def fronts(matrix: csr_array) -> Fronts:
     group = tree.order[ordered]
     size = groups.size[group]
     offset = np.concatenate([[0], np.cumsum(size)])
-    order = groups.members[_ranges(groups.start[group], size)]
+    order = groups.members[ranges(groups.start[group], size)]
     last_group = np.cumsum([len(p) for p in pivots])
     start = np.concatenate([[0], offset[last_group]])
     counts = np.array([len(r) for r in nodes.rows])
@@ -72,7 +60,7 @@ def fronts(matrix: csr_array) -> Fronts:
     key = np.sort(front * len(ordered) + position[at])
     at = key - front * len(ordered)
     weight = np.concatenate([[0], np.cumsum(size[at])])
-    rows = np.split(_ranges(offset[at], size[at]), weight[split[:-1]])
+    rows = np.split(ranges(offset[at], size[at]), weight[split[:-1]])
     starts, parent = start.tolist(), nodes.parent
     shelf, shelf_size = _shelves(rows, parent)
     first = list(range(len(parent)))
@@ -85,17 +73,11 @@ def fronts(matrix: csr_array) -> Fronts:
         rows=rows,
         parent=parent,
         landing=[_landing(s, starts, rows, parent) for s in range(len(parent))],
-        entries=_entries(matrix, groups, group, order, starts, rows, last_group),
+        entries=front_entries(matrix, groups, group, order=order, start=starts, rows=rows),
         shelf=shelf,
         shelf_size=shelf_size,
         first_below=[starts[f] for f in first],
     )
-
-
-def _ranges(start: Int[np.ndarray, " k"], length: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:
-    """start[0], start[0] + 1, ... (length[0] of them), start[1], ..."""
-    end = np.cumsum(length)
-    return np.asarray(np.arange(end[-1] if len(end) else 0) + np.repeat(start - (end - length), length))
 
 
 def _in_long_runs(nodes: Supernodes, n: int) -> list[Int[np.ndarray, " _"]]:
@@ -165,52 +147,3 @@ def _shelves(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int,
         if first_child[p] < 0:
             first_child[p] = s
     return list(zip(level, place, strict=True)), size
-
-
-def _entries(
-    matrix: csr_array,
-    groups: Groups,
-    group: Int[np.ndarray, " g"],
-    order: Int[np.ndarray, " d"],
-    start: list[int],
-    rows: list[np.ndarray],
-    last_group: Int[np.ndarray, " s"],
-) -> list[Entries]:
-    """Found once for the first dof of every group, and moved on for the others: columns lie side by side."""
-    position = np.empty(len(order), dtype=np.int64)
-    position[order] = np.arange(len(order))
-    length = np.diff(groups.entry_start)[group]
-    begin = np.array(start[:-1])
-    front_of_group = np.repeat(np.arange(len(begin)), np.diff(last_group, prepend=0))
-    entry = _ranges(groups.entry_start[group], length)
-    at = position[groups.entry_dof[entry]]
-    of_group = np.repeat(np.arange(len(group)), length)
-    keep = at >= np.repeat(begin[front_of_group], length)
-    entry, at, of_group = entry[keep], at[keep], of_group[keep]
-    cuts = np.searchsorted(front_of_group[of_group], np.arange(len(begin) + 1)).tolist()
-    local = np.empty_like(at)
-    stride = np.empty_like(at)
-    where = np.empty(len(order), dtype=np.int64)
-    for s, changed in enumerate(rows):
-        p, q = start[s + 1] - start[s], len(changed)
-        where[start[s] : start[s + 1]] = np.arange(p)
-        where[changed] = np.arange(p * p, p * p + q)
-        mine = slice(cuts[s], cuts[s + 1])
-        local[mine] = where[at[mine]]
-        stride[mine] = np.where(local[mine] < p, p, q)
-    first = groups.start[group]
-    column = position[groups.members[first]] - begin[front_of_group]
-    target = local + stride * column[of_group]
-    offset = entry - groups.entry_start[group][of_group]
-    size = groups.size[group]
-    found = []
-    for member in range(int(size.max())):
-        has = (size > member)[of_group]
-        bounds = np.concatenate([[0], np.cumsum(has)])[cuts].tolist()
-        row_start = matrix.indptr[groups.members[np.minimum(first + member, len(order) - 1)]].astype(np.int64)
-        source = row_start[of_group] + offset
-        place = target + member * stride
-        if bounds[-1] < len(has):
-            source, place = source[has], place[has]
-        found.append(Entries(source, place, bounds))
-    return found

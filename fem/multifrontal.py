@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
-from fem.extend_add import Front, Landing, extend_add
+from fem.extend_add import BUFFER, Front, Landing, extend_add
 from fem.fronts import Fronts
 
 
@@ -56,12 +56,13 @@ class NotPositiveDefinite(Exception):
 
 def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
     """Factorise the matrix whose stored values are given; raises NotPositiveDefinite."""
-    shelves = [np.empty(size) for size in fronts.shelf_size]
+    shelves = [_zeros(size) for size in fronts.shelf_size]
+    buffer = np.empty(BUFFER)
     triangles, rows_below = [], []
     pending: list[list[tuple[np.ndarray, Landing]]] = [[] for _ in fronts.rows]
     for s, rows in enumerate(fronts.rows):
         p, q = fronts.start[s + 1] - fronts.start[s], len(rows)
-        panel = np.zeros(p * (p + q))  # front by front: one large block costs more system time
+        panel = _zeros(p * (p + q))
         for entries in fronts.entries:
             mine = slice(entries.bounds[s], entries.bounds[s + 1])
             panel[entries.target[mine]] = values[entries.source[mine]]
@@ -72,7 +73,7 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
         left[:] = 0
         front = Front(triangle.T, below.T, left.T)
         for update, landing in pending[s]:
-            extend_add(front, update, landing)
+            extend_add(front, update, landing, buffer=buffer)
         pending[s].clear()
         if dpotrf(triangle, lower=1, clean=0, overwrite_a=1)[1]:
             raise NotPositiveDefinite
@@ -84,3 +85,8 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
             dsyrk(-1.0, below, beta=1.0, c=left, lower=1, overwrite_c=1)
             pending[fronts.parent[s]].append((left.T, to_parent))
     return CholeskyFactor(fronts, triangles, rows_below)
+
+
+def _zeros(size: int) -> Float[np.ndarray, " n"]:
+    """Zeros on small pages: numpy asks for huge ones, which virtual machines are slow to give."""
+    return np.frombuffer(bytearray(8 * size + 8))[:size]
