@@ -6,9 +6,9 @@ prints one table per size, the ratios to the fastest peer, and what the complian
 dofs costs; benchmarks/results/solver_peers.csv keeps them. Everything is single-threaded, every solver has a
 process of its own; CPU seconds and peak memory are the process's.
 
-The problem: a nectarine's flesh, finer at eight contact patches, straight T10, E = 1 MPa, nu = 0.45, all nodes
-of the pit held; a hundred loads, the first a uniform body force, the others random forces on all free nodes.
-Displacements under the first are compared.
+The problem: a nectarine's flesh, finer at eight contact patches, straight T10, E = 1 MPa, nu = 0.45, all
+nodes of the pit held; a hundred loads, the first a uniform body force, the others random forces on all free
+nodes. Displacements under the first are compared.
 
 Peers are measured where they are installed, and named where not. An environment that has them all, on Debian:
 
@@ -35,7 +35,9 @@ from pathlib import Path
 
 import numpy as np
 
-NU, LOADS, CPU_LIMIT_S = 0.45, 100, 300
+NU, LOADS, CPU_LIMIT_S = 0.45, 100, 150
+#: solvers that take longer than this are run once only
+PATIENCE_S = 25
 PHASES = ("assembly", "factor", "one_solve", "hundred_solves")
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NGS_NUM_THREADS"), "1"
@@ -384,7 +386,9 @@ def compare(size: str, dofs: int, case: Path, folder: Path, options: argparse.Na
     rows: list[dict] = []
     for name in PEERS:
         python = sys.executable if name.startswith("drupe") else options.peers_python
-        tries = [measure(name, python, case, folder) for _ in range(options.repeats)]
+        tries = [measure(name, python, case, folder)]
+        while len(tries) < options.repeats and tries[0].get("process", np.inf) < PATIENCE_S:
+            tries.append(measure(name, python, case, folder))
         row = {"size": size, "dofs": dofs, "solver": name}
         if "moved" not in tries[0]:
             row |= tries[0]

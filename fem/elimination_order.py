@@ -8,7 +8,6 @@ from jaxtyping import Int
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-
 #: rows hashed together: few enough to stay near the processor
 _BATCH = 2048
 

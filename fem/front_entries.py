@@ -81,9 +81,9 @@ def front_entries(
             stride[mine] = np.where(local < p, p, q)
             at[mine] = local + stride[mine] * (column[of_group[mine]] - start[s])
         for m in range(width):
-            has = slice(None) if m == 0 else np.flatnonzero(size[of_group] > m)
+            has = np.flatnonzero(size[of_group] > m)
             found[m].append((row_start[m, of_group[has]] + offset[has], (at + m * stride)[has]))
-            counts[m, first + 1 : last + 1] = np.diff(cuts if m == 0 else np.searchsorted(has, cuts))
+            counts[m, first + 1 : last + 1] = np.diff(np.searchsorted(has, cuts))
         first = last
     return [
         Entries(
