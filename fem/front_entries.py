@@ -86,8 +86,6 @@ def front_entries(
             counts[m, first + 1 : last + 1] = np.diff(np.searchsorted(has, cuts))
         first = last
     return [
-        Entries(
-            *(np.concatenate(part) for part in zip(*found[m], strict=True)), np.cumsum(counts[m]).tolist()
-        )
-        for m in range(width)
+        Entries(np.concatenate([one for one, _ in pairs]), np.concatenate([one for _, one in pairs]), until)
+        for pairs, until in zip(found, np.cumsum(counts, axis=1).tolist(), strict=True)
     ]
