@@ -35,9 +35,9 @@ from pathlib import Path
 
 import numpy as np
 
-NU, LOADS, CPU_LIMIT_S = 0.45, 100, 150
+NU, LOADS, CPU_LIMIT_S = 0.45, 100, 100
 #: solvers that take longer than this are run once only
-PATIENCE_S = 25
+PATIENCE_S = 18
 PHASES = ("assembly", "factor", "one_solve", "hundred_solves")
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NGS_NUM_THREADS"), "1"
@@ -358,25 +358,28 @@ def main() -> None:
     )
     parser.add_argument("--peers-python", default=sys.executable)
     parser.add_argument("--sizes", nargs="+", default=list(SIZES), choices=list(SIZES))
-    parser.add_argument("--repeats", type=int, default=1, help="the run with the least total counts")
+    parser.add_argument(
+        "--repeats", type=int, default=1, help="of several runs the one with the least total counts"
+    )
     parser.add_argument("--run", nargs=3, metavar=("SOLVER", "CASE", "OUT"), help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.run:
         run_one(options.run[0], Path(options.run[1]), Path(options.run[2]))
         return
     rows = []
+    target = Path(__file__).parent / "results" / "solver_peers.csv"
+    target.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         for size in options.sizes:
             case = Path(folder, f"{size}.npz")
             dofs = build(case, size)
             rows += compare(size, dofs, case, Path(folder), options)
-    target = Path(__file__).parent / "results" / "solver_peers.csv"
-    with target.open("w", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(
-            {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
-        )
+            with target.open("w", newline="") as file:
+                writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+                writer.writeheader()
+                writer.writerows(
+                    {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
+                )
 
 
 def compare(size: str, dofs: int, case: Path, folder: Path, options: argparse.Namespace) -> list[dict]:

@@ -6,6 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import bsr_array, csr_array
 
+#: bits of an integer, its sign left out; beyond a million nodes pair and number no longer fit in one
+KEY_BITS = 63
+
 
 @dataclass(frozen=True)
 class ElementPattern:
@@ -31,7 +34,7 @@ class ElementPattern:
         tets = tets.astype(np.int64)
         pair = (tets[:, :, None] * n_nodes + tets[:, None, :]).reshape(-1)
         bits = len(pair).bit_length()
-        if (n_nodes**2).bit_length() + bits < 63:
+        if (n_nodes**2).bit_length() + bits < KEY_BITS:
             pair <<= bits
             pair |= np.arange(len(pair))
             pair.sort()

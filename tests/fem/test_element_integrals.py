@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+from fem_shapes import cube_mesh
+
+import fem.element_pattern
+from fem.assembly import assemble, lumped_moments, unit_lame_constants
+from fem.element_gradients import gradient_products, inverse_3x3
+from fem.element_pattern import ElementPattern
+from fem.elements import t10_gradient, tet_quadrature
+
+
+def half_curved():
+    """A cube with straight and curved elements in turn."""
+    nodes, tets = cube_mesh(3, uneven=0.2, bulge=0.04)
+    straight, _ = cube_mesh(3, uneven=0.2)
+    return np.where(nodes[:, :1] < 0.5, nodes, straight), tets
+
+
+def point_by_point(nodes, tets):
+    """H of every element, (m, 10, 3, 10, 3), by quadrature and nothing else."""
+    points, weights = tet_quadrature()
+    jacobian = np.einsum("qin,mnx->mqix", t10_gradient(points), nodes[tets])
+    slope = np.linalg.solve(jacobian, t10_gradient(points)[None])
+    return np.einsum("mqia,mqjb,mq->maibj", slope, slope, np.linalg.det(jacobian) * weights, optimize=True)
+
+
+@pytest.mark.parametrize("mesh", [cube_mesh(2), cube_mesh(2, bulge=0.04), half_curved()])
+def test_gradient_products_are_those_of_quadrature_straight_or_curved(mesh):
+    expected = point_by_point(*mesh)
+    for i, j, h in gradient_products(*mesh):
+        assert np.abs(h - expected[:, :, i, :, j]).max() < 1e-13 * np.abs(expected).max()
+
+
+def test_stiffness_is_the_sum_of_its_elements():
+    nodes, tets = half_curved()
+    h = point_by_point(nodes, tets)
+    mu, lame = unit_lame_constants(0.4)
+    shear = h.transpose(0, 1, 4, 3, 2) + np.einsum("makbk,ij->maibj", h, np.eye(3))
+    element = (mu * shear + lame * h).reshape(-1, 30, 30)
+    whole = np.zeros((3 * len(nodes), 3 * len(nodes)))
+    for one, dofs in zip(element, (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 30), strict=True):
+        whole[np.ix_(dofs, dofs)] += one
+    found = assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.4)
+    assert np.abs(found.toarray() - whole).max() < 1e-13 * np.abs(whole).max()
+    pattern = ElementPattern.of(tets, len(nodes))
+    assert np.abs(pattern.matrix(element).toarray() - whole).max() < 1e-13 * np.abs(whole).max()
+
+
+def test_every_material_gets_one_pattern():
+    nodes, tets = half_curved()
+    pattern, rng = ElementPattern.of(tets, len(nodes)), np.random.default_rng(0)
+    first, second = (pattern.matrix(rng.standard_normal((len(tets), 30, 30))) for _ in range(2))
+    linear = assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.3)
+    for other in (second, linear):
+        assert (first.indptr == other.indptr).all()
+        assert (first.indices == other.indices).all()
+
+
+def test_mirror_leads_to_the_transposed_pair():
+    nodes, tets = cube_mesh(2)
+    pattern = ElementPattern.of(tets, len(nodes))
+    row = np.repeat(np.arange(len(nodes)), np.diff(pattern.indptr))
+    assert (row[pattern.mirror] == pattern.indices).all()
+    assert (pattern.indices[pattern.mirror] == row).all()
+
+
+def test_pattern_is_the_same_when_keys_are_too_long_to_number(monkeypatch):
+    _, tets = cube_mesh(3)
+    n = int(tets.max()) + 1
+    short = ElementPattern.of(tets, n)
+    monkeypatch.setattr(fem.element_pattern, "KEY_BITS", 0)
+    long = ElementPattern.of(tets, n)
+    assert (short.indices == long.indices).all()
+    assert (short.gather.indices == long.gather.indices).all()
+
+
+def test_inverses_and_determinants_are_those_of_lapack():
+    matrices = np.random.default_rng(0).standard_normal((50, 3, 3))
+    inverse, det = inverse_3x3(matrices.transpose(1, 2, 0))
+    assert np.allclose(inverse.transpose(2, 0, 1), np.linalg.inv(matrices), rtol=1e-10)
+    assert np.allclose(det, np.linalg.det(matrices))
+
+
+def test_moments_of_a_cube_are_its_volume_and_its_centre():
+    total = lumped_moments(*cube_mesh(3, uneven=0.2, bulge=0.04)).sum(axis=0)
+    assert np.allclose(total, [1, 0.5, 0.5, 0.5], rtol=1e-12)
