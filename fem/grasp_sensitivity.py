@@ -48,7 +48,7 @@ def sensitivities(
     """The columns of one grasp whose pads are linked to the solid, and the share of the energy that the mesh
     withholds under its leading force pattern."""
     force = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
-    modes, share = _leading(force)
+    modes, share = leading_patterns(force)
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     by_pad = np.split(modes, split, axis=1)
     nodal = [link.nodal_force(own) for link, own in zip(links, by_pad, strict=True)]
@@ -76,7 +76,7 @@ def sensitivities(
     return Sensitivity(causes=tuple(causes), values=values), float(withheld)
 
 
-def _leading(
+def leading_patterns(
     force: Float[np.ndarray, "f n 3"],
 ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
     """The leading force patterns (unit vectors) and how much of each every frame holds, N."""

@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.linalg import eigh
 
 from fem.grasp_model import GraspModel
+from fem.grasp_sensitivity import leading_patterns
 from fem.modulus_fit import Information, MarkerTracks, information
 
 SCALE_MODES = 16
@@ -58,7 +60,7 @@ def grasp_information(
     felt = model.unit_displacement(_above_noise(force_N, force_sd_N))
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
-    scaled = [model.unit_displacement(force_N * h[:, None]) for h in patterns]
+    scaled = _moved_by_scales(model, force_N, patterns)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
     own = np.arange(len(pads))
@@ -92,7 +94,18 @@ def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> F
     peak = force_N[np.linalg.norm(force_N, axis=2).sum(axis=1).argmax()]
     n = len(peak)
     moved = np.einsum("dnx,nx->dn", model.compliance.reshape(3 * n, n, 3), peak)
-    return np.asarray(np.linalg.eigh(moved.T @ moved)[1][:, ::-1].T[:SCALE_MODES])
+    first = max(0, n - SCALE_MODES)
+    return np.asarray(eigh(moved.T @ moved, subset_by_index=[first, n - 1])[1][:, ::-1].T)
+
+
+def _moved_by_scales(
+    model: GraspModel, force_N: Float[np.ndarray, "t n 3"], patterns: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "k t n 3"]:
+    """C diag(f) h for each pattern h, frame by frame, from the leading patterns of the forces."""
+    modes, share = leading_patterns(force_N)
+    scaled = (patterns[:, None, :, None] * modes).reshape(-1, *modes.shape[1:])
+    moved = model.unit_displacement(scaled).reshape(len(patterns), *modes.shape)
+    return np.asarray(np.tensordot(share, moved, axes=(1, 1)).swapaxes(0, 1))
 
 
 def _design_effect(
