@@ -28,7 +28,7 @@ class CholeskyFactor:
 
     def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         """K^-1 load: all columns go through each front together."""
-        x = load[self.fronts.order]
+        x = np.ascontiguousarray(load[self.fronts.order], dtype=float)  # rows in one piece, solved in place
         start, rows = self.fronts.start, self.fronts.rows
         for s, (triangle, below) in enumerate(zip(self.triangle, self.below, strict=True)):
             own = x[start[s] : start[s + 1]]

@@ -61,10 +61,21 @@ def test_one_load_is_solved_as_a_hundred_are():
     assert np.abs(together[:, 41] - alone).max() < 1e-11 * np.abs(alone).max()
 
 
-def test_loads_are_left_as_they_were():
-    load = np.ones((243, 2))
-    factorise(plate(9)).solve(load)
-    assert (load == 1).all()
+@pytest.mark.parametrize(
+    "load",
+    [
+        pytest.param(np.asfortranarray(np.arange(729.0).reshape(243, 3)), id="column by column"),
+        pytest.param(np.arange(729).reshape(3, 243).T, id="whole numbers, transposed"),
+        pytest.param(np.arange(1458.0).reshape(243, 6)[:, ::2], id="every other column"),
+        pytest.param(np.ones((243, 1)), id="one load"),
+        pytest.param(np.ones((243, 0)), id="no load"),
+    ],
+)
+def test_loads_are_solved_however_they_lie_in_memory_and_left_as_they_were(load):
+    matrix, before = plate(9), load.copy()
+    moved = factorise(matrix).solve(load.astype(float, order="K"))
+    assert np.allclose(matrix @ moved, load, atol=1e-9)
+    assert (load == before).all()
 
 
 @settings(max_examples=60, deadline=None)
