@@ -6,6 +6,7 @@ grid's bilinear hat functions: total force and moment are kept to rounding, and 
 traction times its cell, as a gel model with nodes at the markers gives it.
 """
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -130,3 +131,71 @@ def grasp_history(data: Forward, *, cells: int, levels: np.ndarray | slice = sli
             )
         )
     return GraspHistory(time_s=np.arange(len(steps)) * 0.1, phase=("load",) * len(steps), pads=tuple(pads))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plates:
+    """A ball between two plates: largest contact radius, one plate's approach and force, the markers."""
+
+    radius_mm: float
+    contact_mm: float
+    approach_mm: float
+    force_N: float
+    history: GraspHistory
+
+
+def between_plates(*, cells: int, angles: int = 64) -> Plates:
+    """Markers on a square grid over the largest contact, so many cells from its middle to its rim.
+
+    A marker's contact begins with the level whose circle reaches it. Forces on rings are spread over so many
+    places around, then over the grid as above.
+    """
+    with (HERE / "ball-between-plates.csv").open() as table:
+        rows = np.array([[float(v) for v in line.values()] for line in csv.DictReader(table)])
+    levels = [rows[rows[:, 0] == contact] for contact in np.unique(rows[:, 0])]
+    contact_mm, radius_mm = float(rows[:, 0].max()), float(rows[:, 3].max())
+    line = np.arange(-cells - 1, cells + 2) * contact_mm / cells
+    flat = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    r = np.linalg.norm(flat, axis=1)
+    outward = flat / np.maximum(r, 1e-9)[:, None]
+    turn = 2 * np.pi * (np.arange(angles) + 0.5) / angles
+    ways = np.column_stack([np.cos(turn), np.sin(turn)])
+    place = np.column_stack([flat, np.sqrt(radius_mm**2 - r**2)])
+    position, force, touching = [], [], []
+    for level in levels:
+        moved = np.column_stack(
+            [
+                np.interp(r, level[:, 2], level[:, 4])[:, None] * outward,
+                np.interp(r, level[:, 2], level[:, 5]),
+            ]
+        )
+        position.append(place + moved)
+        seen = (level[:, 2, None, None] * ways).reshape(-1, 2)
+        hat = np.maximum(0.0, 1 - np.abs(seen[:, :, None] - line) / (line[1] - line[0]))
+        weight = np.einsum("na,nb->nab", hat[:, 0], hat[:, 1]).reshape(len(seen), -1)
+        down = weight.T @ np.repeat(level[:, 7] / angles, angles)
+        force.append(np.column_stack([np.zeros_like(flat), down]))
+        touching.append(np.where(r < level[0, 0] + 1e-9, 0, -1))
+    pads = tuple(
+        PadHistory(
+            name=name,
+            rest_mm=np.column_stack([flat, np.zeros(len(flat))]),
+            surface_mm=place * mirror,
+            position_mm=np.stack(position) * mirror,
+            gel_displacement_mm=np.zeros((len(levels), *place.shape)),
+            force_N=np.stack(force) * mirror,
+            episode=np.stack(touching),
+            displacement_sd_mm=DISPLACEMENT_SD_MM / 5,
+            force_sd_N=FORCE_SD_N,
+            lag1=0.0,
+        )
+        for name, mirror in (("above", np.array([1.0, 1.0, 1.0])), ("below", np.array([1.0, 1.0, -1.0])))
+    )
+    phase = ("load",) * len(levels)
+    return Plates(
+        radius_mm=radius_mm,
+        contact_mm=contact_mm,
+        approach_mm=float(levels[-1][0, 1]),
+        force_N=-float(levels[-1][:, 7].sum()),
+        history=GraspHistory(time_s=np.arange(len(levels)) * 0.1, phase=phase, pads=pads),
+    )
