@@ -38,19 +38,19 @@ class FruitInference:
 def infer_modulus(
     histories: Sequence[GraspHistory],
     mesh: FleshMesh,
-    respond: Callable[[FleshMesh], Sequence[GraspModel]],
+    respond: Callable[[FleshMesh], Sequence[GraspModel | FemFailure]],
     *,
     budget: ErrorBudget,
 ) -> FruitInference:
-    """`respond` gives the models of all grasps on a mesh; it is called once, and once more for each move.
+    """`respond` gives the model of every grasp on a mesh, or why it has none; called once for each mesh.
 
-    The pit's place is inferred where two or more grasps give a modulus and the mesh has a pit. Raises the
-    first grasp's FemFailure where none gives one (see estimate_modulus).
+    The pit's place is inferred where two or more grasps give a modulus and the mesh has a pit. Raises an
+    ExceptionGroup of every grasp's FemFailure where none gives one.
     """
     grasps = [_tried(*pair, budget) for pair in zip(histories, respond(mesh), strict=True)]
     estimates = [one for one in grasps if isinstance(one, ModulusEstimate)]
     if not estimates:
-        raise next(one for one in grasps if isinstance(one, FemFailure))
+        raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
     several = len(estimates) > 1
     found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
     at, moves = np.zeros(4), 0
@@ -62,17 +62,20 @@ def infer_modulus(
             models = respond(with_pit_moved(mesh, place))
         except FemFailure:
             break  # the linear answer stands, and its error bar with it
+        tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
+        moved = [one for one in tried if isinstance(one, ModulusEstimate)]
+        if len(moved) < len(estimates):
+            break
         at, moves = place, moves + 1
-        moved = [
-            estimate_modulus(history, model, budget=budget)
-            for history, model, first in zip(histories, models, grasps, strict=True)
-            if isinstance(first, ModulusEstimate)
-        ]
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
     return FruitInference(modulus=found, grasps=tuple(grasps), moves=moves)
 
 
-def _tried(history: GraspHistory, model: GraspModel, budget: ErrorBudget) -> ModulusEstimate | FemFailure:
+def _tried(
+    history: GraspHistory, model: GraspModel | FemFailure, budget: ErrorBudget
+) -> ModulusEstimate | FemFailure:
+    if isinstance(model, FemFailure):
+        return model
     try:
         return estimate_modulus(history, model, budget=budget)
     except FemFailure as failure:

@@ -28,6 +28,8 @@ class GraspModel:
     columns marker by marker, x, y, z; `discretisation` is the share of it that the mesh withholds and that
     was put back (fem.discretisation). `sensitivity`: how the response to the recording's own loaded frames
     changes with what is not known exactly. `fruit_moves`: no base holds it.
+    `departure`: what large deformation adds to the response, in every frame of the recording
+    (fem.grasp_finite); None: small strain.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
@@ -36,6 +38,7 @@ class GraspModel:
     sensitivity: Sensitivity
     discretisation: float
     fruit_moves: bool
+    departure: Float[np.ndarray, "t n 3"] | None = None
 
     def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """Displacement of the markers times E, mm MPa, frame by frame."""

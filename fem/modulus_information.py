@@ -57,7 +57,8 @@ def grasp_information(
     The forces stand without those of their patterns that noise would make too (`_above_noise`), so that no
     noise in them pulls 1/E down (fem.modulus_force_noise).
     """
-    felt = model.unit_displacement(_above_noise(force_N, force_sd_N))
+    beyond = tracks.unit_displacement - model.unit_displacement(force_N)  # what large deformation adds
+    felt = model.unit_displacement(_above_noise(force_N, force_sd_N)) + beyond
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)

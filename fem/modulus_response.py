@@ -23,11 +23,12 @@ def marker_tracks(
     r^k, r between neighbours.
     """
     force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
+    beyond = 0.0 if model.departure is None else model.departure[frames]
     tracks = MarkerTracks(
         place_mm=model.place_mm,
         normal=model.normal,
         position_mm=np.concatenate([pad.position_mm[frames] for pad in history.pads], axis=1),
-        unit_displacement=model.unit_displacement(force_N),
+        unit_displacement=model.unit_displacement(force_N) + beyond,
         gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
         episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
         sd_mm=_per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),

@@ -6,7 +6,7 @@ import itertools
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -74,6 +74,12 @@ class FleshMesh(_Strict):
     pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] = 1.7
 
 
+class Flesh(_Strict):
+    """How the flesh deforms: "linear" (small strain) or "neo-hookean" (large deformation, slower)."""
+
+    model: Literal["linear", "neo-hookean"] = "linear"
+
+
 class Device(_Strict):
     """A named piece of equipment, for the record."""
 
@@ -104,6 +110,7 @@ class Settings(_Strict):
     pit: Pit = Pit()
     recon: Recon = Recon()
     mesh: FleshMesh = FleshMesh()
+    flesh: Flesh = Flesh()
     grading: Grading = Grading()
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from fem.failure import FemFailure
 from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
@@ -83,8 +84,10 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
     )
 
 
-def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate) -> GraspRecord:
-    """What the fruit's record says of one recording and its modulus."""
+def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> GraspRecord:
+    """What the fruit's record says of one recording and its modulus, or why it has none."""
+    if isinstance(found, FemFailure):
+        return GraspRecord(grasp=grasp.name, failure=found.detail)
     curves = force_curves(grasp)
     energy = found.energy
     return GraspRecord(

@@ -17,7 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from fem.failure import FemFailure
 from fem.solver import solver_name
-from pipeline.elasticity import fruit_modulus, modulus_record, on_skin
+from pipeline.elasticity import fruit_modulus, modulus_record
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import PlacedGrasp, foreign, grasp_record, place_grasp, touched_by_pad
 from pipeline.layout import write_whole
@@ -116,23 +116,22 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             solver=solver_name(),
         )
     with diary.stage("modulus"):
-        usable, reasons = on_skin(placed, mesh)
-        budget = error_budget(task, shape)
-        if not usable:
-            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons.values()))
-        found = fruit_modulus(task, usable, mesh, poisson_ratio=nu, budget=budget)
-        records = list(failed)
-        for grasp, own in zip(usable, found.grasps, strict=True):
-            if isinstance(own, FemFailure):
-                reasons[grasp.name] = own.detail
-            else:
-                records.append(grasp_record(grasp, own))
-                diary.warnings += [f"{grasp.name}: {warning}" for warning in own.warnings]
-        records += [GraspRecord(grasp=name, failure=reason) for name, reason in reasons.items()]
-        diary.warnings += [f"not used: {name}: {reason}" for name, reason in reasons.items()]
-        diary.warnings += found.modulus.warnings
+        try:
+            found = fruit_modulus(task, placed, mesh, poisson_ratio=nu, budget=error_budget(task, shape))
+        except ExceptionGroup as none:
+            reasons = [str(failure) for failure in none.exceptions]
+            records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]
+            known["grasps"] = tuple(sorted([*failed, *records], key=lambda r: r.grasp))
+            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
+        records = [*failed, *map(grasp_record, placed, found.grasps)]
         known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
         known["modulus"] = modulus_record(found.modulus)
+        for grasp, own in zip(placed, found.grasps, strict=True):
+            if isinstance(own, FemFailure):
+                diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
+            else:
+                diary.warnings += [f"{grasp.name}: {warning}" for warning in own.warnings]
+        diary.warnings += found.modulus.warnings
     with diary.stage("picture"):
         write_whole(
             task.results.picture,

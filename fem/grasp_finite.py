@@ -1,0 +1,44 @@
+"""A grasp's model with large deformation: what hyperelastic flesh does beyond the linear answer."""
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.finite_strain import FiniteStrainSolid
+from fem.forward import UnitModulusSolid
+from fem.grasp_model import GraspModel
+from fem.materials.law import UnitLaw
+from fem.modulus_finite import MarkerContact, finite_modulus
+from fem.modulus_fit import fit_compliance
+from fem.modulus_inputs import GraspHistory
+from fem.modulus_response import marker_tracks
+from fem.modulus_thinning import loaded_frames
+
+
+def with_large_deformation(
+    model: GraspModel, history: GraspHistory, solid: UnitModulusSolid, law: UnitLaw, *, scale_sd: float
+) -> GraspModel:
+    """The model with its departure in every frame used, at the modulus that it then gives itself.
+
+    `solid` is the one the model was made from, `scale_sd` as in fem.modulus_fit. Raises FemFailure:
+    not-converged (at which share of the load), no-modulus, no-load.
+    """
+    loaded = loaded_frames(history)
+    tracks, force_N = marker_tracks(history, model, loaded)
+
+    def compliance(unit_displacement: Float[np.ndarray, "t n 3"]) -> float:
+        bent = replace(tracks, unit_displacement=unit_displacement)
+        return fit_compliance(bent, scale_sd=scale_sd, fruit_moves=model.fruit_moves).compliance
+
+    _, found = finite_modulus(
+        FiniteStrainSolid(solid=solid, law=law),
+        MarkerContact.of(history, solid),
+        force_N,
+        tracks.unit_displacement,
+        modulus_MPa=1 / compliance(tracks.unit_displacement),
+        refit=compliance,
+    )
+    departure = np.zeros((len(loaded), *model.place_mm.shape))
+    departure[loaded] = found.departure
+    return replace(model, departure=departure)
