@@ -11,6 +11,9 @@ from fem.failure import FemFailure, FemProblem
 from fem.tets import pieces
 from fem.triangles import closest_on_triangles, enclosed_volume_mm3
 
+#: least volume of a body, as a share of its longest side cubed
+SMALLEST_FILL = 1e-5
+
 
 @dataclass(frozen=True)
 class Surface:
@@ -32,23 +35,57 @@ class Surface:
 
 
 def must_enclose(
-    skin: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]], pit_vertices_mm: Float[np.ndarray, "w 3"]
+    skin: tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]],
+    pit_vertices_mm: Float[np.ndarray, "w 3"],
+    *,
+    thinnest_mm: float,
 ) -> None:
-    """Raise PIT_OUTSIDE_FRUIT where a vertex of the pit lies outside the closed, outward-oriented skin."""
+    """Raise PIT_OUTSIDE_FRUIT where a pit's vertex lies outside the closed, outward-oriented skin.
+
+    Or so little inside, less than thinnest_mm, that the mesher would join the two.
+    """
     vertices_mm, faces = skin
     near = closest_on_triangles(pit_vertices_mm, vertices_mm, faces)
     a, b, c = np.moveaxis(vertices_mm[faces[near.face]], 1, 0)
     normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
     out_mm = np.einsum("px,px->p", pit_vertices_mm - near.point_mm, normal)
     worst = int(out_mm.argmax())
     if out_mm[worst] >= 0:
-        where = ", ".join(f"{x:.1f}" for x in pit_vertices_mm[worst])
         raise FemFailure(
             FemProblem.PIT_OUTSIDE_FRUIT,
-            f"the pit pokes {out_mm[worst]:.2f} mm out of the fruit at ({where}) mm; "
+            f"the pit pokes {out_mm[worst]:.2f} mm out of the fruit at {_place(pit_vertices_mm[worst])} mm; "
             "check the pit prior and the scale of the scan",
         )
+    thin = int(near.distance_mm.argmin())
+    if near.distance_mm[thin] < thinnest_mm:
+        raise FemFailure(
+            FemProblem.PIT_OUTSIDE_FRUIT,
+            f"the flesh between pit and skin is {near.distance_mm[thin]:.2f} mm thick at "
+            f"{_place(pit_vertices_mm[thin])} mm, but must be at least {thinnest_mm:.2f} mm for elements of "
+            "this size; check where the pit lies and how large it is, or mesh finer",
+        )
+
+
+def must_lie_on(surface: Surface, points_mm: Float[np.ndarray, "p 3"], *, within_mm: float) -> None:
+    """Raise OFF_SURFACE where a contact point is not finite, or farther than within_mm from the surface."""
+    if not np.isfinite(points_mm).all():
+        raise FemFailure(
+            FemProblem.OFF_SURFACE, "a contact point has a non-finite coordinate; check pose and markers"
+        )
+    gap_mm = np.linalg.norm(surface.closest(points_mm) - points_mm, axis=1)
+    worst = int(gap_mm.argmax())
+    if gap_mm[worst] > within_mm:
+        raise FemFailure(
+            FemProblem.OFF_SURFACE,
+            f"{(gap_mm > within_mm).sum()} of {len(points_mm)} contact points lie more than {within_mm:.1f} "
+            f"mm off the {surface.name}'s surface, the worst at {_place(points_mm[worst])} mm by "
+            f"{gap_mm[worst]:.1f} mm; check the pad's pose against the fruit frame",
+        )
+
+
+def _place(point_mm: Float[np.ndarray, "3"]) -> str:
+    return "(" + ", ".join(f"{x:.1f}" for x in point_mm) + ")"
 
 
 def checked_surface(
@@ -81,6 +118,13 @@ def checked_surface(
     volume_mm3 = enclosed_volume_mm3(vertices_mm, faces)
     if volume_mm3 < 0:
         faces, volume_mm3 = np.ascontiguousarray(faces[:, ::-1]), -volume_mm3
+    size_mm = np.ptp(vertices_mm[np.unique(faces)], axis=0)
+    if not volume_mm3 > SMALLEST_FILL * float(size_mm.max()) ** 3:
+        raise FemFailure(
+            FemProblem.BAD_SURFACE,
+            f"the {name} surface encloses {volume_mm3:.3g} mm3 in a box of "
+            f"{' x '.join(f'{x:.3g}' for x in size_mm)} mm: next to nothing; a closed body in mm is expected",
+        )
     return Surface(name, vertices_mm, faces, volume_mm3)
 
 
@@ -92,12 +136,14 @@ def split_boundary(
     Raises DISCONNECTED_FLESH where there are more or fewer pieces than a fruit with or without a pit has.
     """
     piece = pieces(faces, len(nodes_mm))
+    reach = np.linalg.norm(nodes_mm[faces].mean(axis=1) - nodes_mm.mean(axis=0), axis=1)
     if piece.max() + 1 != 1 + with_pit:
+        middle = [nodes_mm[np.unique(faces[piece == k])].mean(axis=0) for k in range(piece.max() + 1)]
         raise FemFailure(
             FemProblem.DISCONNECTED_FLESH,
-            f"the flesh has {piece.max() + 1} separate boundaries where {1 + with_pit} are expected; "
-            "the pit may touch the skin, or the scan has holes inside",
+            f"the flesh has {piece.max() + 1} separate boundaries where {1 + with_pit} are expected, around "
+            f"{', '.join(_place(m) for m in middle[:4])} mm; the pit may touch the skin, or the scan has "
+            "holes inside",
         )
-    reach = np.linalg.norm(nodes_mm[faces].mean(axis=1) - nodes_mm.mean(axis=0), axis=1)
     skin = piece == piece[reach.argmax()]
     return faces[skin], faces[~skin]

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from fem.closed_surface import Surface, checked_surface, must_enclose, split_boundary
+from fem.closed_surface import Surface, checked_surface, must_enclose, must_lie_on, split_boundary
 from fem.contact_size import contact_size
 from fem.creases import corner_targets, middle_targets
 from fem.curve import pull, t4_jacobians, t10_jacobians
@@ -83,17 +83,19 @@ def tetrahedralise(
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.tetwild).
 
-    Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT, PIT_OUTSIDE_FRUIT, MESHING_FAILED, DISCONNECTED_FLESH,
-    INVERTED_ELEMENTS, VOLUME_LOST (found and wanted volumes are named).
+    Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT, PIT_OUTSIDE_FRUIT, OFF_SURFACE (points to refine at),
+    MESHING_FAILED, DISCONNECTED_FLESH, INVERTED_ELEMENTS, VOLUME_LOST; each says what was found, and where.
     """
     outer = checked_surface(outer_vertices, outer_faces, name="fruit")
     edge_mm = min(edge_mm, LARGEST_SHARE * outer.volume_mm3 ** (1 / 3))
+    if refine_at_mm is not None and len(refine_at_mm):
+        must_lie_on(outer, refine_at_mm, within_mm=2 * edge_mm)
     skin = simplified(outer.vertices_mm, outer.faces, edge_mm=edge_mm)
     pit, surfaces = None, [skin]
     if pit_vertices is not None and pit_faces is not None:
         pit = checked_surface(pit_vertices, pit_faces, name="pit")
         v, f = simplified(pit.vertices_mm, pit.faces, edge_mm=PIT_SHARE * edge_mm)
-        must_enclose(skin, v)
+        must_enclose(skin, v, thinnest_mm=2 * ENVELOPE_SHARE * edge_mm)
         surfaces.append((v, f[:, ::-1]))
     nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
@@ -178,13 +180,17 @@ def _quadratic(
                 moving = np.setdiff1d(moving, sharp)
                 place = np.vstack([place, surface.closest(nodes[moving])])
                 nodes = pull(nodes, tets10, np.concatenate([sharp, moving]), place, t10_jacobians)
-    folded = t10_jacobians(nodes, tets10).min(axis=1) <= 0
+    jacobians = t10_jacobians(nodes, tets10)
+    lowest = jacobians.min(axis=1) / np.abs(jacobians).max(axis=1)
+    folded = jacobians.min(axis=1) <= 0
     if folded.any():
-        where = ", ".join(f"{x:.0f}" for x in nodes[tets10[folded][0]].mean(axis=0))
+        worst = int(lowest.argmin())
+        where = ", ".join(f"{x:.1f}" for x in nodes[tets10[worst]].mean(axis=0))
         raise FemFailure(
             FemProblem.INVERTED_ELEMENTS,
-            f"{folded.sum()} of {len(tets10)} elements are turned inside out, the first near ({where}) mm; "
-            "mesh finer or smooth the surface there",
+            f"{folded.sum()} of {len(tets10)} elements are turned inside out, the worst near ({where}) mm "
+            f"(its smallest Jacobian is {lowest[worst]:.2g} of its largest, which must be positive); mesh "
+            "finer or smooth the surface there",
         )
     mesh = FleshMesh(nodes, tets10, skin, np.unique(inner))
     _check_volumes(mesh, inner, outer, pit)

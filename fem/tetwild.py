@@ -74,10 +74,12 @@ def fill(
     piece = pieces(tets, len(nodes))
     volume = np.bincount(piece, weights=signed_volumes_mm3(nodes, tets))
     if volume.max() < 0.999 * volume.sum():
+        loose = int(np.argsort(volume)[-2])
+        where = ", ".join(f"{x:.1f}" for x in nodes[np.unique(tets[piece == loose])].mean(axis=0))
         raise FemFailure(
             FemProblem.DISCONNECTED_FLESH,
             f"the flesh falls into {len(volume)} pieces (the largest holds "
-            f"{volume.max() / volume.sum():.1%}); "
+            f"{volume.max() / volume.sum():.1%}, the next {volume[loose]:.3g} mm3 around ({where}) mm); "
             "look for a pit that cuts through the fruit, or loose parts in the scan",
         )
     return compact(nodes, tets[piece == volume.argmax()])
