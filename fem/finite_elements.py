@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import bsr_array, csr_array
+from scipy.sparse import csr_array
 
+from fem.element_pattern import ElementPattern
 from fem.elements import t10_gradient, tet_quadrature
 from fem.materials.law import UnitLaw
 from fem.mesh import FleshMesh
@@ -20,7 +21,6 @@ class FiniteFlesh:
     """The flesh of a mesh under a law for E = 1 MPa; total Lagrangian, all integrals over the shape at rest.
 
     gradient[m, a, j, q] = dN_a/dX_j at point q of element m; measure: volume that each point stands for, mm3.
-    `rows`, `slots`, `pointers`: where the blocks of each element go in the stiffness matrix.
     """
 
     law: UnitLaw
@@ -28,9 +28,7 @@ class FiniteFlesh:
     n_nodes: int
     gradient: Float[np.ndarray, "m 10 3 q"]
     measure: Float[np.ndarray, "m q"]
-    slots: Int[np.ndarray, "m 100"]
-    columns: Int[np.ndarray, " s"]
-    pointers: Int[np.ndarray, " r"]
+    pattern: ElementPattern
 
     @classmethod
     def of(cls, mesh: FleshMesh, law: UnitLaw) -> "FiniteFlesh":
@@ -44,10 +42,7 @@ class FiniteFlesh:
             jacobian = np.einsum("qin,mnx->mqix", reference, x, optimize=True)
             measure[part] = np.linalg.det(jacobian) * weights
             gradient[part] = np.linalg.solve(jacobian, reference[None]).transpose(0, 3, 2, 1)
-        key = (mesh.tets[:, :, None].astype(np.int64) * n + mesh.tets[:, None, :]).reshape(-1)
-        pair, slot = np.unique(key, return_inverse=True)
-        pointers = np.searchsorted(pair // n, np.arange(n + 1))
-        return cls(law, mesh.tets, n, gradient, measure, slot.reshape(m, 100), pair % n, pointers)
+        return cls(law, mesh.tets, n, gradient, measure, ElementPattern.of(mesh.tets, n))
 
     def energy_Nmm(self, moved_mm: Float[np.ndarray, "n 3"]) -> float:
         """Strain energy for E = 1 MPa; NaN where an element is turned inside out."""
@@ -72,7 +67,7 @@ class FiniteFlesh:
 
     def stiffness(self, moved_mm: Float[np.ndarray, "n 3"]) -> csr_array:
         """d force / d displacement (3 n, 3 n), N/mm; its pattern is the same for every displacement."""
-        blocks = np.empty((len(self.tets), 100, 9))
+        elements = np.empty((len(self.tets), 30, 30))
         for part in _parts(len(self.tets), _TANGENT_BATCH):
             count = len(self.tets[part])
             A = np.moveaxis(self.law.tangent(self._deformation(moved_mm, part)), 0, -1)
@@ -81,13 +76,8 @@ class FiniteFlesh:
             # (i j), k, l, m, q  and  m, b, l, q  ->  m, (j q), (i k b)
             half = np.einsum("ijklmq,mblq->mjqikb", A.reshape(3, 3, 3, 3, count, -1), gradient, optimize=True)
             flat = gradient.reshape(count, 10, -1) @ half.reshape(count, gradient.shape[2] * A.shape[-1], 90)
-            blocks[part] = flat.reshape(count, 10, 3, 3, 10).transpose(0, 1, 4, 2, 3).reshape(count, 100, 9)
-        where = self.slots.ravel()
-        data = np.empty((len(self.columns), 9))
-        for k in range(9):
-            data[:, k] = np.bincount(where, weights=blocks[:, :, k].ravel(), minlength=len(self.columns))
-        shape = (3 * self.n_nodes, 3 * self.n_nodes)
-        return bsr_array((data.reshape(-1, 3, 3), self.columns, self.pointers), shape=shape).tocsr()
+            elements[part] = flat.reshape(count, 10, 3, 3, 10).swapaxes(3, 4).reshape(count, 30, 30)
+        return self.pattern.matrix(elements)
 
     def _deformation(self, moved_mm: Float[np.ndarray, "n 3"], part: slice) -> Float[np.ndarray, "p 3 3"]:
         """F at the points of some elements, its components stored one by one."""

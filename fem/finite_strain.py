@@ -24,7 +24,7 @@ from fem.newton import Ending, Tangent, equilibrium
 
 TOLERANCE = 1e-7
 """Forces out of balance, as a share of the load; displacements are then exact to about as much."""
-ITERATIONS = 60
+ITERATIONS = 40
 SMALLEST_SHARE = 1 / 64
 """The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
 ALIKE = 0.9
