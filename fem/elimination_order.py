@@ -1,6 +1,7 @@
 """The order in which unknowns are eliminated, and what hangs on what: from the pattern of nonzeros alone."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pymetis
@@ -31,6 +32,7 @@ class Groups:
         """Dofs in each group."""
         return np.diff(self.start)
 
+    @cached_property
     def links(self) -> tuple[Int[np.ndarray, " l"], Int[np.ndarray, " l"]]:
         """Pairs of different groups that share a nonzero, both ways, sorted by the first."""
         is_first = np.zeros(len(self.of_dof), dtype=bool)
@@ -79,16 +81,22 @@ def same_pattern_groups(matrix: csr_array) -> Groups:
 
 def elimination_tree(groups: Groups) -> EliminationTree:
     """Nested dissection by METIS, and its elimination tree."""
-    row, column = groups.links()
+    row, column = groups.links
     n = len(groups.size)
-    order = np.arange(n)
-    if len(row):
-        indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(np.int32)
-        ranked, _ = pymetis.nested_dissection(
-            pymetis.CSRAdjacency(indptr, column.astype(np.int32)),
-            vweights=groups.size.astype(np.int32),
-        )
-        order = np.asarray(ranked).astype(np.int64)  # METIS has another integer of 64 bits
+    if not len(row):
+        return tree_in_order(groups, np.arange(n))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=n))]).astype(np.int32)
+    order, _ = pymetis.nested_dissection(
+        pymetis.CSRAdjacency(indptr, column.astype(np.int32)), vweights=groups.size.astype(np.int32)
+    )
+    # METIS has another integer of 64 bits
+    return tree_in_order(groups, np.asarray(order).astype(np.int64))
+
+
+def tree_in_order(groups: Groups, order: Int[np.ndarray, " g"]) -> EliminationTree:
+    """The elimination tree of groups eliminated in a given order."""
+    row, column = groups.links
+    n = len(order)
     place = np.empty(n, dtype=np.int64)
     place[order] = np.arange(n)
     low, high = place[row], place[column]
