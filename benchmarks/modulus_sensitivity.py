@@ -1,4 +1,6 @@
-"""Print how much the modulus changes with mesh, surface, pit and pose: the sources of ErrorBudget's figures.
+"""Print how much the modulus changes with mesh, surface, pit and pose, each computed anew.
+
+It checks by brute force what fem.grasp_sensitivity gets from derivatives.
 
     python benchmarks/modulus_sensitivity.py FOLDER CASE [CASE ...] [--grasps 1 2] [--only TEXT]
 
@@ -15,9 +17,11 @@ import numpy as np
 
 from fem.failure import FemFailure
 from fem.forward import UnitModulusSolid
+from fem.grasp_model import grasp_model
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
+from fem.pad_link import contact_nodes
 from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
 
@@ -44,8 +48,13 @@ def moduli(setting: Setting, files: list[Path], *, poisson_ratio: float) -> np.n
     mesh = tetrahedralise(
         *outer, *pit, edge_mm=setting.edge_mm, refine_at_mm=touched, refine_edge_mm=setting.pad_edge_mm
     )
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support="free")
-    return np.array([estimate_modulus(history(grasp), solid, budget=ErrorBudget()).E_MPa for grasp in grasps])
+    histories = [history(grasp) for grasp in grasps]
+    solid = UnitModulusSolid.factorise(
+        mesh, poisson_ratio=poisson_ratio, support="free", contact_nodes=contact_nodes(mesh, histories)
+    )
+    models = [grasp_model(one, solid) for one in histories]
+    found = [estimate_modulus(*pair, budget=ErrorBudget()) for pair in zip(histories, models, strict=True)]
+    return np.array([one.E_MPa for one in found])
 
 
 def waved(surface: Surface, sd_mm: float, rng: np.random.Generator, *, waves: int = 12) -> Surface:
