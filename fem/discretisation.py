@@ -7,8 +7,8 @@ The difference to a smoother one, e* (fem.recovery), is taken for the error:
 
 By Galerkin orthogonality the energy of the error is the energy that the mesh withholds: the mesh is too
 stiff, the compliance f'Cf on it too small by exactly that share, and so is a modulus estimated with it.
-Measured (2026-11-20, benchmarks/convergence.py) on a 30 mm cube around cubes and a ball pressed on 1 to
-225 mm2, against adapted meshes: estimate over error 0.88 to 1.10 where nu is .45, 0.69 to 0.96 where it is
+Measured (2026-11-20, benchmarks/convergence.py) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
+grasps, against adapted meshes: estimate over error 0.88 to 1.22 where nu is .45, 0.69 to 1.01 where it is
 .49; the lowest belong to the largest patch, where sharp edges of core and base hold most of the error.
 Source: Zienkiewicz and Zhu (fem.recovery); orthogonality: Ainsworth and Oden, "A Posteriori Error Estimation
 in Finite Element Analysis", 2000, chapter 1.

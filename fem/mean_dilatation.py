@@ -7,8 +7,8 @@ displacements can do and still bend. Here it acts on the element's mean of div u
 
 the element P2/P0 with its pressure eliminated: stable, exact for even strain, and as sparse as K_mu. Its
 compliance is no longer too small for certain: it may err to either side. Measured (2026-11-20,
-benchmarks/convergence.py) on presses of a cored 30 mm cube on 1 to 225 mm2 with default meshes: energy off by
--1.3 to +0.5 %; T10 with pointwise dilatation by -1.2 to -3.1 % (nu .45) and -1.7 to -5.2 % (.49).
+benchmarks/convergence.py) on presses of a cored 30 mm cube and two grasps with default meshes: energy off by
+-1.3 to +0.9 %; T10 with pointwise dilatation by -0.8 to -3.1 % (nu .45) and -1.4 to -5.2 % (.49).
 Source: Boffi, Brezzi and Fortin, "Mixed Finite Element Methods and Applications", 2013, chapter 8; Nagtegaal,
 Parks and Rice, Computer Methods in Applied Mechanics and Engineering 4, 1974.
 """
