@@ -8,7 +8,7 @@ straight into it (15-18 % of E in presses of one or two millimetres), and into i
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.modulus_fit import GAUGE_SD_MM, MarkerTracks, rigid_motion
 
@@ -32,7 +32,7 @@ def absolute_compliance(
     force_N: Float[np.ndarray, "t n 3"],
     frame: int,
     *,
-    pad_of_marker: Float[np.ndarray, " n"],
+    pad_of_marker: Int[np.ndarray, " n"],
     surface_sd_mm: float,
     fruit_moves: bool,
 ) -> AbsoluteFit:

@@ -19,13 +19,14 @@ def marker_tracks(
 ) -> tuple[MarkerTracks, Float[np.ndarray, "f n 3"]]:
     """The chosen frames of all pads side by side, with the model's response to them, and the forces.
 
-    The forces of all pads act together in a frame. Between chosen frames that lie k apart noise correlates by
-    r^k, r between neighbours.
+    The forces of all pads act together in a frame. Markers are counted from their places on the scanned
+    surface, not from the skin of a mesh that cuts its corners. Between chosen frames that lie k apart noise
+    correlates by r^k, r between neighbours.
     """
     force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
     beyond = 0.0 if model.departure is None else model.departure[frames]
     tracks = MarkerTracks(
-        place_mm=model.place_mm,
+        place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
         normal=model.normal,
         position_mm=np.concatenate([pad.position_mm[frames] for pad in history.pads], axis=1),
         unit_displacement=model.unit_displacement(force_N) + beyond,

@@ -42,7 +42,7 @@ class TractionField:
     marker_mm: Float[np.ndarray, "n 3"]
     weights: csr_array
 
-    def matrices(self) -> tuple[csr_array, Float[np.ndarray, "3q 6"], Float[np.ndarray, "6 3n"]]:
+    def matrices(self) -> tuple[csr_array, Float[np.ndarray, "d 6"], Float[np.ndarray, "6 m"]]:
         """`forces` as a matrix, sparse + one of rank six: W (x) 1 + A B, dofs point by point, x, y, z."""
         plain = csr_array(kron(self.weights, np.eye(3), format="csr"))
         rigid, solve = self._balance

@@ -1,12 +1,14 @@
 """Noise in the forces pulls 1/E down; the frames in the air tell by how much."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fem.modulus_fit import MarkerTracks, fit_compliance
-from fem.modulus_force_noise import without_force_noise
+from fem.modulus_force_noise import FEWEST_AIR_FRAMES, force_noise, noise_in_fit
+from fem.modulus_inputs import GraspHistory, PadHistory
 
 COMPLIANCE = 4.0
 FIT = {"scale_sd": 0.004, "fruit_moves": False}
@@ -40,6 +42,10 @@ def noisy_grasp(seed):
     return tracks, quiet
 
 
+def noise_of(quiet):
+    return noise_in_fit(quiet, np.zeros_like(quiet.position_mm), **FIT)
+
+
 @pytest.fixture(scope="module")
 def noisy():
     return noisy_grasp(11)
@@ -51,7 +57,7 @@ def test_the_plain_fit_is_attenuated_and_the_corrected_one_is_not_in_the_mean():
         tracks, quiet = noisy_grasp(seed)
         fit = fit_compliance(tracks, **FIT)
         plain.append(fit.compliance)
-        corrected.append(without_force_noise(fit, tracks, quiet, **FIT)[0].compliance)
+        corrected.append(noise_of(quiet).taken_out(fit, tracks).compliance)
     spread = np.std(corrected) / np.sqrt(len(corrected))
     assert np.mean(plain) < COMPLIANCE - 4 * spread
     assert np.mean(corrected) == pytest.approx(COMPLIANCE, abs=3 * spread)
@@ -60,21 +66,52 @@ def test_the_plain_fit_is_attenuated_and_the_corrected_one_is_not_in_the_mean():
 
 def test_what_is_left_is_what_noise_in_both_explains(noisy):
     tracks, quiet = noisy
-    corrected, noise_mm = without_force_noise(fit_compliance(tracks, **FIT), tracks, quiet, **FIT)
-    assert corrected.residual_rms_mm == pytest.approx(np.hypot(0.004, noise_mm), rel=0.1)
+    noise = noise_of(quiet)
+    corrected = noise.taken_out(fit_compliance(tracks, **FIT), tracks)
+    feigned_mm = corrected.compliance * noise.moved_mm
+    assert corrected.residual_rms_mm == pytest.approx(np.hypot(0.004, feigned_mm), rel=0.1)
 
 
-def test_without_air_frames_the_fit_stays_as_it_is(noisy):
-    tracks, _ = noisy
-    plain = fit_compliance(tracks, **FIT)
-    assert without_force_noise(plain, tracks, None, **FIT) == (plain, 0.0)
+def in_the_air(frames, force_N):
+    """A recording that ends with one frame of contact after `frames` in the air."""
+    episode = np.full((frames + 1, 8), -1)
+    episode[-1] = 0
+    still = np.zeros((frames + 1, 8, 3))
+    place = np.random.default_rng(0).normal(size=(8, 3))
+    pad = PadHistory(
+        name="left",
+        rest_mm=place,
+        surface_mm=place,
+        position_mm=place + still,
+        gel_displacement_mm=still,
+        force_N=force_N + still,
+        episode=episode,
+        displacement_sd_mm=0.004,
+        force_sd_N=0.0,
+        lag1=0.0,
+    )
+    return GraspHistory(time_s=np.arange(frames + 1.0), phase=("air",) * frames + ("load",), pads=(pad,))
+
+
+@pytest.mark.parametrize(("frames", "force_N"), [(FEWEST_AIR_FRAMES, 1.0), (20, 0.0)])
+def test_too_little_air_or_air_behind_a_deadband_tells_nothing(noisy, frames, force_N):
+    """The frame just before the first touch is not counted as air."""
+    history = in_the_air(frames, force_N)
+    model = SimpleNamespace(
+        place_mm=history.pads[0].rest_mm,
+        normal=history.pads[0].rest_mm,
+        unit_displacement=lambda force: force,
+        fruit_moves=False,
+    )
+    loaded = np.arange(frames + 1) == frames
+    assert force_noise(history, model, noisy[0], loaded, scale_sd=0.004) is None
 
 
 def test_noise_as_large_as_the_signal_is_not_corrected_for(noisy):
     tracks, quiet = noisy
     loud = replace(quiet, unit_displacement=30 * quiet.unit_displacement)
     plain = fit_compliance(tracks, **FIT)
-    assert without_force_noise(plain, tracks, loud, **FIT) == (plain, 0.0)
+    assert noise_of(loud).taken_out(plain, tracks) is plain
 
 
 def test_a_given_compliance_is_held(noisy):

@@ -1,0 +1,95 @@
+"""Recordings that no elastic fruit explains are refused, or their modulus comes with a sentence."""
+
+import numpy as np
+import pytest
+from planted_grasp import (
+    BUDGET,
+    ball_mesh,
+    found_in,
+    free_ball,
+    grasp,
+    own_sd_MPa,
+    plain_model,
+    solid_of,
+    with_pads,
+)
+
+from fem.failure import FemFailure, FemProblem
+from fem.grasp_model import grasp_model
+from fem.modulus import FEWEST_MARKERS, estimate_modulus
+from fem.pad_link import OFF_SKIN_MM, contact_nodes
+
+
+def test_forces_that_pull_are_refused():
+    pulled = with_pads(grasp(), force_N=lambda pad: -pad.force_N)
+    with pytest.raises(FemFailure, match="check the signs") as caught:
+        found_in(pulled, plain_model())
+    assert caught.value.problem is FemProblem.NO_MODULUS
+
+
+def test_no_touch_is_refused():
+    air = with_pads(grasp(), episode=lambda pad: 0 * pad.episode - 1)
+    with pytest.raises(FemFailure) as caught:
+        grasp_model(air, free_ball())
+    assert caught.value.problem is FemProblem.NO_LOAD
+    with pytest.raises(FemFailure) as caught:
+        estimate_modulus(air, plain_model(), budget=BUDGET)
+    assert caught.value.problem is FemProblem.NO_LOAD
+
+
+def only_touching(history, count):
+    """The `count` markers of the first pad that touch longest stay in contact; no other ever is."""
+    longest = np.argsort(-(history.pads[0].episode >= 0).sum(axis=0), kind="stable")[:count]
+    chosen = np.isin(np.arange(len(history.pads[0].rest_mm)), longest)
+    first = history.pads[0].name
+    return with_pads(history, episode=lambda pad: np.where(chosen & (pad.name == first), pad.episode, -1))
+
+
+def test_fewer_markers_than_hold_a_fruit_are_refused_and_counted():
+    few = only_touching(grasp(), FEWEST_MARKERS - 1)
+    with pytest.raises(FemFailure, match=r"found 5 markers under load, expected at least 6") as caught:
+        found_in(few, plain_model())
+    assert caught.value.problem is FemProblem.TOO_FEW_MARKERS
+    assert "press deeper" in caught.value.detail
+    assert found_in(only_touching(grasp(), FEWEST_MARKERS), plain_model()).E_MPa > 0
+
+
+def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
+    off = OFF_SKIN_MM + 1.5
+    away = with_pads(grasp(), surface_mm=lambda pad: pad.surface_mm * (1 + off / 25.0))
+    for refused in (lambda: contact_nodes(ball_mesh(), [away]), lambda: grasp_model(away, free_ball())):
+        with pytest.raises(FemFailure, match=r"the worst 4\.[45]\d mm.*check the pad's pose") as caught:
+            refused()
+        assert caught.value.problem is FemProblem.OFF_SURFACE
+
+
+def test_a_pad_with_a_place_that_is_no_number_is_refused():
+    def lost(pad):
+        place = pad.surface_mm.copy()
+        place[3, 1] = np.nan
+        return place
+
+    with pytest.raises(FemFailure, match="non-finite") as caught:
+        contact_nodes(ball_mesh(), [with_pads(grasp(), surface_mm=lost)])
+    assert caught.value.problem is FemProblem.OFF_SURFACE
+
+
+@pytest.mark.parametrize("poisson_ratio", [-0.01, 0.49991, 0.5, np.nan])
+def test_a_poisson_ratio_that_no_flesh_has_is_refused_with_its_value(poisson_ratio):
+    with pytest.raises(FemFailure, match=rf"is {poisson_ratio:g}, but must lie between 0 and") as caught:
+        solid_of(ball_mesh(), grasp(), poisson_ratio=poisson_ratio)
+    assert caught.value.problem is FemProblem.BAD_POISSON_RATIO
+
+
+def test_a_gain_of_one_pad_is_said():
+    uneven = with_pads(grasp(), force_N=lambda pad: (1.15 if pad.name == "left" else 1.0) * pad.force_N)
+    found = found_in(uneven, plain_model())
+    assert any("do not balance" in sentence for sentence in found.warnings)
+
+
+def test_a_lag_of_the_forces_is_said_and_widens_the_error_bar():
+    history = grasp()
+    late = with_pads(history, force_N=lambda pad: np.concatenate([pad.force_N[:1], pad.force_N[:-1]]))
+    plain, found = found_in(history, plain_model()), found_in(late, plain_model())
+    assert found.warnings
+    assert own_sd_MPa(found) > 3 * own_sd_MPa(plain)
