@@ -1,0 +1,82 @@
+"""A small fruit on a flat foot around a pit that is off its middle, and two pads that pinch it; coarse.
+
+For tests that compare one way of computing with another on the same mesh.
+"""
+
+from functools import cache
+
+import numpy as np
+from fem_shapes import ball
+
+from fem.forward import UnitModulusSolid
+from fem.mesh import FleshMesh, tetrahedralise
+from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.pad_link import contact_nodes
+from fem.surface import locate
+
+NU = 0.45
+HALF_AXES_MM = np.array([20.0, 19.0, 18.0])
+PIT_HALF_AXES_MM = np.array([9.0, 6.0, 7.0])
+PIT_MIDDLE_MM = np.array([0.5, -0.8, 1.0])
+FOOT_MM = -15.5
+AXIS = np.linspace(-3.0, 3.0, 5)
+FLAT = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+@cache
+def fruit_mesh() -> FleshMesh:
+    """Some ten thousand degrees of freedom."""
+    vertices, faces = ball(2000, semi_axes_mm=HALF_AXES_MM)
+    vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
+    pit = ball(800, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    return tetrahedralise(vertices, faces, *pit, edge_mm=6.0)
+
+
+@cache
+def pinch() -> GraspHistory:
+    """Four frames: two of pressing, one of shear within each pad, and one in which a single pad presses."""
+    half_x = HALF_AXES_MM[0] * np.sqrt(1 - ((FLAT / HALF_AXES_MM[1:]) ** 2).sum(axis=1))
+    bowl = 0.02 * np.exp(-(FLAT**2).sum(axis=1) / 8)
+    pads = []
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        place = locate(fruit_mesh(), np.column_stack([side * half_x, FLAT])).point_mm
+        force = np.zeros((4, len(FLAT), 3))
+        force[0, :, 0], force[1, :, 0] = -side * 0.4 * bowl, -side * bowl
+        force[2, :, 1:] = 0.3 * FLAT[:, ::-1] * bowl[:, None]
+        force[3, :, 0] = -side * bowl * (side > 0)
+        pads.append(
+            PadHistory(
+                name=name,
+                rest_mm=np.column_stack([FLAT, np.zeros(len(FLAT))]),
+                surface_mm=place,
+                position_mm=place + np.zeros_like(force),
+                gel_displacement_mm=np.zeros_like(force),
+                force_N=force,
+                episode=np.zeros(force.shape[:2], dtype=np.int64),
+                displacement_sd_mm=0.004,
+                force_sd_N=1e-4,
+                lag1=0.0,
+            )
+        )
+    return GraspHistory(time_s=np.arange(4.0), phase=("load",) * 4, pads=tuple(pads))
+
+
+def lowest_nodes(mesh: FleshMesh) -> np.ndarray:
+    """Three skin nodes that a base holds."""
+    skin = mesh.outer_nodes
+    return np.sort(skin[np.argsort(mesh.nodes_mm[skin, 2])[:3]])
+
+
+@cache
+def fruit_solid(support: str) -> UnitModulusSolid:
+    """Factorised for the pinch's contact and three nodes at the foot."""
+    mesh = fruit_mesh()
+    nodes = np.union1d(contact_nodes(mesh, [pinch()]), lowest_nodes(mesh))
+    return UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support=support, contact_nodes=nodes)
+
+
+def all_nodes(at_contact: np.ndarray, solid: UnitModulusSolid) -> np.ndarray:
+    """Forces on the contact nodes as forces on all nodes."""
+    loads = np.zeros((len(at_contact), *solid.mesh.nodes_mm.shape))
+    loads[:, solid.contact_nodes] = at_contact
+    return loads
