@@ -1,0 +1,175 @@
+"""All grasps of a fruit in one inference: planted truths, closed forms of its error bar, and its warnings."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO
+from fem.modulus_budget import DISCRETISATION, MODEL, PIT_PLACE, SCATTER, TACTILE, ErrorBudget
+from fem.modulus_information import GraspInformation
+from fem.modulus_joint import GraspEvidence, joint_modulus
+
+E_MPA = 0.5
+WIDE = ErrorBudget(pit_offset_sd_mm=2.0, pit_size_sd=0.5)
+NOISE = 0.01
+
+
+def evidence(slopes, seen, *, causes=PIT, at=None, relative_sd=NOISE, misfit_sd=1e-6, discretisation_sd=1e-6):
+    """A grasp whose pads show 1/E times (1 + slopes @ causes), each with noise, about causes `at`."""
+    slopes, seen = np.atleast_2d(slopes), np.atleast_1d(seen)
+    here = 1 + slopes @ (np.zeros(len(causes)) if at is None else at)
+    fields = np.column_stack([here, slopes])
+    weight = (relative_sd * seen.mean()) ** -2
+    return GraspEvidence(
+        information=GraspInformation(
+            causes=tuple(causes), normal=weight * fields.T @ fields, right=weight * fields.T @ seen
+        ),
+        E_MPa=float(1 / (seen / here).mean()),
+        misfit_sd=misfit_sd,
+        discretisation_sd=discretisation_sd,
+    )
+
+
+def planted(slopes, place, **options):
+    return evidence(slopes, (1 + np.atleast_2d(slopes) @ place) / E_MPA, **options)
+
+
+def test_without_a_grasp_it_is_refused():
+    with pytest.raises(ValueError, match="at least one grasp"):
+        joint_modulus([], budget=WIDE, infer_pit=True)
+
+
+@pytest.mark.parametrize("infer_pit", [False, True])
+def test_the_parts_add_up_to_the_error_bar_in_squares(infer_pit):
+    place = np.array([0.1, -0.2, 0.05, 0.02])
+    rng = np.random.default_rng(0)
+    grasps = [
+        planted(rng.normal(0, 0.1, (2, 4)), place, misfit_sd=0.01, discretisation_sd=0.003) for _ in range(3)
+    ]
+    found = joint_modulus(grasps, budget=WIDE, infer_pit=infer_pit)
+    assert np.linalg.norm(list(found.parts_sd_MPa.values())) == pytest.approx(found.E_sd_MPa, rel=1e-9)
+    assert set(found.parts_sd_MPa) <= {TACTILE, PIT_PLACE, PIT_SIZE, DISCRETISATION, MODEL, SCATTER}
+    assert found.parts_sd_MPa[DISCRETISATION] == pytest.approx(0.003 * found.E_MPa, rel=1e-6)
+    assert found.parts_sd_MPa[MODEL] < 0.01 * found.E_MPa
+
+
+def test_a_lone_grasps_pit_counts_by_its_sensitivity_times_its_spread():
+    found = joint_modulus([planted([0.05, 0, 0, -0.3], np.zeros(4))], budget=WIDE, infer_pit=False)
+    assert found.pit is None
+    assert found.E_MPa == pytest.approx(E_MPA, rel=1e-9)
+    assert found.parts_sd_MPa[PIT_PLACE] == pytest.approx(0.05 * 2.0 * E_MPA, rel=1e-6)
+    assert found.parts_sd_MPa[PIT_SIZE] == pytest.approx(0.3 * 0.5 * E_MPA, rel=1e-6)
+    assert found.parts_sd_MPa[TACTILE] == pytest.approx(NOISE * E_MPA, rel=1e-6)
+
+
+def test_a_pit_that_the_data_cannot_see_keeps_its_prior():
+    unseen = [planted(np.zeros((2, 4)), np.zeros(4)) for _ in range(2)]
+    found = joint_modulus(unseen, budget=WIDE, infer_pit=True)
+    np.testing.assert_allclose(found.pit.sd, [2.0, 2.0, 2.0, 0.5], rtol=1e-9)
+    np.testing.assert_allclose(found.pit.prior_sd, found.pit.sd, rtol=1e-9)
+    np.testing.assert_allclose([*found.pit.offset_mm, found.pit.ln_size], 0, atol=1e-9)
+    np.testing.assert_allclose(found.pit.learnt, 0, atol=1e-9)
+    assert found.parts_sd_MPa[PIT_SIZE] < 1e-9
+    assert found.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=1e-3)
+
+
+def test_a_pit_without_spread_stays_and_costs_nothing():
+    sure = replace(WIDE, pit_offset_sd_mm=0.0)
+    slopes = np.array([0.1, 0.1, 0.1, 0.0])
+    found = joint_modulus([planted(slopes, np.zeros(4))] * 2, budget=sure, infer_pit=True)
+    assert not found.pit.offset_mm.any()
+    assert not found.pit.sd[:3].any()
+    assert not found.pit.moved[:3].any()
+    assert PIT_PLACE not in found.parts_sd_MPa
+
+
+def test_grasps_that_feel_the_pits_size_unlike_each_other_find_it():
+    place = np.array([0.0, 0, 0, np.log(0.8)])
+    grasps = [planted([0, 0, 0, slope], place, relative_sd=1e-3) for slope in (-0.2, -0.8)]
+    found = joint_modulus(grasps, budget=WIDE, infer_pit=True)
+    assert found.E_MPa == pytest.approx(E_MPA, rel=2e-3)
+    assert found.pit.ln_size == pytest.approx(np.log(0.8), abs=0.01)
+    assert found.pit.learnt[3] > 0.99
+    assert found.pit.moved[3] == pytest.approx(np.log(0.8) / 0.5, rel=0.05)
+    with_prior = joint_modulus(grasps, budget=WIDE, infer_pit=False)
+    assert abs(with_prior.E_MPa / E_MPA - 1) > 0.05
+
+
+def test_the_pits_posterior_covers_the_pit_as_often_as_it_says():
+    rng = np.random.default_rng(1)
+    budget = ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.05)
+    slopes = rng.normal(0, 0.15, (3, 2, 4))
+    pit_scores, scores = [], []
+    for _ in range(100):
+        place = rng.normal(size=4) * [0.5, 0.5, 0.5, 0.05]
+        grasps = [evidence(s, (1 + s @ place) / E_MPA * (1 + NOISE * rng.normal(size=2))) for s in slopes]
+        found = joint_modulus(grasps, budget=budget, infer_pit=True)
+        off = np.append(found.pit.offset_mm, found.pit.ln_size) - place
+        pit_scores.append(off @ np.linalg.solve(found.pit.covariance, off))
+        scores.append(np.log(found.E_MPa / E_MPA) / (found.E_sd_MPa / found.E_MPa))
+    assert np.mean(pit_scores) == pytest.approx(4, rel=0.35)
+    assert 0.75 < np.std(scores) < 1.3
+
+
+def alone(modulus_MPa, relative_sd=NOISE):
+    information = GraspInformation.of_modulus_alone(1 / modulus_MPa, relative_sd=relative_sd)
+    return GraspEvidence(information=information, E_MPa=modulus_MPa, misfit_sd=1e-6, discretisation_sd=1e-6)
+
+
+def test_grasps_that_agree_sharpen_as_a_mean_does():
+    moduli = E_MPA * np.exp([0.004, -0.002, 0.001, -0.003])
+    found = joint_modulus([alone(one) for one in moduli], budget=WIDE, infer_pit=True)
+    assert found.E_MPa == pytest.approx(E_MPA, rel=2e-3)
+    assert found.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=0.01)
+    assert found.grasps == 4
+    assert found.warnings == ()
+    assert found.pit is None
+
+
+def test_grasps_that_scatter_beyond_their_errors_widen_the_error_bar_and_say_so():
+    """With equal weights, DerSimonian and Laird's variance of the mean is the scatter's over the number."""
+    ln = np.array([0.2, -0.15, 0.05, -0.1])
+    found = joint_modulus([alone(E_MPA * np.exp(x)) for x in ln], budget=WIDE, infer_pit=True)
+    assert np.log(found.E_MPa / E_MPA) == pytest.approx(ln.mean(), abs=0.02)
+    assert found.E_sd_MPa / found.E_MPa == pytest.approx(ln.std(ddof=1) / 2, rel=0.15)
+    assert found.parts_sd_MPa[SCATTER] > 0.9 * found.E_sd_MPa
+    (warning,) = found.warnings
+    assert "disagree beyond their errors (0.611, 0.430, 0.526, 0.452 MPa)" in warning
+
+
+def test_a_lone_grasp_cannot_disagree():
+    found = joint_modulus([alone(E_MPA)], budget=WIDE, infer_pit=False)
+    assert found.E_MPa == pytest.approx(E_MPA, rel=1e-9)
+    assert found.warnings == ()
+    assert SCATTER not in found.parts_sd_MPa
+
+
+def test_the_prior_stays_where_it_was_when_the_pit_is_moved_in_the_mesh():
+    """A linear response about the prior's pit and about another one: the same data, the same posterior."""
+    rng = np.random.default_rng(2)
+    place, at = np.array([0.08, -0.1, 0.05, 0.03]), np.array([0.1, -0.05, 0.1, 0.05])
+    budget = ErrorBudget(pit_offset_sd_mm=0.1, pit_size_sd=0.1)
+    slopes = rng.normal(0, 0.1, (3, 2, 4))
+    here = joint_modulus([planted(s, place) for s in slopes], budget=budget, infer_pit=True)
+    there = joint_modulus(
+        [planted(s, place, at=at) for s in slopes], budget=budget, infer_pit=True, pit_at=at
+    )
+    assert there.E_MPa == pytest.approx(here.E_MPa, rel=1e-3)
+    assert there.E_sd_MPa == pytest.approx(here.E_sd_MPa, rel=0.03)
+    np.testing.assert_allclose(there.pit.offset_mm, here.pit.offset_mm, atol=2e-3)
+    assert there.pit.ln_size == pytest.approx(here.pit.ln_size, abs=2e-3)
+    np.testing.assert_allclose(there.pit.sd, here.pit.sd, rtol=0.03)
+
+
+def test_poisson_ratio_is_common_to_all_grasps_and_no_number_of_them_tells_it():
+    budget = replace(WIDE, poisson_ratio_sd=0.02)
+    few, many = (
+        joint_modulus(
+            [planted([-1.0], np.zeros(1), causes=(POISSON_RATIO,))] * n, budget=budget, infer_pit=True
+        )
+        for n in (2, 20)
+    )
+    for found in (few, many):
+        assert found.parts_sd_MPa[POISSON_RATIO] == pytest.approx(0.02 * E_MPA, rel=1e-3)
+    assert many.parts_sd_MPa[TACTILE] == pytest.approx(few.parts_sd_MPa[TACTILE] / np.sqrt(10), rel=1e-2)
