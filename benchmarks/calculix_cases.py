@@ -71,6 +71,7 @@ def grasp(
 def cases() -> dict[str, Case]:
     """Every forward solution, by name."""
     fine = {"mesher": "bricks", "growth": 0.55, "largest_mm": 2.5}
+    finest = {"mesher": "bricks", "growth": 0.4, "largest_mm": 2.5}
     half = {"mesher": "bricks", "rim_mm": 0.2, "growth": 0.6, "largest_mm": 3.0}
     tets = {"mesher": "tetrahedra", "rim_mm": 0.06, "growth": 0.25, "largest_mm": 2.0}
     plain = {"mesher": "bricks", "rim_mm": 0.25, "growth": 0.5, "largest_mm": 3.0}
@@ -85,12 +86,8 @@ def cases() -> dict[str, Case]:
         found[name] = Case(specimen=specimen, moves_mm=moves, **how)
 
     for edge in (1.0, 3.0, 5.0, 10.0, 15.0):
-        add(
-            f"press-{edge**2:.0f}mm2",
-            press(core=cube, mirrors=(0, 1), edge_mm=edge),
-            rim_mm=edge / 100,
-            **fine,
-        )
+        how = {"rim_mm": 0.05, **finest} if edge == 10.0 else {"rim_mm": edge / 100, **fine}
+        add(f"press-{edge**2:.0f}mm2", press(core=cube, mirrors=(0, 1), edge_mm=edge), **how)
     add("press-linear", press(core=cube, mirrors=(0, 1)), **plain)
     add("press-neo-hookean", press(core=cube, mirrors=(0, 1)), levels=LEVELS, finite=True, **plain)
     add("grasp", grasp(core=ball, mirrors=(0, 1, 2)), **deep)
