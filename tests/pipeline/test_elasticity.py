@@ -1,0 +1,181 @@
+"""Responses are kept by content; a grasp that fails costs only itself; the record says what came of it."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+
+import pipeline.elasticity as elasticity
+from fem.failure import FemFailure, FemProblem
+from fem.forward import UnitModulusSolid
+from fem.mesh import tetrahedralise
+from fem.modulus_budget import ErrorBudget
+from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.pad_link import contact_nodes, pad_link
+
+NU, E_MPA = 0.45, 0.6
+AXIS = np.linspace(-3.0, 3.0, 5)
+FLAT_MM = np.stack(np.meshgrid(AXIS, AXIS, indexing="ij"), axis=-1).reshape(-1, 2)
+LOAD = np.array([0.3, 0.6, 1.0, 0.7])
+RADIUS_MM = 15.0
+
+
+@pytest.fixture(scope="module")
+def mesh():
+    fruit = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS_MM)
+    pit = trimesh.creation.icosphere(subdivisions=3, radius=6.0)
+    surfaces = (np.asarray(fruit.vertices), np.asarray(fruit.faces, dtype=np.int64))
+    inner = (np.asarray(pit.vertices), np.asarray(pit.faces, dtype=np.int64))
+    return tetrahedralise(*surfaces, *inner, edge_mm=5.0)
+
+
+def placed(axis, side):
+    """Markers of a pad at the end of an axis."""
+    point = np.zeros((len(FLAT_MM), 3))
+    point[:, [k for k in range(3) if k != axis]] = FLAT_MM
+    point[:, axis] = side * np.sqrt(RADIUS_MM**2 - (FLAT_MM**2).sum(axis=1))
+    return point
+
+
+def pressed(mesh, axis):
+    """A grasp along an axis, as a fruit of this mesh and of E_MPA would answer it."""
+    bowl = 0.03 * np.exp(-(FLAT_MM**2).sum(axis=1) / 8)
+    pads = []
+    for name, side in (("left", -1.0), ("right", 1.0)):
+        force = np.zeros((len(LOAD), len(FLAT_MM), 3))
+        force[:, :, axis] = -side * np.outer(LOAD, bowl)
+        place = placed(axis, side)
+        pads.append(
+            PadHistory(
+                name=name,
+                rest_mm=np.column_stack([FLAT_MM, np.zeros(len(FLAT_MM))]),
+                surface_mm=place,
+                position_mm=place + np.zeros_like(force),
+                gel_displacement_mm=np.zeros_like(force),
+                force_N=force,
+                episode=np.zeros(force.shape[:2], dtype=np.int64),
+                displacement_sd_mm=0.001,
+                force_sd_N=1e-4,
+                lag1=0.0,
+            )
+        )
+    history = GraspHistory(time_s=np.arange(4.0), phase=("load",) * 3 + ("unload",), pads=tuple(pads))
+    solid = UnitModulusSolid.factorise(
+        mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [history])
+    )
+    links = [pad_link(pad, solid) for pad in pads]
+    nodal = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, pads, strict=True))
+    flat = nodal.reshape(len(LOAD), -1) @ solid.contact_compliance
+    moved = flat.reshape(nodal.shape) / E_MPA
+    seen = tuple(
+        replace(pad, position_mm=pad.position_mm + link.seen(moved))
+        for pad, link in zip(pads, links, strict=True)
+    )
+    return replace(history, pads=seen)
+
+
+@pytest.fixture(scope="module")
+def histories(mesh):
+    return {"along-x": pressed(mesh, 0), "along-y": pressed(mesh, 1)}
+
+
+def off_the_skin(history):
+    return replace(history, pads=tuple(replace(p, surface_mm=1.5 * p.surface_mm) for p in history.pads))
+
+
+@pytest.fixture
+def workplace(tmp_path, monkeypatch, histories):
+    """A fruit's task with an empty cache, its grasps by name, and a count of the factorisations."""
+    known = dict(histories, lost=off_the_skin(histories["along-y"]))
+    monkeypatch.setattr(elasticity, "history", lambda grasp: known[grasp.name])
+    made = []
+    factorise = UnitModulusSolid.factorise
+
+    def counted(*args, **options):
+        made.append(options["support"])
+        return factorise(*args, **options)
+
+    monkeypatch.setattr(UnitModulusSolid, "factorise", counted)
+    task = SimpleNamespace(
+        results=SimpleNamespace(cache=tmp_path),
+        settings=SimpleNamespace(flesh=SimpleNamespace(model="linear")),
+    )
+    return task, made
+
+
+def grasps(*names):
+    return [SimpleNamespace(name=name, recording=SimpleNamespace(support="free")) for name in names]
+
+
+def modulus(task, mesh, *names, poisson_ratio=NU):
+    return elasticity.fruit_modulus(
+        task, grasps(*names), mesh, poisson_ratio=poisson_ratio, budget=ErrorBudget()
+    )
+
+
+def test_a_second_run_with_the_same_content_factorises_nothing(workplace, mesh):
+    task, made = workplace
+    first = modulus(task, mesh, "along-x", "along-y")
+    assert made == ["free"]
+    again = modulus(task, mesh, "along-x", "along-y")
+    assert made == ["free"]
+    assert again.modulus.E_MPa == pytest.approx(first.modulus.E_MPa, rel=1e-6)
+    assert again.modulus.E_sd_MPa == pytest.approx(first.modulus.E_sd_MPa, rel=1e-6)
+    np.testing.assert_allclose(again.modulus.pit.offset_mm, first.modulus.pit.offset_mm, atol=1e-9)
+    modulus(task, mesh, "along-x", "along-y", poisson_ratio=NU - 0.01)
+    assert made == ["free", "free"]
+
+
+def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, histories):
+    task, _ = workplace
+    (kept,) = elasticity.responses(
+        task, grasps("along-x"), [histories["along-x"]], mesh, poisson_ratio=NU, budget=ErrorBudget()
+    )
+    solid = UnitModulusSolid.factorise(
+        mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [histories["along-x"]])
+    )
+    made = elasticity.grasp_model(histories["along-x"], solid)
+    np.testing.assert_allclose(kept.compliance, made.compliance, atol=2e-7 * np.abs(made.compliance).max())
+    np.testing.assert_array_equal(kept.compliance, kept.compliance.T)
+    np.testing.assert_array_equal(kept.place_mm, made.place_mm)
+    assert kept.sensitivity.causes == made.sensitivity.causes
+    assert kept.fruit_moves
+    assert kept.departure is None
+
+
+def test_a_grasp_off_the_skin_does_not_cost_the_others(workplace, mesh):
+    task, made = workplace
+    found = modulus(task, mesh, "lost", "along-x")
+    lost, good = found.grasps
+    assert isinstance(lost, FemFailure)
+    assert lost.problem is FemProblem.OFF_SURFACE
+    assert "off the skin" in lost.detail
+    assert found.modulus.grasps == 1
+    assert good.E_MPa == pytest.approx(E_MPA, rel=0.05)
+    again = modulus(task, mesh, "lost", "along-x")
+    assert made == ["free"]
+    assert (again.grasps[0].problem, again.grasps[0].detail) == (lost.problem, lost.detail)
+
+
+def test_all_grasps_off_the_skin_are_all_named(workplace, mesh):
+    task, made = workplace
+    with pytest.raises(ExceptionGroup) as caught:
+        modulus(task, mesh, "lost")
+    assert [one.problem for one in caught.value.exceptions] == [FemProblem.OFF_SURFACE]
+    assert made == []
+
+
+def test_the_record_holds_a_pit_from_two_grasps_and_none_from_one(workplace, mesh):
+    task, _ = workplace
+    one = elasticity.modulus_record(modulus(task, mesh, "along-x").modulus)
+    assert one.pit_found is None
+    both = modulus(task, mesh, "along-x", "along-y").modulus
+    record = elasticity.modulus_record(both)
+    assert record.E_MPa == both.E_MPa
+    assert record.pit_found.offset_prior_sd_mm == (0.5, 0.5, 0.5)
+    assert all(sd <= 0.5 * (1 + 1e-9) for sd in record.pit_found.offset_sd_mm)
+    assert record.pit_found.size == pytest.approx(np.exp(both.pit.ln_size))
+    assert record.common_sd_MPa == 0.0
+    assert type(record).model_validate_json(record.model_dump_json()) == record
