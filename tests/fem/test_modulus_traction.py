@@ -35,6 +35,16 @@ def test_total_force_and_moment_are_kept(field):
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-9 * np.abs(before).max())
 
 
+def test_the_matrices_are_the_spreading(field):
+    force = np.random.default_rng(2).normal(size=(3, len(field.marker_mm), 3))
+    plain, rigid, balance = field.matrices()
+    flat = force.reshape(3, -1).T
+    spread = (plain @ flat + rigid @ (balance @ flat)).T.reshape(3, -1, 3)
+    np.testing.assert_allclose(spread, field.forces(force), atol=1e-14)
+    np.testing.assert_allclose((plain @ flat).T.reshape(3, -1, 3)[1], field.weights @ force[1], atol=1e-14)
+    assert rigid.shape[1] == balance.shape[0] == 6
+
+
 def test_the_correction_of_the_moment_is_small(field):
     force = np.random.default_rng(1).normal(size=(1, len(field.marker_mm), 3))
     plain = field.weights @ force[0]

@@ -1,0 +1,36 @@
+"""Points of the skin moved along it, and fields known under the pads only."""
+
+import numpy as np
+import pytest
+
+from fem.surface import locate
+
+
+@pytest.fixture(scope="module")
+def points(solid_ball):
+    """Three points inside three faces of a ball of radius 20."""
+    corners = solid_ball.nodes_mm[solid_ball.outer_faces[[3, 40, 90], :3]]
+    return locate(solid_ball, corners.mean(axis=1))
+
+
+def test_a_point_slides_by_the_tangential_part_of_its_way(solid_ball, points):
+    way = np.array([0.03, -0.05, 0.02])
+    found = points.slid(solid_ball, way)
+    along = way - (points.normal @ way)[:, None] * points.normal
+    np.testing.assert_allclose(found.point_mm - points.point_mm, along, atol=0.06**2 / 20)
+    np.testing.assert_array_equal(found.face_nodes, points.face_nodes)
+
+
+def test_sliding_agrees_with_locating_anew(solid_ball, points):
+    way = np.array([0.02, 0.01, -0.03])
+    anew = locate(solid_ball, points.point_mm + way)
+    found = points.slid(solid_ball, way)
+    assert np.abs(found.point_mm - anew.point_mm).max() < 2e-4
+    assert np.abs(found.normal - anew.normal).max() < 1e-3
+
+
+def test_a_field_known_at_a_few_nodes_is_read_as_on_the_whole_mesh(solid_ball, points):
+    field = np.random.default_rng(0).normal(size=(2, len(solid_ball.nodes_mm), 3))
+    nodes = np.unique(points.face_nodes)
+    found = points.among(nodes).sample(field[:, nodes])
+    np.testing.assert_allclose(found, points.sample(field), atol=1e-14)
