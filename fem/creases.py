@@ -32,6 +32,13 @@ class Creases:
         nearest = np.einsum("psx,psx->ps", off, off).argmin(axis=1)
         return np.asarray(points_mm + off[np.arange(len(points_mm)), nearest])
 
+    def points_mm(self, *, apart_mm: float) -> Float[np.ndarray, "p 3"]:
+        """Points along all creases, ends included, at most apart_mm from the next."""
+        pieces = np.maximum(np.ceil(np.linalg.norm(self.along_mm, axis=1) / apart_mm), 1).astype(int)
+        of = np.repeat(np.arange(len(pieces)), pieces + 1)
+        step = np.arange(len(of)) - np.repeat(np.cumsum(pieces + 1) - pieces - 1, pieces + 1)
+        return np.asarray(self.start_mm[of] + (step / pieces[of])[:, None] * self.along_mm[of])
+
 
 def sharp_edges(
     vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]

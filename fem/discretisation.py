@@ -20,6 +20,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.assembly import unit_lame_constants
+from fem.element_gradients import inverse_3x3
 from fem.elements import TET_EDGES, t10_gradient, t10_shape, tet_quadrature
 from fem.failure import FemFailure, FemProblem
 from fem.mesh import FleshMesh
@@ -74,12 +75,13 @@ def _strains(
     x = mesh.nodes_mm[mesh.tets]
     reference = t10_gradient(FOUR[:, 1:])
     jacobian = (reference.reshape(12, 10) @ x).reshape(-1, 4, 3, 3)
-    slope = np.linalg.inv(jacobian) @ reference
+    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
+    slope = inverse.transpose(2, 3, 0, 1) @ reference
     nodal = np.moveaxis(displacement, 0, -1).reshape(len(mesh.nodes_mm), -1)
     gradient = slope.reshape(-1, 12, 10) @ nodal[mesh.tets]
     gradient = gradient.reshape(len(x), 4, 3, 3, -1)
     strain = (gradient[:, :, _ROW, _COLUMN] + gradient[:, :, _COLUMN, _ROW]) / 2
-    return strain.reshape(len(x), 4, -1), np.linalg.det(jacobian).mean(axis=1) / 6
+    return strain.reshape(len(x), 4, -1), det.mean(axis=1) / 6
 
 
 def _energies(

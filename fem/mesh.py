@@ -30,6 +30,8 @@ VOLUME_TOLERANCE = 3e-3
 RADIUS_MM = 2.0
 #: longest edges, as a share of the cube root of the fruit's volume
 LARGEST_SHARE = 1 / 8
+#: edges where the pit is sharp, as a share of those elsewhere: strain is singular there
+CREASE_SHARE = 0.4
 #: edges on the pit, and how far the mesher may stray from the surfaces it is given, as shares of edge_mm
 PIT_SHARE, ENVELOPE_SHARE = 0.65, 0.025
 
@@ -75,10 +77,11 @@ def tetrahedralise(
 ) -> FleshMesh:
     """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
 
-    Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach.
-    Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond;
-    longer, where the mesh would otherwise exceed dof_limit degrees of freedom (three a node). Both follow
-    the width of the contact that the points cover where neither is given (fem.contact_size): cover it.
+    Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach,
+    and 0.4 of that on sharp edges of the pit. Within refine_radius_mm of the points refine_at_mm edges are
+    about refine_edge_mm, growing gently beyond; both follow the width of the contact that the points cover
+    where neither is given (fem.contact_size): cover it. All these are longer where the mesh would otherwise
+    exceed dof_limit degrees of freedom (three a node).
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.tetwild).
@@ -99,13 +102,9 @@ def tetrahedralise(
         surfaces.append((v, f[:, ::-1]))
     nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
-    if refine_at_mm is not None and len(refine_at_mm):
-        edge, radius = contact_size(refine_at_mm)
-        if refine_edge_mm is not None:
-            edge, radius = np.full(len(edge), refine_edge_mm), np.full(len(edge), RADIUS_MM)
-        if refine_radius_mm is not None:
-            radius = np.full(len(edge), refine_radius_mm)
-        size = affordable_size(nodes, tets, refine_at_mm, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
+    at, edge, radius = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, refine_radius_mm)
+    if len(at):
+        size = affordable_size(nodes, tets, at, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
         nodes, tets = _refined(nodes, tets, size, outer, pit)
     return _quadratic(nodes, tets, outer, pit, curved=curved)
 
@@ -132,6 +131,28 @@ def refined_where(
     nodes, tets = bisect_edges(nodes, tets, too_long)
     nodes = _on_surfaces(nodes, tets, np.arange(before, len(nodes)), *surfaces)
     return _quadratic(nodes, tets, *surfaces, curved=True)
+
+
+def _fine_places(
+    pit: Surface | None,
+    edge_mm: float,
+    touched_mm: np.ndarray | None,
+    refine_edge_mm: float | None,
+    refine_radius_mm: float | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points that need short edges, how short, and how far around: the pit's creases, and the contacts."""
+    at = np.empty((0, 3))
+    if pit is not None and len(pit.creases.start_mm):
+        at = pit.creases.points_mm(apart_mm=CREASE_SHARE * edge_mm)
+    edge, radius = np.full(len(at), CREASE_SHARE * edge_mm), np.zeros(len(at))
+    if touched_mm is None or not len(touched_mm):
+        return at, edge, radius
+    short, near = contact_size(touched_mm)
+    if refine_edge_mm is not None:
+        short, near = np.full(len(short), refine_edge_mm), np.full(len(short), RADIUS_MM)
+    if refine_radius_mm is not None:
+        near = np.full(len(short), refine_radius_mm)
+    return np.vstack([at, touched_mm]), np.concatenate([edge, short]), np.concatenate([radius, near])
 
 
 def _refined(

@@ -28,20 +28,21 @@ def recovered(mesh: FleshMesh, field: Float[np.ndarray, "m 4 c"]) -> Float[np.nd
     """Nodal values of the smoothed field, of c components known at the `FOUR` points of every element."""
     corners, of_tet = np.unique(mesh.tets[:, :4], return_inverse=True)
     centre = mesh.nodes_mm[corners]
-    vertex, tet = _patches(of_tet.reshape(-1, 4), len(corners))
-    place = (t10_shape(FOUR[:, 1:]) @ mesh.nodes_mm[mesh.tets])[tet] - centre[vertex][:, None]
-    size = np.zeros(len(corners))
-    np.maximum.at(size, vertex, np.linalg.norm(place.mean(axis=1), axis=1))
-    terms = _terms(place / size[vertex][:, None, None])
-    rows = 10 * vertex[:, None, None] + np.arange(10)
-    columns = 4 * tet[:, None, None] + np.arange(4)[:, None]
-    pairs = tuple(np.broadcast_to(a, terms.shape).ravel() for a in (rows, columns))
-    fit = csr_array((terms.ravel(), pairs), shape=(10 * len(corners), 4 * len(mesh.tets)))
-    at_patch = np.searchsorted(vertex, np.arange(len(corners)))
-    gram = np.add.reduceat(terms.transpose(0, 2, 1) @ terms, at_patch)
-    gram += gram[:, :1, :1] * np.diag(_RIDGE)
-    wanted = (fit @ field.reshape(4 * len(field), -1)).reshape(len(corners), 10, -1)
-    polynomial = np.linalg.inv(gram) @ wanted
+    place = t10_shape(FOUR[:, 1:]) @ mesh.nodes_mm[mesh.tets]
+    patches = _patches(of_tet.reshape(-1, 4), len(corners))
+    count = np.diff(patches.indptr)
+    polynomial = np.empty((len(corners), 10, field.shape[2]))
+    size = np.empty(len(corners))
+    for elements in np.unique(count):
+        own = np.flatnonzero(count == elements)
+        tet = patches.indices[patches.indptr[own][:, None] + np.arange(elements)]
+        arm = place[tet] - centre[own][:, None, None]
+        size[own] = np.linalg.norm(arm.mean(axis=2), axis=2).max(axis=1)
+        terms = _terms(arm.reshape(len(own), -1, 3) / size[own][:, None, None])
+        gram = terms.swapaxes(1, 2) @ terms
+        gram += gram[:, :1, :1] * np.diag(_RIDGE)
+        wanted = terms.swapaxes(1, 2) @ field[tet].reshape(len(own), 4 * elements, -1)
+        polynomial[own] = np.linalg.solve(gram, wanted)
     values = np.empty((len(mesh.nodes_mm), polynomial.shape[2]))
     values[corners] = polynomial[:, 0]
     middles, first = np.unique(mesh.tets[:, 4:], return_index=True)
@@ -51,16 +52,13 @@ def recovered(mesh: FleshMesh, field: Float[np.ndarray, "m 4 c"]) -> Float[np.nd
     return values
 
 
-def _patches(of_tet: Int[np.ndarray, "m 4"], n_corners: int) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (corner, element of its patch), sorted by corner."""
+def _patches(of_tet: Int[np.ndarray, "m 4"], n_corners: int) -> csr_array:
+    """The elements of each corner's patch: the columns of its row."""
     tets = np.repeat(np.arange(len(of_tet)), 4)
     around = csr_array((np.ones(len(tets)), (of_tet.ravel(), tets)), shape=(n_corners, len(of_tet)))
-    small = np.diff(around.indptr) < FULL_PATCH
-    chosen = csr_array((np.ones(small.sum()), (2 * [np.flatnonzero(small)])), shape=2 * (n_corners,))
-    wider = around + chosen @ around @ (around.T @ around)
-    found = csr_array(wider).tocoo()
-    order = np.argsort(found.row, kind="stable")
-    return found.row[order], found.col[order]
+    small = np.flatnonzero(np.diff(around.indptr) < FULL_PATCH)
+    chosen = csr_array((np.ones(len(small)), (small, small)), shape=2 * (n_corners,))
+    return csr_array(around + chosen @ (around @ around.T) @ around)
 
 
 def _terms(x: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 10"]:

@@ -3,7 +3,7 @@ import pytest
 from fem_shapes import ball, box, star, tetrahedron
 
 from fem.creases import creases_of
-from fem.elements import TET_FACES
+from fem.elements import TET_EDGES, TET_FACES
 from fem.mesh import t6_volume_mm3, tetrahedralise
 from fem.tets import boundary_faces, smallest_dihedral_deg
 from fem.tetwild import simplified
@@ -55,6 +55,28 @@ def test_the_round_rim_of_a_cylinder_is_followed():
     mesh = tetrahedralise(*SKIN, *core, edge_mm=6.0)
     assert boundary_gap_mm(mesh, core) < 0.15  # the sagitta of a 6 mm edge on 8 mm is 0.58
     assert mesh.volume_mm3 == pytest.approx(30**3 - enclosed_volume_mm3(*core), rel=2e-3)
+
+
+def test_elements_are_short_where_the_core_is_sharp_and_nowhere_else():
+    core = CORES["cube"]
+    mesh = tetrahedralise(*SKIN, *core, edge_mm=6.0)
+    corner = mesh.nodes_mm[mesh.tets[:, :4]]
+    edge = np.linalg.norm(corner[:, TET_EDGES[:, 0]] - corner[:, TET_EDGES[:, 1]], axis=2).mean(axis=1)
+    middle = corner.mean(axis=1)
+    gap = np.linalg.norm(creases_of(*core).closest(middle) - middle, axis=1)
+    longest = 30 / 8
+    assert np.median(edge[gap < 0.5]) < 0.6 * longest
+    assert np.median(edge[gap > 6]) > 0.8 * longest
+    assert 3 * len(mesh.nodes_mm) < 50_000
+
+
+def test_points_along_creases_are_on_them_and_no_farther_apart_than_asked():
+    creases = creases_of(*box((2, 2, 2), cells=3))
+    points = creases.points_mm(apart_mm=0.3)
+    assert np.abs(creases.closest(points) - points).max() < 1e-12
+    on_one = np.sort(points[(np.abs(points[:, 1:] - 1) < 1e-12).all(axis=1), 0])
+    assert np.allclose(on_one[[0, -1]], [-1, 1])
+    assert 0 < np.diff(on_one).max() <= 0.3
 
 
 def test_a_box_of_many_triangles_becomes_one_of_few_with_the_same_edges():
