@@ -90,10 +90,12 @@ def locate(
     place, normal, _ = _place_and_normal(reference, x)
     distance = np.linalg.norm(points_mm - place, axis=1)
     if within_mm is not None and len(distance) and distance.max() > within_mm:
+        worst = int(distance.argmax())
+        where = ", ".join(f"{x:.1f}" for x in points_mm[worst])
         raise FemFailure(
             FemProblem.OFF_SURFACE,
             f"{(distance > within_mm).sum()} of {len(distance)} contact points lie more than "
-            f"{within_mm:g} mm off the skin (the worst {distance.max():.2f} mm); "
+            f"{within_mm:g} mm off the skin, the worst at ({where}) mm by {distance[worst]:.2f} mm; "
             "check the pad's pose against the fruit frame",
         )
     return SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, distance)
