@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from fem.forward import UnitModulusSolid
+from fem.grasp_model import grasp_model
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
-from pipeline.grasp import history, place_grasp
+from fem.pad_link import contact_nodes
+from pipeline.grasp import grasp_record, history, place_grasp
 from recon.mesh_file import read_mesh
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
@@ -20,15 +22,23 @@ E_MPA, NU = 1.066393333897285, 0.45
 
 
 @pytest.fixture(scope="module")
-def found():
+def graded():
     outer, pit = read_mesh(DATA / "fruit.ply"), read_mesh(DATA / "pit.ply")
     grasp = place_grasp(DATA / "grasp.h5", *outer)
     touched = np.vstack(list(grasp.touched_mm.values()))
     mesh = tetrahedralise(
         *outer, *pit, edge_mm=7.0, refine_at_mm=touched, refine_radius_mm=1.0, refine_edge_mm=2.5
     )
-    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    return estimate_modulus(history(grasp), solid, budget=ErrorBudget())
+    pressed = history(grasp)
+    solid = UnitModulusSolid.factorise(
+        mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [pressed])
+    )
+    return grasp, estimate_modulus(pressed, grasp_model(pressed, solid), budget=ErrorBudget())
+
+
+@pytest.fixture(scope="module")
+def found(graded):
+    return graded[1]
 
 
 def test_within_two_percent_of_the_answer_from_one_grasp(found):
@@ -51,3 +61,16 @@ def test_every_heavy_frame_agrees_through_load_hold_with_shear_and_unload(found)
     heavy = [frame for frame in found.frames if frame.pad == "all" and frame.force_N > 0.4 * peak]
     assert {frame.phase for frame in heavy} == {"load", "hold", "unload"}
     assert np.array([frame.E_MPa for frame in heavy]) == pytest.approx(E_MPA, rel=0.03)
+
+
+def test_the_record_says_what_was_found_in_the_units_it_names(graded):
+    grasp, found = graded
+    record = grasp_record(grasp, found)
+    assert record.failure is None
+    assert (record.E_MPa, record.E_sd_MPa) == (found.E_MPa, found.E_sd_MPa)
+    assert np.linalg.norm(list(record.parts_sd_MPa.values())) == pytest.approx(found.E_sd_MPa)
+    assert record.residual_um == pytest.approx(1e3 * found.residual_rms_mm)
+    assert record.frames_used == found.loaded.sum()
+    assert record.peak_force_N == pytest.approx(max(f.force_N for f in found.frames), rel=0.1)
+    assert set(record.contact_mm) == {pad.name for pad in grasp.pads}
+    assert type(record).model_validate_json(record.model_dump_json()) == record
