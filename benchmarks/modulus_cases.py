@@ -24,7 +24,7 @@ from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
 
 
-def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge_mm: float) -> None:
+def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge_mm: float | None) -> None:
     """One table row per grasp."""
     case = tomllib.loads((folder / "case.toml").read_text())
     outer, pit = read_mesh(folder / "fruit.ply"), read_mesh(folder / "pit.ply")
@@ -85,7 +85,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("cases", nargs="*")
     parser.add_argument("--edge", type=float, default=5.0)
-    parser.add_argument("--pad-edge", type=float, default=1.7)
+    parser.add_argument("--pad-edge", type=float)
     args = parser.parse_args()
     answers = json.loads((args.folder / "answers.json").read_text())
     for name in args.cases or sorted(answers):

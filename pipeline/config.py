@@ -68,10 +68,13 @@ class Recon(_Strict):
 
 
 class FleshMesh(_Strict):
-    """Element edge lengths in mm: in the bulk of the flesh and under the pads."""
+    """Longest element edges in mm: in the bulk of the flesh, and under the pads.
+
+    Under the pads a fifth of each contact's width and at most 1.7 mm (fem.contact_size) unless given.
+    """
 
     edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0
-    pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] = 1.7
+    pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] | None = None
 
 
 class Flesh(_Strict):
