@@ -27,8 +27,9 @@ NO_WORK_SD = 0.5
 """Relative spread where force and displacement do not even do positive work on each other."""
 LEAST_MISFIT = 0.004
 """Relative scatter between grasps of one synthetic fruit on a mesh and a pit that are a little off."""
-LEAST_SD, EFFECTIVITY_SD = 0.001, 0.3
-"""Of what elements do to E: what is left when it is small, and how well its estimate holds, as a share."""
+LEAST_SD, ELEMENTS_SD = 0.001, 0.3
+"""Of what elements do to E: what is left when it is small, and the spread as a share of the withheld energy:
+between none and all of it, evenly (1 / sqrt 12)."""
 FEWEST_MARKERS = 6
 """Fewer markers under load than this do not even hold the fruit's six rigid motions."""
 
@@ -49,8 +50,8 @@ class ModulusEstimate:
     squares add up), with the pit at its prior. `energy` is None where the measured work is not positive.
     `form`: "first-touch" (each marker against itself) or "absolute" (the frame of the greatest force against
     the scanned surface), where only one frame is loaded or where noise leaves the first-touch fit a spread of
-    more than NOISY; a warning says which. `discretisation`: the share of the compliance that the mesh
-    withheld and that was put back. `loaded` marks the frames used, `residual_mm` is what the model
+    more than NOISY; a warning says which. `discretisation`: the share of the energy that the mesh
+    withheld. `loaded` marks the frames used, `residual_mm` is what the model
     leaves of each marker's place in them (NaN out of contact). `evidence` is what several grasps of a fruit
     are combined from (fem.modulus_joint).
     """
@@ -137,7 +138,7 @@ def _from_first_touch(
         ),
         E_MPa=modulus,
         misfit_sd=misfit,
-        discretisation_sd=LEAST_SD + EFFECTIVITY_SD * model.discretisation,
+        discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
@@ -196,7 +197,7 @@ def _absolute(
         information=GraspInformation.of_modulus_alone(fit.compliance, relative_sd=fit.noise),
         E_MPa=modulus,
         misfit_sd=fit.surface,
-        discretisation_sd=LEAST_SD + EFFECTIVITY_SD * model.discretisation,
+        discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = alone.E_sd_MPa / alone.E_MPa
