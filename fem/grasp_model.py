@@ -19,7 +19,6 @@ from fem.modulus_inputs import GraspHistory
 from fem.modulus_thinning import loaded_frames
 from fem.pad_link import PadLink, pad_link
 
-
 PUT_BACK = 0.5
 """Share of the withheld energy by which the response grows.
 
@@ -35,11 +34,11 @@ class GraspModel:
     """All pads' markers side by side on a fruit of E = 1 MPa.
 
     `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
-    columns marker by marker, x, y, z; `discretisation` is the share of the energy that the mesh withholds
-    (fem.discretisation); half of it has been put back. `sensitivity`: how the response to the recording's own loaded frames
-    changes with what is not known exactly. `fruit_moves`: no base holds it.
-    `departure`: what large deformation adds to the response, in every frame of the recording
-    (fem.grasp_finite); None: small strain.
+    columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
+    (fem.discretisation); half of it has been put back. `sensitivity`: how the response to the recording's own
+    loaded frames changes with what is not known exactly. `fruit_moves`: no base holds it. `departure`: what
+    large deformation adds to the response, in every frame of the recording (fem.grasp_finite); None: small
+    strain.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
