@@ -57,7 +57,7 @@ def sensitivities(
     loads[:, solid.contact_nodes] = nodal_sum
     moved = solid.displacement(loads)
     withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
-    causes, forces = _inner_forces(solid, moved)
+    causes, forces = _inner_forces(solid, moved, links)
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
     seen = np.concatenate([link.seen(moved) for link in links], axis=1)
     found = list(seen.reshape(len(causes), len(modes), -1, 3))
@@ -86,7 +86,7 @@ def leading_patterns(
 
 
 def _inner_forces(
-    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"]
+    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], links: list[PadLink]
 ) -> tuple[list[str], Float[np.ndarray, "p r n 3"]]:
     """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing."""
     mesh = solid.mesh
@@ -100,7 +100,7 @@ def _inner_forces(
         moved = moved - np.einsum(
             "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
         )
-    waves = skin_velocities(mesh)
+    waves = skin_velocities(mesh, [(link.place.point_mm, _mean_normal(link.place.normal)) for link in links])
     causes += [f"{SURFACE} {k + 1}" for k in range(len(waves))]
     velocities += list(waves)
     forces = -stiffness_change(mesh, solid.poisson_ratio, moved, np.stack(velocities))
@@ -125,6 +125,11 @@ def _couple(
     couple = np.zeros_like(moved)
     couple[:, nodes] = np.einsum("nik,kr->rni", turns, amounts)
     return couple
+
+
+def _mean_normal(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    mean = normal.mean(axis=0)
+    return np.asarray(mean / np.linalg.norm(mean))
 
 
 def _tangents(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:

@@ -99,18 +99,25 @@ class Information:
     """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated.
 
     `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
-    independent noise their squares add up to the diagonal of N.
+    independent noise their squares add up to the diagonal of N. `influence`: how b of the first p fields
+    changes with each marker's place in each frame.
     """
 
     normal: Float[np.ndarray, "k k"]
     right: Float[np.ndarray, " k"]
     scores: Float[np.ndarray, "n k"]
+    influence: Float[np.ndarray, "p t n 3"]
 
 
 def information(
-    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
+    tracks: MarkerTracks,
+    columns: Float[np.ndarray, "k t n 3"],
+    *,
+    scale_sd: float,
+    fruit_moves: bool,
+    influence_of: int = 0,
 ) -> Information:
-    """The information of `tracks` on fields that stand where s c stands above."""
+    """The information of `tracks` on fields that stand where s c stands above; `influence_of`: p."""
     k, frames = len(columns), len(tracks.position_mm)
     equations = _equations(tracks, columns, scale_sd=scale_sd)
     normal, right = equations.normal[:k, :k], equations.right[:k]
@@ -133,7 +140,13 @@ def information(
     scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
     turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
     scores -= turned @ turns.T + own * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
-    return Information(normal=normal, right=right, scores=scores)
+    p = influence_of
+    still = np.einsum("nxl,ptl->ptnx", rigid, turns[:p].reshape(p, frames, 6), optimize=True)
+    still += own.T[:p, None, :, None] * tracks.gel_displacement_mm
+    influence = np.empty_like(still)
+    for k in range(p):
+        influence[k] = about_episode_mean(columns[k] - still[k], tracks.episode) * _weight(tracks)[:, None]
+    return Information(normal=normal, right=right, scores=scores, influence=influence)
 
 
 def _weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:

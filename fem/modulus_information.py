@@ -16,6 +16,7 @@ from scipy.linalg import eigh
 from fem.grasp_model import GraspModel
 from fem.grasp_sensitivity import leading_patterns
 from fem.modulus_fit import Information, MarkerTracks, information
+from fem.modulus_noise import variance_inflation
 
 SCALE_MODES = 16
 """Patterns of force-scale errors that are kept: those that move the markers most."""
@@ -55,7 +56,8 @@ def grasp_information(
     """The information of one recording, its noise taken as large as what the model leaves of it.
 
     The forces stand without those of their patterns that noise would make too (`_above_noise`), so that no
-    noise in them pulls 1/E down (fem.modulus_force_noise).
+    noise in them pulls 1/E down (fem.modulus_force_noise). What noise in them does to the pads' numbers
+    (`_of_force_noise`) adds to their variance.
     """
     beyond = tracks.unit_displacement - model.unit_displacement(force_N)  # what large deformation adds
     felt = model.unit_displacement(_above_noise(force_N, force_sd_N)) + beyond
@@ -63,18 +65,39 @@ def grasp_information(
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
-    known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
     own = np.arange(len(pads))
+    known = information(
+        tracks, fields, scale_sd=scale_sd, fruit_moves=model.fruit_moves, influence_of=len(own)
+    )
     weight = known.normal[np.ix_(own, own)]
+    each = np.linalg.solve(weight, known.right[own])
     # What the pads' own fit makes of each field: all of them together are the response itself.
     sees = np.linalg.solve(weight, known.normal[own])
     sees = np.column_stack([np.ones(len(pads)), sees[:, len(pads) :]])
-    weight = weight / _design_effect(known, model.place_mm, own)
+    variance = _design_effect(known, model.place_mm, own) * weight
+    variance += _of_force_noise(known, model, tracks, each.mean() * force_sd_N)
+    weight = weight @ np.linalg.solve(variance, weight)
     return GraspInformation(
         causes=(*model.sensitivity.causes, *len(patterns) * (FORCE_SCALE,)),
         normal=sees.T @ weight @ sees,
-        right=sees.T @ weight @ np.linalg.solve(known.normal[np.ix_(own, own)], known.right[own]),
+        right=sees.T @ weight @ each,
     )
+
+
+def _of_force_noise(
+    known: Information, model: GraspModel, tracks: MarkerTracks, moved_sd: float
+) -> Float[np.ndarray, "p p"]:
+    """Covariance of the pads' right-hand sides from noise n in the forces: it feigns a displacement s C n.
+
+    `moved_sd` is s times the noise of one component in one frame. Unlike noise in the displacement, one
+    force's moves the markers of both pads. Its share in 1/E does not fall with the number of markers as the
+    other does: that of their total force stays.
+    """
+    pads, frames, markers = known.influence.shape[:3]
+    felt = known.influence.reshape(pads * frames, -1) @ model.compliance
+    felt = felt.reshape(pads, frames, markers, 3)
+    alike = variance_inflation(tracks.lag1) * moved_sd**2
+    return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, alike, optimize=True))
 
 
 def _above_noise(force_N: Float[np.ndarray, "t n 3"], sd_N: float) -> Float[np.ndarray, "t n 3"]:
