@@ -1,11 +1,12 @@
 """Noise in the forces pulls 1/E down; the frames in the air tell by how much."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from fem.grasp_model import GraspModel
+from fem.grasp_sensitivity import Sensitivity
 from fem.modulus_fit import MarkerTracks, fit_compliance
 from fem.modulus_force_noise import FEWEST_AIR_FRAMES, force_noise, noise_in_fit
 from fem.modulus_inputs import GraspHistory, PadHistory
@@ -97,10 +98,13 @@ def in_the_air(frames, force_N):
 def test_too_little_air_or_air_behind_a_deadband_tells_nothing(noisy, frames, force_N):
     """The frame just before the first touch is not counted as air."""
     history = in_the_air(frames, force_N)
-    model = SimpleNamespace(
-        place_mm=history.pads[0].rest_mm,
-        normal=history.pads[0].rest_mm,
-        unit_displacement=lambda force: force,
+    place = history.pads[0].rest_mm
+    model = GraspModel(
+        place_mm=place,
+        normal=place,
+        compliance=np.eye(3 * len(place)),
+        sensitivity=Sensitivity(causes=(), values=np.zeros((0, 1, len(place), 3))),
+        discretisation=0.0,
         fruit_moves=False,
     )
     loaded = np.arange(frames + 1) == frames
