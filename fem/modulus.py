@@ -135,6 +135,7 @@ def _from_first_touch(
             pad_of_marker=_pad_of_marker(history),
             force_sd_N=max(pad.force_sd_N for pad in history.pads),
             scale_sd=budget.gel_scale_sd,
+            compliance=fit.compliance,
         ),
         E_MPa=modulus,
         misfit_sd=misfit,

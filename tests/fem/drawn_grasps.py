@@ -17,6 +17,7 @@ from fem.assembly import assemble
 from fem.discretisation import discretisation_error
 from fem.forward import UnitModulusSolid
 from fem.free_body import FreeBody
+from fem.grasp_model import PUT_BACK
 from fem.mesh import FleshMesh, tetrahedralise
 from fem.modulus_inputs import GraspHistory, PadHistory
 from fem.moved_pit import with_pit_moved
@@ -175,7 +176,7 @@ class World:
 
     @cached_property
     def withheld(self) -> float:
-        """Share of the compliance that the truth's own mesh withholds (greatest load of the first grasp)."""
+        """Share of the energy that the truth's own mesh withholds (greatest load of the first grasp)."""
         load = self._loads(self.solid.mesh, self.grasps[0], Off())[0][[int(RADII_MM.argmax())]]
         moved = self.solid.displacement(load)
         return float(discretisation_error(self.solid.mesh, moved, poisson_ratio=NU).energy_share[0])
@@ -199,7 +200,7 @@ class World:
             load, traction = self._loads(solid.mesh, pads, off, place, slice(2 * k * n, 2 * (k + 1) * n))
             loads.append(load)
             at_markers.append(traction)
-        moved = (1 + self.withheld) * place.sample(solid.displacement(np.concatenate(loads)))
+        moved = (1 + PUT_BACK * self.withheld) * place.sample(solid.displacement(np.concatenate(loads)))
         frames, found = len(RADII_MM), []
         for k in range(len(poses)):
             own = slice(2 * k * n, 2 * (k + 1) * n)

@@ -11,10 +11,10 @@ import pytest
 from drawn_grasps import Fruit, Off, Sensor, World
 from drawn_inference import Estimator, drawn_off
 
-from fem.modulus_budget import PIT_PLACE, REGISTRATION, TACTILE, ErrorBudget
+from fem.modulus_budget import REGISTRATION, TACTILE, ErrorBudget
 from fem.modulus_joint import joint_modulus
 
-SIZES = {"edge_mm": 7.0, "refine_edge_mm": 3.5}
+SIZES = {"edge_mm": 7.0, "refine_edge_mm": 5.0}
 NOTHING = ErrorBudget(
     force_scale_sd=1e-6, pit_offset_sd_mm=0.0, pit_size_sd=0.0, surface_sd_mm=0.0, pose_sd_mm=0.0
 )
@@ -52,15 +52,10 @@ def test_noise_of_force_and_displacement_moves_the_modulus_as_stated(estimator):
 
 
 def test_a_pit_of_another_size_moves_the_modulus_as_stated(estimator):
-    found, stated = errors(estimator, replace(NOTHING, pit_size_sd=0.03), "pit size", draws=6)
+    found, stated = errors(estimator, replace(NOTHING, pit_size_sd=0.03), "pit size", draws=4)
     assert 0.55 < found / stated < 1.8
 
 
 def test_another_skin_moves_the_modulus_as_stated(estimator):
-    found, stated = errors(estimator, replace(NOTHING, surface_sd_mm=0.1), REGISTRATION, draws=6)
+    found, stated = errors(estimator, replace(NOTHING, surface_sd_mm=0.1), REGISTRATION, draws=4)
     assert 0.5 < found / stated < 2
-
-
-def test_a_pit_off_its_place_hardly_moves_the_mean_of_opposite_pads(estimator):
-    found, stated = errors(estimator, replace(NOTHING, pit_offset_sd_mm=0.5), PIT_PLACE, draws=4)
-    assert max(found, stated) < 2e-3
