@@ -20,6 +20,9 @@ from fem.moved_pit import with_pit_moved
 
 FAR_MM, FAR_SIZE = 0.5, 0.05
 """Beyond these the response is no longer linear in the pit's offset and ln size to a hundredth of E."""
+LEARNT = 0.3
+"""Share of the prior's variance that the data must have taken before the pit is moved for its sake: where the
+fruit is symmetric about the prior's pit, an offset acts to second order, and its sign would be noise."""
 MOST_MOVES = 4
 
 
@@ -56,7 +59,8 @@ def infer_modulus(
     at, moves = np.zeros(4), 0
     while found.pit is not None and moves < MOST_MOVES:
         place = np.append(found.pit.offset_mm, found.pit.ln_size)
-        if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
+        far = np.abs(place - at) > [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]
+        if not (far & (found.pit.learnt > LEARNT)).any():
             break
         try:
             models = respond(with_pit_moved(mesh, place))

@@ -19,15 +19,6 @@ from fem.modulus_inputs import GraspHistory
 from fem.modulus_thinning import loaded_frames
 from fem.pad_link import PadLink, pad_link
 
-PUT_BACK = 0.5
-"""Share of the withheld energy by which the response grows.
-
-Least squares over displacement miss less than the energy does. On a recorded grasp of an independently
-simulated nectarine E without any of it was 0.9996, 1.0006, 1.0014 and 1.0018 of truth at 36, 56, 124 and 194
-thousand dofs, towards 1.0022, the estimated shares 0.51, 0.32, 0.13 and 0.07 %; and on a hard punch half too.
-What is left is counted as uniform between none and all of it (fem.modulus, ELEMENTS_SD).
-"""
-
 
 @dataclass(frozen=True, kw_only=True)
 class GraspModel:
@@ -35,7 +26,7 @@ class GraspModel:
 
     `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
     columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
-    (fem.discretisation); half of it has been put back. `sensitivity`: how the response to the recording's own
+    under the leading force pattern (fem.discretisation). `sensitivity`: how the response to the recording's own
     loaded frames changes with what is not known exactly. `fruit_moves`: no base holds it. `departure`: what
     large deformation adds to the response, in every frame of the recording (fem.grasp_finite); None: small
     strain.
@@ -65,7 +56,7 @@ def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
     return GraspModel(
         place_mm=np.vstack([link.place.point_mm for link in links]),
         normal=np.vstack([link.place.normal for link in links]),
-        compliance=(1 + PUT_BACK * withheld) * _marker_compliance(links, solid.contact_compliance),
+        compliance=_marker_compliance(links, solid.contact_compliance),
         sensitivity=sensitivity,
         discretisation=withheld,
         fruit_moves=solid.support == "free",
