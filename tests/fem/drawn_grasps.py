@@ -17,7 +17,6 @@ from fem.assembly import assemble
 from fem.discretisation import discretisation_error
 from fem.forward import UnitModulusSolid
 from fem.free_body import FreeBody
-from fem.grasp_model import PUT_BACK
 from fem.mesh import FleshMesh, tetrahedralise
 from fem.modulus_inputs import GraspHistory, PadHistory
 from fem.moved_pit import with_pit_moved
@@ -38,6 +37,8 @@ PRESSURE_MPA_PER_MM, SHEAR = 0.01, 0.15
 USUAL_MPA, STIFFER = 0.5, 0.8
 """Stiffer fruit is pressed harder: by this power of its modulus."""
 PAD_DEPTH_MM = 8.0
+PUT_BACK = 0.5
+"""Share of the energy withheld by the truth's own mesh by which its displacement is taken to grow."""
 GEL_N_PER_MM = 0.2
 WAVES, SHORTEST_MM, LONGEST_MM = 10, 15.0, 40.0
 MOTION_MM, MOTION_RAD = 0.2, 0.004
