@@ -226,6 +226,7 @@ def main() -> None:
     parser.add_argument("--csv", type=Path)
     args = parser.parse_args()
     table = []
+    locked: dict[float, list[float]] = {nu: [] for nu in NU}
     names = [field.name for field in fields(Row)]
     print("  ".join(names))
     for name, build in cases(args.cases).items():
@@ -235,9 +236,13 @@ def main() -> None:
             line = [f"{v:.4g}" if isinstance(v, float) else str(v) for v in vars(row).values()]
             print("  ".join(line), flush=True)
             table.append(line)
+            locked[row.nu].append(row.t4)
             if args.csv:
                 with args.csv.open("w", newline="") as file:
                     csv.writer(file, lineterminator="\n").writerows([names, *table])
+    for nu, lack in locked.items():
+        if lack:
+            print(f"T4 locks at nu {nu}: {-max(lack):.0f} to {-min(lack):.0f} % of the energy missing")
 
 
 if __name__ == "__main__":
