@@ -5,7 +5,7 @@ are computed again (Gauss-Newton), so that a pit 25 % too small or 4 mm off is f
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,21 +57,28 @@ def infer_modulus(
     several = len(estimates) > 1
     found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
     at, moves = np.zeros(4), 0
-    while found.pit is not None and moves < MOST_MOVES:
+    doubts: tuple[str, ...] = ()
+    while found.pit is not None:
         place = np.append(found.pit.offset_mm, found.pit.ln_size)
-        far = np.abs(place - at) > [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]
-        if not (far & (found.pit.learnt > LEARNT)).any():
+        place = np.where(found.pit.learnt > LEARNT, place, at)
+        if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
+            break
+        if moves == MOST_MOVES:
+            doubts = (f"the pit's place did not settle in {moves} moves: its error bar may be too small",)
             break
         try:
             models = respond(with_pit_moved(mesh, place))
-        except FemFailure:
-            break  # the linear answer stands, and its error bar with it
+        except FemFailure as failure:
+            doubts = (f"the pit was not moved to where the grasps put it: {failure.detail}",)
+            break
         tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
         moved = [one for one in tried if isinstance(one, ModulusEstimate)]
         if len(moved) < len(estimates):
+            doubts = ("a grasp is lost where the grasps put the pit: its place is a first estimate",)
             break
         at, moves = place, moves + 1
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
+    found = replace(found, warnings=(*found.warnings, *doubts))
     return FruitInference(modulus=found, grasps=tuple(grasps), moves=moves)
 
 

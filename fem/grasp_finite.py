@@ -9,6 +9,7 @@ from fem.finite_strain import FiniteStrainSolid
 from fem.forward import UnitModulusSolid
 from fem.grasp_model import GraspModel
 from fem.materials.law import UnitLaw
+from fem.modulus import require_positive, tracks_compare
 from fem.modulus_finite import MarkerContact, finite_modulus
 from fem.modulus_fit import fit_compliance
 from fem.modulus_inputs import GraspHistory
@@ -31,12 +32,14 @@ def with_large_deformation(
         bent = replace(tracks, unit_displacement=unit_displacement)
         return fit_compliance(bent, scale_sd=scale_sd, fruit_moves=model.fruit_moves).compliance
 
+    if not tracks_compare(tracks):
+        return model  # the absolute form has no use for it
     _, found = finite_modulus(
         FiniteStrainSolid(solid=solid, law=law),
         MarkerContact.of(history, solid),
         force_N,
         tracks.unit_displacement,
-        modulus_MPa=1 / compliance(tracks.unit_displacement),
+        modulus_MPa=require_positive(compliance(tracks.unit_displacement)),
         refit=compliance,
     )
     departure = np.zeros((len(loaded), *model.place_mm.shape))

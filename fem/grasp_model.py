@@ -26,10 +26,10 @@ class GraspModel:
 
     `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
     columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
-    under the leading force pattern (fem.discretisation). `sensitivity`: how the response to the recording's own
-    loaded frames changes with what is not known exactly. `fruit_moves`: no base holds it. `departure`: what
-    large deformation adds to the response, in every frame of the recording (fem.grasp_finite); None: small
-    strain.
+    under the leading force pattern (fem.discretisation). `sensitivity`: how the response to the recording's
+    own loaded frames changes with what is not known exactly. `fruit_moves`: no base holds it. `departure`:
+    what large deformation adds to the response, in every frame of the recording (fem.grasp_finite); None:
+    small strain.
     """
 
     place_mm: Float[np.ndarray, "n 3"]

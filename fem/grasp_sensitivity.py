@@ -21,7 +21,7 @@ PIT_OFFSET = ("pit x", "pit y", "pit z")
 PIT_SIZE = "pit size"
 PIT = (*PIT_OFFSET, PIT_SIZE)
 POISSON_RATIO = "Poisson's ratio"
-SURFACE = "surface"
+SURFACE = tuple(f"surface {k + 1}" for k in range(6))
 MOST_MODES = 4
 LEAST_SHARE = 1e-3
 """Singular vectors of the forces below this share of the greatest one are left out."""
@@ -101,7 +101,7 @@ def _inner_forces(
             "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
         )
     waves = skin_velocities(mesh, [(link.place.point_mm, _mean_normal(link.place.normal)) for link in links])
-    causes += [f"{SURFACE} {k + 1}" for k in range(len(waves))]
+    causes += SURFACE
     velocities += list(waves)
     forces = -stiffness_change(mesh, solid.poisson_ratio, moved, np.stack(velocities))
     if has_pit and solid.support == "base":

@@ -89,9 +89,13 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     loaded = loaded_frames(history)
     tracks, force = marker_tracks(history, model, loaded)
     _require_markers(tracks)
-    reason = "only one frame is loaded"
+    reason = (
+        "only one frame is loaded"
+        if loaded.sum() == 1
+        else f"fewer than {FEWEST_MARKERS} markers stay in contact for two frames"
+    )
     advice = "record the frames before and during the closing of the jaws"
-    if loaded.sum() > 1:
+    if tracks_compare(tracks):
         fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
         air = force_noise(history, model, tracks, loaded, scale_sd=budget.gel_scale_sd)
         fit = fit if air is None else air.taken_out(fit, tracks)
@@ -128,7 +132,7 @@ def _from_first_touch(
         force_scale_sd=budget.force_scale_sd,
         quiet=(air.tracks, air.force_N) if air else None,
     )
-    modulus = _require_positive(fit.compliance)
+    modulus = require_positive(fit.compliance)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
     apart = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
     misfit = float(np.hypot(LEAST_MISFIT, apart))
@@ -198,9 +202,11 @@ def _absolute(
         surface_sd_mm=budget.surface_sd_mm,
         fruit_moves=model.fruit_moves,
     )
-    modulus = _require_positive(fit.compliance)
+    modulus = require_positive(fit.compliance)
     evidence = GraspEvidence(
-        information=GraspInformation.of_modulus_alone(fit.compliance, relative_sd=fit.noise),
+        information=GraspInformation.of_one_number(
+            fit.compliance, relative_sd=fit.noise, slopes=_slopes(model, tracks, peak)
+        ),
         E_MPa=modulus,
         misfit_sd=fit.surface,
         discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
@@ -232,6 +238,21 @@ def _pad_of_marker(history: GraspHistory) -> Int[np.ndarray, " n"]:
     return np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
 
 
+def _slopes(model: GraspModel, tracks: MarkerTracks, frame: int) -> dict[str, float]:
+    """By which share each cause changes 1/E as one frame gives it."""
+    on = tracks.episode[frame] >= 0
+    unit = tracks.unit_displacement[frame, on]
+    changes = np.einsum("pnx,nx->p", model.sensitivity.values[:, frame, on], unit) / float((unit**2).sum())
+    return dict(zip(model.sensitivity.causes, changes.tolist(), strict=True))
+
+
+def tracks_compare(tracks: MarkerTracks) -> bool:
+    """Whether enough markers are in two frames or more of one contact to compare them with themselves."""
+    contacts = range(int(tracks.episode.max()) + 1)
+    twice = [(tracks.episode == contact).sum(axis=0) > 1 for contact in contacts]
+    return int(np.any(twice, axis=0).sum()) >= FEWEST_MARKERS
+
+
 def _require_markers(tracks: MarkerTracks) -> None:
     touched = int((tracks.episode >= 0).any(axis=0).sum())
     if touched < FEWEST_MARKERS:
@@ -242,7 +263,7 @@ def _require_markers(tracks: MarkerTracks) -> None:
         )
 
 
-def _require_positive(compliance: float) -> float:
+def require_positive(compliance: float) -> float:
     """E in MPa, where the compliance allows one."""
     if not (np.isfinite(compliance) and compliance > 0):
         raise FemFailure(

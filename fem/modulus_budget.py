@@ -43,7 +43,7 @@ class ErrorBudget:
             return self.pit_offset_sd_mm
         if cause in (PIT_SIZE, POISSON_RATIO):
             return self.pit_size_sd if cause == PIT_SIZE else self.poisson_ratio_sd
-        return self.surface_sd_mm / 3**0.5 if cause.startswith(SURFACE) else self.pose_sd_mm
+        return self.surface_sd_mm / 3**0.5 if cause in SURFACE else self.pose_sd_mm
 
 
 def part_of(cause: str) -> str:

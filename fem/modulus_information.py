@@ -21,6 +21,8 @@ from fem.modulus_noise import variance_inflation
 SCALE_MODES = 16
 """Patterns of force-scale errors that are kept: those that move the markers most."""
 FORCE_SCALE = "force scale"
+SEEN = 1e-9
+"""A pad with less than this share of the best pad's information has nothing to compare."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which what the model leaves counts as one draw."""
 
@@ -38,10 +40,15 @@ class GraspInformation:
     right: Float[np.ndarray, " k"]
 
     @classmethod
-    def of_modulus_alone(cls, compliance: float, *, relative_sd: float) -> "GraspInformation":
-        """Of an estimate of s that says nothing of other causes."""
+    def of_one_number(
+        cls, compliance: float, *, relative_sd: float, slopes: dict[str, float]
+    ) -> "GraspInformation":
+        """Of one estimate of s, and by which share each cause changes it."""
+        sees = np.array([1.0, *slopes.values()])
         weight = (relative_sd * compliance) ** -2
-        return cls(causes=(), normal=np.array([[weight]]), right=np.array([weight * compliance]))
+        return cls(
+            causes=tuple(slopes), normal=weight * np.outer(sees, sees), right=weight * compliance * sees
+        )
 
 
 def grasp_information(
@@ -68,19 +75,26 @@ def grasp_information(
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)
-    fields = np.stack([*pads, *model.sensitivity.values, *scaled])
+    moves = model.fruit_moves
+    # What is left is judged after the pads' own fit alone: with all causes free it would be explained away.
+    alone = information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves, influence_of=len(pads))
+    seen = np.diag(alone.normal) > SEEN * np.diag(alone.normal).max()
+    if not seen.all():  # a pad whose markers touch in one frame only says nothing
+        pads = [pad for pad, says in zip(pads, seen, strict=True) if says]
+        alone = information(
+            tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves, influence_of=len(pads)
+        )
     own = np.arange(len(pads))
-    known = information(
-        tracks, fields, scale_sd=scale_sd, fruit_moves=model.fruit_moves, influence_of=len(own)
-    )
-    weight = known.normal[np.ix_(own, own)]
-    each = np.linalg.solve(weight, known.right[own])
+    weight = alone.normal
+    each = np.linalg.solve(weight, alone.right)
+    fields = np.stack([*pads, *model.sensitivity.values, *scaled])
+    known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=moves)
     each *= compliance * weight.sum() / (weight.sum(axis=0) @ each)
     # What the pads' own fit makes of each field: all of them together are the response itself.
     sees = np.linalg.solve(weight, known.normal[own])
     sees = np.column_stack([np.ones(len(pads)), sees[:, len(pads) :]])
-    variance = _design_effect(known, model.place_mm, own) * weight
-    variance += _of_force_noise(known, model, tracks, each.mean() * force_sd_N)
+    variance = _design_effect(alone, model.place_mm) * weight
+    variance += _of_force_noise(alone, model, tracks, each.mean() * force_sd_N)
     weight = weight @ np.linalg.solve(variance, weight)
     return GraspInformation(
         causes=(*model.sensitivity.causes, *len(patterns) * (FORCE_SCALE,)),
@@ -137,9 +151,7 @@ def _moved_by_scales(
     return np.asarray(np.tensordot(share, moved, axes=(1, 1)).swapaxes(0, 1))
 
 
-def _design_effect(
-    known: Information, place_mm: Float[np.ndarray, "n 3"], own: Int[np.ndarray, " p"]
-) -> float:
+def _design_effect(alone: Information, place_mm: Float[np.ndarray, "n 3"]) -> float:
     """By how much the variance of the pads' numbers exceeds that of independent noise; one at least.
 
     What the model leaves is alike from frame to frame and from marker to neighbour. So the scores are summed
@@ -147,6 +159,6 @@ def _design_effect(
     variance); their mean square over what independent noise would give, averaged over the pads.
     """
     block = np.unique(np.floor(place_mm / BLOCK_MM), axis=0, return_inverse=True)[1].reshape(-1)
-    sums = np.zeros((block.max() + 1, len(own)))
-    np.add.at(sums, block, known.scores[:, own])
-    return max(1.0, float(np.mean((sums**2).sum(axis=0) / np.diag(known.normal)[own])))
+    sums = np.zeros((block.max() + 1, alone.scores.shape[1]))
+    np.add.at(sums, block, alone.scores)
+    return max(1.0, float(np.mean((sums**2).sum(axis=0) / np.diag(alone.normal))))

@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO
+from fem.grasp_sensitivity import PIT, POISSON_RATIO
 from fem.modulus_budget import DISCRETISATION, MODEL, SCATTER, TACTILE, ErrorBudget, part_of
 from fem.modulus_information import FORCE_SCALE, GraspInformation
 
@@ -107,7 +107,7 @@ def joint_modulus(
         between = _between(*_one_by_one(grasps, found, float(np.exp(ln_s))))
     modulus = float(np.exp(-ln_s))
     parts = found.parts()
-    pit = _pit(found, at) if infer_pit and any(u.name == PIT_SIZE for u in unknowns) else None
+    pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in unknowns) else None
     return FruitModulus(
         E_MPa=modulus,
         E_sd_MPa=modulus * float(np.linalg.norm(list(parts.values()))),

@@ -6,7 +6,7 @@ import itertools
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -91,10 +91,12 @@ class Device(_Strict):
 
 
 class Sensor(Device):
-    """The tactile sensor; scale errors of single markers, relative, where the maker or a calibration says."""
+    """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
+    skin, where the maker or a calibration says."""
 
     gel_scale_sd: Positive | None = None
     force_scale_sd: Positive | None = None
+    pose_sd_mm: Positive | None = None
 
 
 class Settings(_Strict):
@@ -162,16 +164,14 @@ def _sentence(error: Any) -> str:
 
 def _known_keys(location: list[str | int]) -> list[str]:
     model: type[BaseModel] = Settings
-    tables: dict[str, type[BaseModel]] = {
-        "sensor": Sensor,
-        "gripper": Device,
-        "pit": Pit,
-        "recon": Recon,
-        "mesh": FleshMesh,
-        "grading": Grading,
-        "classes": GradingClass,
-    }
     for part in location:
         if isinstance(part, str):
-            model = tables[part]
+            model = _table(model.model_fields[part].annotation)
     return sorted(model.model_fields)
+
+
+def _table(annotation: Any) -> type[BaseModel]:
+    """The model in a field's type: `Pit`, `Sensor | None`, `tuple[GradingClass, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_table(part) for part in get_args(annotation) if part not in (type(None), Ellipsis))

@@ -1,6 +1,7 @@
 """From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
 
 import hashlib
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
@@ -14,7 +15,7 @@ from fem.grasp_model import GraspModel, grasp_model
 from fem.grasp_sensitivity import POISSON_RATIO
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh import FleshMesh
-from fem.modulus_budget import ErrorBudget
+from fem.modulus_budget import DISCRETISATION, ErrorBudget
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_joint import FruitModulus
 from fem.pad_link import contact_nodes
@@ -35,9 +36,11 @@ def fruit_modulus(
 ) -> FruitInference:
     """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does."""
     histories = [history(grasp) for grasp in grasps]
+    number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
-        return responses(task, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
+        stage = f"response-{next(number)}"
+        return responses(task, stage, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
 
     return infer_modulus(histories, mesh, respond, budget=budget)
 
@@ -48,7 +51,9 @@ def modulus_record(found: FruitModulus) -> ModulusRecord:
     return ModulusRecord(
         E_MPa=found.E_MPa,
         E_sd_MPa=found.E_sd_MPa,
-        common_sd_MPa=found.parts_sd_MPa.get(POISSON_RATIO, 0.0),
+        common_sd_MPa=float(
+            np.hypot(found.parts_sd_MPa.get(POISSON_RATIO, 0.0), found.parts_sd_MPa.get(DISCRETISATION, 0.0))
+        ),
         parts_sd_MPa=found.parts_sd_MPa,
         pit_found=None
         if pit is None
@@ -66,6 +71,7 @@ def modulus_record(found: FruitModulus) -> ModulusRecord:
 
 def responses(
     task: FruitTask,
+    stage: str,
     grasps: Sequence[PlacedGrasp],
     histories: Sequence[GraspHistory],
     mesh: FleshMesh,
@@ -73,7 +79,10 @@ def responses(
     poisson_ratio: float,
     budget: ErrorBudget,
 ) -> list[GraspModel | FemFailure]:
-    """The model of every grasp on one mesh, or why it has none; one factorisation per support, kept."""
+    """The model of every grasp on one mesh, or why it has none; one factorisation per support.
+
+    Kept on disk as `stage`, by content.
+    """
     supports = [grasp.recording.support for grasp in grasps]
     large = task.settings.flesh.model == "neo-hookean"
     digest = hashlib.sha256()
@@ -84,9 +93,12 @@ def responses(
         for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
             digest.update(np.ascontiguousarray(array).tobytes())
     names = [grasp.name for grasp in grasps]
-    law = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
+    assumed = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
     key = stage_key(
-        "response", files=[], settings=[digest.hexdigest(), supports, names, law], rooms=("pipeline", "fem")
+        "response",
+        files=[],
+        settings=[digest.hexdigest(), supports, names, assumed],
+        rooms=("pipeline", "fem"),
     )
 
     def model(k: int, solid: UnitModulusSolid) -> GraspModel | FemFailure:
@@ -111,14 +123,18 @@ def responses(
                     models[k] = failure
             if not nodes:
                 continue
-            solid = UnitModulusSolid.factorise(
-                mesh,
-                poisson_ratio=poisson_ratio,
-                support=support,
-                parts=parts,
-                contact_nodes=np.unique(np.concatenate(list(nodes.values()))),
-            )
+            try:
+                solid = UnitModulusSolid.factorise(
+                    mesh,
+                    poisson_ratio=poisson_ratio,
+                    support=support,
+                    parts=parts,
+                    contact_nodes=np.unique(np.concatenate(list(nodes.values()))),
+                )
+            except FemFailure as failure:
+                models |= dict.fromkeys(nodes, failure)
+                continue
             models |= {k: model(k, solid) for k in nodes}
         return [models[k] for k in range(len(grasps))]
 
-    return unpacked(cached(task.results.cache, "response", key, lambda: packed(compute())))
+    return unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))

@@ -65,6 +65,7 @@ def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
     known = {
         "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
         "force_scale_sd": sensor.force_scale_sd if sensor else None,
+        "pose_sd_mm": sensor.pose_sd_mm if sensor else None,
         "pit_offset_sd_mm": own.offset_sd_mm or (prior.offset_sd_mm if prior else None),
         "pit_size_sd": own.size_sd or (prior.size_sd if prior else None),
         "surface_sd_mm": shape.record.surface_sd_mm,

@@ -122,6 +122,8 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             reasons = [str(failure) for failure in none.exceptions]
             records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]
             known["grasps"] = tuple(sorted([*failed, *records], key=lambda r: r.grasp))
+            if not failed and len(records) == 1:
+                raise none.exceptions[0] from None
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
         records = [*failed, *map(grasp_record, placed, found.grasps)]
         known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
