@@ -6,8 +6,8 @@ Every marker is compared with its own first touch (fem.modulus_fit says why),
 
 s = 1/E and q the fruit's rigid motion, where nothing holds it. In every frame q = u - s v, u and v what of
 the markers' motion and of the response a rigid motion explains; with that q(t_i) needs no s of an early,
-light frame. What a whole recording allows beyond that, scales of markers and noise in the forces among it, is left
-to fem.modulus.
+light frame. What a whole recording allows beyond that, scales of markers and noise in the forces among it,
+is left to fem.modulus.
 """
 
 from dataclasses import dataclass
