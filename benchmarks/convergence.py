@@ -31,7 +31,7 @@ from fem.failure import FemFailure
 from fem.forward import BASE_HEIGHT_MM, Support, UnitModulusSolid
 from fem.mesh import FleshMesh, refined_where, tetrahedralise
 from fem.modulus import ELEMENTS_SD, LEAST_SD
-from fem.rigid_core import reduction
+from fem.rigid_core import reduced, reduction
 from fem.solver import factorise
 from fem.surface import locate
 from fem.tets import signed_volumes_mm3
@@ -169,7 +169,7 @@ def t4_energy(mesh: FleshMesh, case: Case, nu: float) -> float:
         free[-6:] = False  # loads balance: holding the pit leaves no reaction
     motions = csr_array(motions.tocsc()[:, np.flatnonzero(free)])
     right = motions.T @ load.ravel()
-    return float(right @ factorise(csr_array(motions.T @ matrix @ motions)).solve(right[:, None])[:, 0])
+    return float(right @ factorise(reduced(matrix, motions)).solve(right[:, None])[:, 0])
 
 
 def adapted(mesh: FleshMesh, case: Case, *, dofs: int) -> tuple[np.ndarray, int]:

@@ -9,7 +9,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csr_array
+from scipy.sparse import coo_array, csr_array
 
 from fem.failure import FemFailure, FemProblem
 from fem.fronts import Fronts, fronts
@@ -98,12 +98,21 @@ class _Factorised:
 
 
 def _canonical(stiffness: csr_array) -> csr_array:
-    """The same matrix with sorted columns, each once."""
-    if stiffness.has_canonical_format:
+    """The same matrix with sorted columns, each once, and with every nonzero's mirror image.
+
+    Products of sparse matrices leave out sums that vanish exactly, on one side of the diagonal perhaps and
+    not on the other; the elimination counts on both.
+    """
+    if not stiffness.has_canonical_format:
+        stiffness = stiffness.copy()
+        stiffness.sum_duplicates()
+    across = stiffness.tocsc()
+    same = np.array_equal(across.indptr, stiffness.indptr)
+    if same and np.array_equal(across.indices, stiffness.indices):
         return stiffness
-    stiffness = stiffness.copy()
-    stiffness.sum_duplicates()
-    return stiffness
+    here = stiffness.tocoo()
+    places = (np.concatenate([here.row, here.col]), np.concatenate([here.col, here.row]))
+    return coo_array((np.tile(here.data / 2, 2), places), shape=stiffness.shape).tocsr()
 
 
 def _singular(why: str) -> FemFailure:

@@ -230,3 +230,15 @@ def test_what_is_not_positive_definite_is_refused(matrix):
 
 def test_the_solver_says_its_name():
     assert "multifrontal" in solver_name()
+
+
+def test_a_nonzero_that_vanished_on_one_side_of_the_diagonal_only_does_no_harm():
+    n = 400
+    rng = np.random.default_rng(0)
+    i, j = np.sort(rng.integers(n, size=(2, 900)), axis=0)
+    i, j = i[i < j], j[i < j]
+    matrix = np.diag(np.full(n, 10.0))
+    matrix[i, j] = matrix[j, i] = -0.1
+    matrix[i[:300], j[:300]], matrix[j[:300], i[:300]] = 0.0, 1e-17
+    one_sided, load = csr_array(matrix), rng.normal(size=(n, 2))
+    assert np.allclose(one_sided @ factorise(one_sided).solve(load), load, atol=1e-9)
