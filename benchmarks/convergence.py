@@ -180,7 +180,7 @@ def adapted(mesh: FleshMesh, case: Case, *, dofs: int) -> tuple[np.ndarray, int]
         answers = [solved(mesh, case, nu, parts) for nu in NU]
         found.append([answer[:2] for answer in answers])
         part, size = answers[-1][2], 3 * len(mesh.nodes_mm)
-        if size >= dofs:
+        if size >= dofs and len(found) > 1:
             return np.array(found), size
         order = np.argsort(-part)
         marked = np.zeros(len(part), dtype=bool)
