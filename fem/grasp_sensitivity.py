@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.discretisation import discretisation_error
+from fem.failure import FemFailure, FemProblem
 from fem.forward import UnitModulusSolid
 from fem.modulus_inputs import GraspHistory
 from fem.pad_link import PadLink, slid
@@ -79,8 +80,14 @@ def sensitivities(
 def leading_patterns(
     force: Float[np.ndarray, "f n 3"],
 ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
-    """The leading force patterns (unit vectors) and how much of each every frame holds, N."""
+    """The leading force patterns (unit vectors) and how much of each every frame holds, N; raises NO_LOAD."""
     left, size, right = np.linalg.svd(force.reshape(len(force), -1), full_matrices=False)
+    if not size[0] > 0:
+        raise FemFailure(
+            FemProblem.NO_LOAD,
+            "found no force in any frame in which a marker touches, expected the contact's: check the force "
+            "channel of the sensor",
+        )
     kept = np.flatnonzero(size[:MOST_MODES] > LEAST_SHARE * size[0])
     return right[kept].reshape(len(kept), -1, 3), left[:, kept] * size[kept]
 

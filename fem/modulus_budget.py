@@ -37,6 +37,10 @@ class ErrorBudget:
     pose_sd_mm: float = 0.3
     poisson_ratio_sd: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not self.gel_scale_sd > 0:
+            raise ValueError(f"gel_scale_sd is {self.gel_scale_sd:g}, expected above zero; no scale is exact")
+
     def sd_of(self, cause: str) -> float:
         """Prior standard deviation of a cause of fem.grasp_sensitivity, in its unit."""
         if cause in PIT_OFFSET:

@@ -29,6 +29,7 @@ from fem.grasp_model import grasp_model
 from fem.grasp_sensitivity import POISSON_RATIO
 from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
+from fem.modulus_budget import TACTILE
 from fem.modulus_inputs import GraspHistory
 
 
@@ -149,3 +150,18 @@ def test_poisson_ratio_moves_the_modulus_as_the_budget_says():
     assert 1 - there.E_MPa / here.E_MPa == pytest.approx(
         here.parts_sd_MPa[POISSON_RATIO] / here.E_MPa, rel=0.35
     )
+
+
+def test_misfit_that_neighbours_share_widens_the_tactile_part():
+    rng = np.random.default_rng(5)
+    plain = grasp(noise=0.5)
+
+    def bent(pad):
+        block = np.floor(pad.rest_mm[:, :2] / 4.0).astype(int)
+        number = np.unique(block, axis=0, return_inverse=True)[1].reshape(-1)
+        amount = 0.010 * rng.normal(size=(number.max() + 1, 3))[number]
+        load = np.linalg.norm(pad.force_N.sum(axis=1), axis=1)
+        return pad.position_mm + (load / load.max())[:, None, None] * amount
+
+    straight = found_in(plain).parts_sd_MPa[TACTILE]
+    assert found_in(with_pads(plain, position_mm=bent)).parts_sd_MPa[TACTILE] > 2 * straight

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from planted_grasp import (
     BUDGET,
+    E_MPA,
     ball_mesh,
     found_in,
     free_ball,
@@ -93,3 +94,36 @@ def test_a_lag_of_the_forces_is_said_and_widens_the_error_bar():
     plain, found = found_in(history, plain_model()), found_in(late, plain_model())
     assert found.warnings
     assert own_sd_MPa(found) > 3 * own_sd_MPa(plain)
+
+
+def test_forces_that_are_all_zero_are_refused():
+    silent = with_pads(grasp(), force_N=lambda pad: 0 * pad.force_N)
+    with pytest.raises(FemFailure, match="found no force") as caught:
+        grasp_model(silent, free_ball())
+    assert caught.value.problem is FemProblem.NO_LOAD
+
+
+def test_frames_that_share_no_marker_fall_back_on_the_surface():
+    history = grasp(noise=0.1, surface_mm=0.0)
+
+    def apart(pad):
+        even = np.arange(len(pad.rest_mm)) % 2 == 0
+        episode = np.full(pad.episode.shape, -1)
+        episode[4, even & (pad.episode[4] >= 0)] = 0
+        episode[5, ~even & (pad.episode[5] >= 0)] = 0
+        return episode
+
+    found = found_in(with_pads(history, episode=apart))
+    assert found.form == "absolute"
+    assert "stay in contact for two frames" in found.warnings[0]
+
+
+def test_a_pad_seen_in_one_frame_only_leaves_the_other_its_say():
+    def once(pad):
+        last = np.arange(len(pad.episode))[:, None] == 5
+        return np.where(last | (pad.name == "left"), pad.episode, -1)
+
+    short = with_pads(grasp(noise=0.1), episode=once)
+    found = found_in(short)
+    assert found.form == "first-touch"
+    assert found.E_MPa == pytest.approx(E_MPA, rel=0.05)

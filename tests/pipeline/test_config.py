@@ -41,6 +41,12 @@ def test_unknown_key_in_a_table_is_named_with_its_table(tmp_path):
     assert 'unknown key "pit.prio"; did you mean "prior"?' in line
 
 
+@pytest.mark.parametrize("table", ["sensor", "gripper", "pit", "recon", "mesh", "flesh", "grading"])
+def test_unknown_key_is_named_in_every_table(tmp_path, table):
+    lines = refusals(tmp_path, f'category = "plum"\n[{table}]\nnonsense = 1\n')
+    assert any(f'unknown key "{table}.nonsense"' in line for line in lines)
+
+
 def test_all_faults_are_said_at_once(tmp_path):
     lines = refusals(tmp_path, "poisson_ratio = 0.7\nnonsense = 1\n")
     assert len(lines) == 3
