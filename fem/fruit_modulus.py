@@ -8,6 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.failure import FemFailure
 from fem.grasp_model import GraspModel
@@ -67,10 +68,11 @@ def infer_modulus(
             doubts = (f"the pit's place did not settle in {moves} moves: its error bar may be too small",)
             break
         try:
-            models = respond(with_pit_moved(mesh, place))
+            place, moved_mesh = _as_far_as_it_goes(mesh, at, place)
         except FemFailure as failure:
             doubts = (f"the pit was not moved to where the grasps put it: {failure.detail}",)
             break
+        models = respond(moved_mesh)
         tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
         moved = [one for one in tried if isinstance(one, ModulusEstimate)]
         if len(moved) < len(estimates):
@@ -80,6 +82,21 @@ def infer_modulus(
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
     found = replace(found, warnings=(*found.warnings, *doubts))
     return FruitInference(modulus=found, grasps=tuple(grasps), moves=moves)
+
+
+def _as_far_as_it_goes(
+    mesh: FleshMesh, at: Float[np.ndarray, "4"], place: Float[np.ndarray, "4"]
+) -> tuple[Float[np.ndarray, "4"], FleshMesh]:
+    """The mesh with the pit at `place`, or half or a quarter of the way there; raises INVERTED_ELEMENTS.
+
+    A linear step may overshoot, into the skin even.
+    """
+    for share in (1.0, 0.5):
+        try:
+            return at + share * (place - at), with_pit_moved(mesh, at + share * (place - at))
+        except FemFailure:
+            continue
+    return at + 0.25 * (place - at), with_pit_moved(mesh, at + 0.25 * (place - at))
 
 
 def _tried(
