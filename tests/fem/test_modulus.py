@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_grasp import (
+from planted_recording import (
     BOTH,
     BUDGET,
     E_MPA,

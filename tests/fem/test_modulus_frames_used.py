@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_grasp import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
+from planted_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
 
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_thinning import MOST_FRAMES, spacing, thinned

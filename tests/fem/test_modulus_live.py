@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from planted_grasp import E_MPA
+from planted_recording import E_MPA
 
 from fem.modulus_live import FEWEST, FirstTouch, LiveModel, frame_modulus
 

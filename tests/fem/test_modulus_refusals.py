@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from planted_grasp import (
+from planted_recording import (
     BUDGET,
     E_MPA,
     ball_mesh,
