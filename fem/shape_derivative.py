@@ -17,7 +17,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fem.assembly import unit_lame_constants
-from fem.elements import t10_gradient
+from fem.elements import TET_EDGES, t10_gradient
 from fem.mesh import FleshMesh
 
 _CORNERS = np.vstack([np.zeros(3), np.eye(3)])
@@ -75,13 +75,18 @@ def stiffness_change(
 def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
     """The pit moved along x, y, z (per mm), and made larger about its middle (per unit of ln scale).
 
-    In the flesh the motion fades from the pit to the skin, in proportion to the distances to both.
+    In the flesh the motion fades from the pit to the skin, in proportion to the distances to both. Edges
+    inside stay straight: so they bear the most before an element folds.
     """
     on_pit = _share_of_pit(mesh)
     middle = mesh.nodes_mm[mesh.pit_nodes].mean(axis=0)
     shift = on_pit[None, :, None] * np.eye(3)[:, None, :]
     growth = on_pit[:, None] * (mesh.nodes_mm - middle)
-    return np.concatenate([shift, growth[None]])
+    velocities = np.concatenate([shift, growth[None]])
+    middles, ends = mesh.tets[:, 4:].ravel(), mesh.tets[:, TET_EDGES].reshape(-1, 2)
+    inside = ~np.isin(middles, np.concatenate([mesh.outer_nodes, mesh.pit_nodes]))
+    velocities[:, middles[inside]] = velocities[:, ends[inside]].mean(axis=2)
+    return velocities
 
 
 def skin_velocities(
