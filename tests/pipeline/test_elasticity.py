@@ -131,7 +131,13 @@ def test_a_second_run_with_the_same_content_factorises_nothing(workplace, mesh):
 def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, histories):
     task, _ = workplace
     (kept,) = elasticity.responses(
-        task, grasps("along-x"), [histories["along-x"]], mesh, poisson_ratio=NU, budget=ErrorBudget()
+        task,
+        "response-0",
+        grasps("along-x"),
+        [histories["along-x"]],
+        mesh,
+        poisson_ratio=NU,
+        budget=ErrorBudget(),
     )
     solid = UnitModulusSolid.factorise(
         mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [histories["along-x"]])
@@ -177,5 +183,5 @@ def test_the_record_holds_a_pit_from_two_grasps_and_none_from_one(workplace, mes
     assert record.pit_found.offset_prior_sd_mm == (0.5, 0.5, 0.5)
     assert all(sd <= 0.5 * (1 + 1e-9) for sd in record.pit_found.offset_sd_mm)
     assert record.pit_found.size == pytest.approx(np.exp(both.pit.ln_size))
-    assert record.common_sd_MPa == 0.0
+    assert record.common_sd_MPa == pytest.approx(both.parts_sd_MPa["discretisation"])
     assert type(record).model_validate_json(record.model_dump_json()) == record
