@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from fem.failure import FemFailure, FemProblem
 from fem.grasp_model import GraspModel
@@ -64,7 +64,6 @@ class ModulusEstimate:
     E_MPa: float
     E_sd_MPa: float
     parts_sd_MPa: dict[str, float]
-    least_squares: MethodEstimate
     energy: MethodEstimate | None
     form: Literal["first-touch", "absolute"]
     discretisation: float
@@ -74,6 +73,11 @@ class ModulusEstimate:
     evidence: GraspEvidence = field(repr=False)
     loaded: Bool[np.ndarray, " t"] = field(repr=False)
     residual_mm: Float[np.ndarray, "f n 3"] = field(repr=False)
+
+    @property
+    def least_squares(self) -> MethodEstimate:
+        """The modulus by least squares, beside `energy`."""
+        return MethodEstimate(E_MPa=self.E_MPa, sd_MPa=self.E_sd_MPa)
 
 
 def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorBudget) -> ModulusEstimate:
@@ -141,7 +145,7 @@ def _from_first_touch(
             tracks,
             model,
             force,
-            pad_of_marker=_pad_of_marker(history),
+            pad_of_marker=history.pad_of_marker,
             force_sd_N=max(pad.force_sd_N for pad in history.pads),
             scale_sd=budget.gel_scale_sd,
             compliance=fit.compliance,
@@ -159,9 +163,6 @@ def _from_first_touch(
         E_MPa=modulus,
         E_sd_MPa=modulus * float(np.linalg.norm(list(share.values()))),
         parts_sd_MPa={part: sd * modulus for part, sd in share.items()},
-        least_squares=MethodEstimate(
-            E_MPa=modulus, sd_MPa=modulus * float(np.linalg.norm(list(share.values())))
-        ),
         energy=energy,
         form="first-touch",
         discretisation=model.discretisation,
@@ -198,7 +199,7 @@ def _absolute(
         tracks,
         force,
         peak,
-        pad_of_marker=_pad_of_marker(history),
+        pad_of_marker=history.pad_of_marker,
         surface_sd_mm=budget.surface_sd_mm,
         fruit_moves=model.fruit_moves,
     )
@@ -219,7 +220,6 @@ def _absolute(
         E_MPa=modulus,
         E_sd_MPa=share * modulus,
         parts_sd_MPa=alone.parts_sd_MPa,
-        least_squares=MethodEstimate(E_MPa=modulus, sd_MPa=share * modulus),
         energy=MethodEstimate(E_MPa=1 / fit.energy_compliance, sd_MPa=share / fit.energy_compliance)
         if fit.energy_compliance > 0
         else None,
@@ -232,10 +232,6 @@ def _absolute(
         loaded=only,
         residual_mm=fit.residual_mm,
     )
-
-
-def _pad_of_marker(history: GraspHistory) -> Int[np.ndarray, " n"]:
-    return np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
 
 
 def _slopes(model: GraspModel, tracks: MarkerTracks, frame: int) -> dict[str, float]:

@@ -80,7 +80,6 @@ def finite_departure(
     *,
     modulus_MPa: float,
     before: FiniteDeparture | None = None,
-    most_levels: int = MOST_LEVELS,
 ) -> FiniteDeparture:
     """The departure in all frames, from the forces at the markers and their linear response to them.
 
@@ -90,7 +89,7 @@ def finite_departure(
     """
     work = np.einsum("tmx,smx->ts", force_N, unit_displacement, optimize=True)
     kernel = _kernel(work)
-    chosen, left = _chosen(kernel, most_levels)
+    chosen, left = _chosen(kernel)
     chosen = chosen[np.argsort(np.diag(work)[chosen])]
     load = contact.nodal_force(force_N[chosen]) / modulus_MPa
     linear_mm = contact.solid.displacement(load)
@@ -170,11 +169,11 @@ def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:
     return np.asarray(a**2 + a**3)
 
 
-def _chosen(kernel: Float[np.ndarray, "t t"], most: int) -> tuple[Int[np.ndarray, " k"], float]:
+def _chosen(kernel: Float[np.ndarray, "t t"]) -> tuple[Int[np.ndarray, " k"], float]:
     """Frames by pivoted Cholesky, and the largest share that the others are left unforetold."""
     left, columns, chosen = np.diag(kernel).copy(), np.zeros((len(kernel), 0)), list[int]()
     greatest = left.max()
-    while len(chosen) < min(most, len(kernel)) and np.sqrt(left.max() / greatest) > UNFORETOLD:
+    while len(chosen) < min(MOST_LEVELS, len(kernel)) and np.sqrt(left.max() / greatest) > UNFORETOLD:
         pivot = int(left.argmax())
         column = (kernel[:, pivot] - columns @ columns[pivot]) / np.sqrt(left[pivot])
         columns = np.column_stack([columns, column])

@@ -96,38 +96,57 @@ def fit_compliance(
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated.
-
-    `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
-    independent noise their squares add up to the diagonal of N. `influence`: how b of the first p fields
-    changes with each marker's place in each frame.
-    """
+    """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated."""
 
     normal: Float[np.ndarray, "k k"]
     right: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedInformation(Information):
+    """The same, with what the fields leave of the markers' places.
+
+    `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
+    independent noise their squares add up to the diagonal of N. `influence`: how b changes with each marker's
+    place in each frame.
+    """
+
     scores: Float[np.ndarray, "n k"]
-    influence: Float[np.ndarray, "p t n 3"]
+    influence: Float[np.ndarray, "k t n 3"]
 
 
 def information(
-    tracks: MarkerTracks,
-    columns: Float[np.ndarray, "k t n 3"],
-    *,
-    scale_sd: float,
-    fruit_moves: bool,
-    influence_of: int = 0,
+    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
 ) -> Information:
-    """The information of `tracks` on fields that stand where s c stands above; `influence_of`: p."""
+    """The information of `tracks` on fields that stand where s c stands above."""
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    return _without_motions(equations, len(columns), fruit_moves=fruit_moves)[0]
+
+
+def _without_motions(
+    equations: "_Equations", k: int, *, fruit_moves: bool
+) -> tuple[Information, Float[np.ndarray, "k m"], Float[np.ndarray, " m"]]:
+    """The information on k fields; the motions that explain each of them, and the markers' places."""
+    normal, right = equations.normal[:k, :k], equations.right[:k]
+    if not fruit_moves:
+        motions = len(equations.right) - k
+        return Information(normal=normal, right=right), np.zeros((k, motions)), np.zeros(motions)
+    factor = cho_factor(equations.normal[k:, k:])
+    turns = cho_solve(factor, equations.normal[k:, :k]).T
+    known = Information(
+        normal=normal - turns @ equations.normal[k:, :k], right=right - turns @ equations.right[k:]
+    )
+    return known, turns, cho_solve(factor, equations.right[k:])
+
+
+def judged_information(
+    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
+) -> JudgedInformation:
+    """`information`, and what these few fields leave."""
     k, frames = len(columns), len(tracks.position_mm)
     equations = _equations(tracks, columns, scale_sd=scale_sd)
-    normal, right = equations.normal[:k, :k], equations.right[:k]
-    turns = np.zeros((k, 6 * frames))
-    moved = np.zeros(6 * frames)
-    if fruit_moves:
-        motions = cho_factor(equations.normal[k:, k:])
-        turns = cho_solve(motions, equations.normal[k:, :k]).T
-        moved = cho_solve(motions, equations.right[k:])
-        normal, right = normal - turns @ equations.normal[k:, :k], right - turns @ equations.right[k:]
+    known, turns, moved = _without_motions(equations, k, fruit_moves=fruit_moves)
+    normal, right = known.normal, known.right
     amounts = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
     theta = np.append(amounts, moved - amounts @ turns)
     rigid = rigid_motion(tracks.place_mm)
@@ -140,13 +159,11 @@ def information(
     scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
     turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
     scores -= turned @ turns.T + own * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
-    p = influence_of
-    still = np.einsum("nxl,ptl->ptnx", rigid, turns[:p].reshape(p, frames, 6), optimize=True)
-    still += own.T[:p, None, :, None] * tracks.gel_displacement_mm
-    influence = np.empty_like(still)
-    for k in range(p):
-        influence[k] = about_episode_mean(columns[k] - still[k], tracks.episode) * _weight(tracks)[:, None]
-    return Information(normal=normal, right=right, scores=scores, influence=influence)
+    still = np.einsum("nxl,ktl->ktnx", rigid, turns.reshape(k, frames, 6), optimize=True)
+    still += own.T[:, None, :, None] * tracks.gel_displacement_mm
+    influence = np.stack([about_episode_mean(field, tracks.episode) for field in columns - still])
+    influence *= _weight(tracks)[:, None]
+    return JudgedInformation(normal=normal, right=right, scores=scores, influence=influence)
 
 
 def _weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:

@@ -35,7 +35,7 @@ def modulus_per_frame(
     out."""
     c = since_first_touch(tracks.unit_displacement, tracks.episode)
     u = since_first_touch(tracks.position_mm - fit.motion_mm, tracks.episode)
-    own = np.repeat(np.arange(len(history.pads)), [len(pad.rest_mm) for pad in history.pads])
+    own = history.pad_of_marker
     groups = [(BOTH, np.ones(len(own), dtype=bool))]
     groups += [(pad.name, own == k) for k, pad in enumerate(history.pads)]
     totals = [np.linalg.norm(pad.force_N.sum(axis=1), axis=1) for pad in history.pads]

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 
 from fem.grasp_model import GraspModel
 from fem.grasp_sensitivity import leading_patterns
-from fem.modulus_fit import Information, MarkerTracks, information
+from fem.modulus_fit import JudgedInformation, MarkerTracks, information, judged_information
 from fem.modulus_noise import variance_inflation
 
 SCALE_MODES = 16
@@ -66,24 +66,23 @@ def grasp_information(
     The forces stand without those of their patterns that noise would make too (`_above_noise`), for the pads'
     share of the response not to be noise. What is left out leans on all pads alike: their numbers are scaled
     for their mean to be `compliance`, 1/E of the whole fit with the air's noise taken out
-    (fem.modulus_force_noise). At 0.16 MPa and 5 mN of noise E is 8 % too low otherwise.
-    What noise in the forces does to the pads' numbers
-    (`_of_force_noise`) adds to their variance.
+    (fem.modulus_force_noise). At 0.16 MPa and 5 mN of noise E is 8 % too low otherwise. What noise in the
+    forces does to the pads' numbers (`_of_force_noise`) adds to their variance.
     """
-    beyond = tracks.unit_displacement - model.unit_displacement(force_N)  # what large deformation adds
+    beyond: float | np.ndarray = 0.0
+    if model.departure is not None:  # what large deformation adds
+        beyond = tracks.unit_displacement - model.unit_displacement(force_N)
     felt = model.unit_displacement(_above_noise(force_N, force_sd_N)) + beyond
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)
     moves = model.fruit_moves
     # What is left is judged after the pads' own fit alone: with all causes free it would be explained away.
-    alone = information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves, influence_of=len(pads))
+    alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     seen = np.diag(alone.normal) > SEEN * np.diag(alone.normal).max()
     if not seen.all():  # a pad whose markers touch in one frame only says nothing
         pads = [pad for pad, says in zip(pads, seen, strict=True) if says]
-        alone = information(
-            tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves, influence_of=len(pads)
-        )
+        alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     own = np.arange(len(pads))
     weight = alone.normal
     each = np.linalg.solve(weight, alone.right)
@@ -104,7 +103,7 @@ def grasp_information(
 
 
 def _of_force_noise(
-    known: Information, model: GraspModel, tracks: MarkerTracks, moved_sd: float
+    alone: JudgedInformation, model: GraspModel, tracks: MarkerTracks, moved_sd: float
 ) -> Float[np.ndarray, "p p"]:
     """Covariance of the pads' right-hand sides from noise n in the forces: it feigns a displacement s C n.
 
@@ -112,8 +111,8 @@ def _of_force_noise(
     force's moves the markers of both pads. Its share in 1/E does not fall with the number of markers as the
     other does: that of their total force stays.
     """
-    pads, frames, markers = known.influence.shape[:3]
-    felt = known.influence.reshape(pads * frames, -1) @ model.compliance
+    pads, frames, markers = alone.influence.shape[:3]
+    felt = alone.influence.reshape(pads * frames, -1) @ model.compliance
     felt = felt.reshape(pads, frames, markers, 3)
     alike = variance_inflation(tracks.lag1) * moved_sd**2
     return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, alike, optimize=True))
@@ -151,7 +150,7 @@ def _moved_by_scales(
     return np.asarray(np.tensordot(share, moved, axes=(1, 1)).swapaxes(0, 1))
 
 
-def _design_effect(alone: Information, place_mm: Float[np.ndarray, "n 3"]) -> float:
+def _design_effect(alone: JudgedInformation, place_mm: Float[np.ndarray, "n 3"]) -> float:
     """By how much the variance of the pads' numbers exceeds that of independent noise; one at least.
 
     What the model leaves is alike from frame to frame and from marker to neighbour. So the scores are summed

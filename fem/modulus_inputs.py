@@ -36,3 +36,8 @@ class GraspHistory:
     time_s: Float[np.ndarray, " t"]
     phase: tuple[str, ...]
     pads: tuple[PadHistory, ...]
+
+    @property
+    def pad_of_marker(self) -> Int[np.ndarray, " n"]:
+        """The number of each marker's pad, all pads' markers side by side."""
+        return np.repeat(np.arange(len(self.pads)), [len(pad.rest_mm) for pad in self.pads])
