@@ -1,0 +1,163 @@
+"""What the mismatch finder says of one fruit's recordings: everything a page or a file is written from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+NONE, UNKNOWN = "none", "unknown"
+"""Verdicts that are no effect: nothing found, and something found that no effect explains."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One parameter of an effect with its standard deviation and 90 % interval; `sd` None: not estimated.
+
+    A vector (a centre, an offset) has one number per component, a name (a pad) none at all.
+    """
+
+    value: float | tuple[float, ...] | str
+    sd: float | tuple[float, ...] | None
+    unit: str
+    interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Modulus:
+    """E and its standard deviation, MPa."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Candidate:
+    """One explanation in the ranking: an effect, or two joined by "+", sorted.
+
+    `log_evidence`: natural logarithm of the marginal likelihood against no effect at all. `gain`: by how much
+    chi-square falls. `heldout`: log predictive score on grasps left out, against no effect. `refitted`: with
+    the effect's full nonlinear model.
+    """
+
+    effect: str
+    probability: float
+    parameters: dict[str, Parameter]
+    log_evidence: float
+    gain: float
+    heldout: float | None = None
+    refitted: bool = False
+    modulus: Modulus | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Where:
+    """Where the mismatch sits: a region in words, and for a spot in the flesh its centre and radius."""
+
+    region: str
+    centre_mm: tuple[float, float, float] | None = None
+    radius_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeldOut:
+    """Normalised force residual on grasps that the fit did not see: before, after, and what noise leaves."""
+
+    rms_before: float
+    rms_after: float
+    noise_rms: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspTrace:
+    """One recording through the fit of the *others*: force on the pads over how far the flesh gave way.
+
+    `given_mm`: measured mean approach of the pads' markers; `before_mm`, `after_mm`: what the models give
+    under the measured force. Per frame in contact; `phase` as in the recording.
+    """
+
+    grasp: str
+    time_s: Float[np.ndarray, " t"]
+    phase: tuple[str, ...]
+    force_N: Float[np.ndarray, " t"]
+    given_mm: Float[np.ndarray, " t"]
+    before_mm: Float[np.ndarray, " t"]
+    after_mm: Float[np.ndarray, " t"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModulusCell:
+    """The secant modulus of one grasp, pad and frame: a table in which a departure shows when and where."""
+
+    grasp: str
+    pad: str
+    time_s: float
+    phase: str
+    E_MPa: float
+    E_sd_MPa: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Variance:
+    """One row of the analysis of variance of ln E over the cells: how much of it a factor explains."""
+
+    factor: str
+    share: float
+    p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitMap:
+    """Maps on the fruit's skin, one number per vertex, each divided by its own noise (standard scores).
+
+    `modulus_score`: softer (negative) or stiffer (positive) flesh below would explain the residual.
+    `visible`: how well a spot of soft flesh there could be seen at all, its signal over noise; below three is
+    the blind zone.
+    """
+
+    vertices_mm: Float[np.ndarray, "n 3"]
+    triangles: Int[np.ndarray, "m 3"]
+    modulus_score: Float[np.ndarray, " n"]
+    eigenstrain_score: Float[np.ndarray, " n"]
+    law_error: Float[np.ndarray, " n"]
+    visible: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Check:
+    """One posterior predictive check: a number of the data, and what the model says of it."""
+
+    name: str
+    measured: float
+    before: float
+    after: float
+    sd: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
+
+    `statistics`: each detection statistic's own p-value. `notes`: sentences a reader must know (one grasp
+    only, the category's pit used).
+    """
+
+    detected: bool
+    p_value: float
+    statistics: dict[str, float]
+    where: Where
+    when: str
+    component: str
+    ranking: tuple[Candidate, ...]
+    verdict: str | tuple[str, ...]
+    before: Modulus
+    after: Modulus
+    heldout: HeldOut | None
+    next_grasp: str | None
+    cells: tuple[ModulusCell, ...] = ()
+    variance: tuple[Variance, ...] = ()
+    traces: tuple[GraspTrace, ...] = ()
+    checks: tuple[Check, ...] = ()
+    maps: FruitMap | None = None
+    notes: tuple[str, ...] = ()
+    seconds: dict[str, float] | None = None
