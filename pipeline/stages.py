@@ -5,52 +5,23 @@ photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elemen
 
 import resource
 import sys
-import time
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
-import numpy as np
-from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from fem.failure import FemFailure
-from fem.solver import solver_name
+from pipeline.diary import Diary
 from pipeline.elasticity import fruit_modulus, modulus_record
-from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
-from pipeline.grasp import PlacedGrasp, foreign, grasp_record, place_grasp, touched_by_pad
+from pipeline.grasp import grasp_record, touched_by_pad
+from pipeline.grasped import grasped_fruit
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
-from pipeline.records import FleshRecord, FruitRecord, GraspRecord, write_record
-from pipeline.shape import Shape, embedded_pit, fruit_shape, other_height, write_meshes
+from pipeline.records import FruitRecord, GraspRecord, write_record
 from pipeline.task import FruitTask
 from recon.failure import ReconFailure
 from reports.mesh_picture import mesh_picture
 from tactile.failure import TactileFailure
-
-FOOT_MM = 0.5
-"""Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
-
-
-@dataclass
-class Diary:
-    """What is known of the fruit so far: a fruit that ends with a reason loses none of it."""
-
-    report: Callable[[str], None]
-    known: dict[str, object] = field(default_factory=dict)
-    warnings: list[str] = field(default_factory=list)
-    seconds: dict[str, float] = field(default_factory=dict)
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Says that a stage begins, and keeps how long it took."""
-        self.report(name)
-        started = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[name] = round(time.perf_counter() - started, 2)
 
 
 def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
@@ -90,34 +61,13 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
 
 def _grade(task: FruitTask, diary: Diary) -> None:
     known = diary.known
-    with diary.stage("mesh"):
-        shape = fruit_shape(task)
-        known["mesh"] = shape.record
-        diary.warnings += [*shape.warnings, *other_height(task, shape)]
-    with diary.stage("pit"):
-        pit = embedded_pit(task, shape)
-        known["pit"] = pit.record
-        write_meshes(task.results, shape, pit)
-    placed, failures = _placed(task, shape, diary)
-    failed = [GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items()]
-    known["grasps"] = tuple(failed)
-    if not placed:
-        write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
-        raise _why_no_grasp(task, list(failures.values()))
-    nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
-    with diary.stage("flesh"):
-        mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
-        known["flesh"] = FleshRecord(
-            nodes=len(mesh.nodes_mm),
-            tets=len(mesh.tets),
-            poisson_ratio=nu,
-            poisson_ratio_sd=nu_sd,
-            poisson_ratio_source=source,
-            solver=solver_name(),
-        )
+    fruit = grasped_fruit(task, diary)
+    shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed
     with diary.stage("modulus"):
         try:
-            found = fruit_modulus(task, placed, mesh, poisson_ratio=nu, budget=error_budget(task, shape))
+            found = fruit_modulus(
+                task, placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
+            )
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
             records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]
@@ -145,47 +95,6 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 contacts_mm=touched_by_pad(placed),
             ),
         )
-
-
-def _placed(
-    task: FruitTask, shape: Shape, diary: Diary
-) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
-    """Every recording that can be used, and the failure of each that cannot."""
-    placed, failures = [], {}
-    with diary.stage("contact"):
-        for path in task.folder.grasp_files():
-            try:
-                grasp = place_grasp(path, shape.vertices, shape.faces)
-                placed.append(grasp)
-                diary.warnings += foreign(grasp, task.fruit_id, task.settings.category)
-            except TactileFailure as failure:
-                failures[path.stem] = failure
-                diary.warnings.append(f"not used: {failure.detail}")
-    return placed, failures
-
-
-def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
-    """Where elements must be small: under every pad, and at the foot of a fruit that stands on a base."""
-    points = [points for grasp in placed for points in grasp.touched_mm.values()]
-    if any(grasp.recording.support == "base" for grasp in placed):
-        height = shape.vertices[:, 2] - shape.vertices[:, 2].min()
-        points.append(shape.vertices[height < FOOT_MM])
-    return np.vstack(points)
-
-
-def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
-    """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
-    if len(failures) == 1:
-        return failures[0]
-    if failures:
-        return FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(map(str, failures)))
-    raw = task.folder.raw_grasp_folders()
-    return FruitEnded(
-        Outcome.NO_GRASP,
-        f"{raw[0].name}/ holds raw frames, which this version cannot read: convert them to .h5."
-        if raw
-        else "record one grasp and put its .h5 there.",
-    )
 
 
 def _peak_memory_MiB() -> float:

@@ -1,0 +1,26 @@
+"""What is known of a fruit while its stages run: one that ends with a reason loses none of it."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+
+@dataclass
+class Diary:
+    """Facts, warnings and times so far; `report` is told when a stage begins."""
+
+    report: Callable[[str], None]
+    known: dict[str, object] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Says that a stage begins, and keeps how long it took."""
+        self.report(name)
+        started = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(time.perf_counter() - started, 2)

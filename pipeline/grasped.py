@@ -1,0 +1,119 @@
+"""A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mesh import FleshMesh
+from fem.modulus_budget import ErrorBudget
+from fem.solver import solver_name
+from pipeline.diary import Diary
+from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
+from pipeline.grasp import PlacedGrasp, foreign, place_grasp
+from pipeline.layout import write_whole
+from pipeline.outcome import FruitEnded, Outcome
+from pipeline.records import FleshRecord, GraspRecord
+from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, other_height, write_meshes
+from pipeline.task import FruitTask
+from reports.mesh_picture import mesh_picture
+from tactile.failure import TactileFailure
+
+FOOT_MM = 0.5
+"""Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspedFruit:
+    """What the modulus and the mismatch finder both start from; `failed`: recordings of no use, and why."""
+
+    shape: Shape
+    pit: Pit
+    placed: tuple[PlacedGrasp, ...]
+    failed: tuple[GraspRecord, ...]
+    mesh: FleshMesh
+    poisson_ratio: float
+    budget: ErrorBudget
+
+
+def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
+    """Photos or a ready mesh to elements, in stages told to `diary`.
+
+    Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
+    """
+    known = diary.known
+    with diary.stage("mesh"):
+        shape = fruit_shape(task)
+        known["mesh"] = shape.record
+        diary.warnings += [*shape.warnings, *other_height(task, shape)]
+    with diary.stage("pit"):
+        pit = embedded_pit(task, shape)
+        known["pit"] = pit.record
+        write_meshes(task.results, shape, pit)
+    placed, failures = _placed(task, shape, diary)
+    failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
+    known["grasps"] = failed
+    if not placed:
+        write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
+        raise _why_no_grasp(task, list(failures.values()))
+    nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
+    with diary.stage("flesh"):
+        mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
+        known["flesh"] = FleshRecord(
+            nodes=len(mesh.nodes_mm),
+            tets=len(mesh.tets),
+            poisson_ratio=nu,
+            poisson_ratio_sd=nu_sd,
+            poisson_ratio_source=source,
+            solver=solver_name(),
+        )
+    return GraspedFruit(
+        shape=shape,
+        pit=pit,
+        placed=tuple(placed),
+        failed=failed,
+        mesh=mesh,
+        poisson_ratio=nu,
+        budget=error_budget(task, shape),
+    )
+
+
+def _placed(
+    task: FruitTask, shape: Shape, diary: Diary
+) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
+    """Every recording that can be used, and the failure of each that cannot."""
+    placed, failures = [], {}
+    with diary.stage("contact"):
+        for path in task.folder.grasp_files():
+            try:
+                grasp = place_grasp(path, shape.vertices, shape.faces)
+                placed.append(grasp)
+                diary.warnings += foreign(grasp, task.fruit_id, task.settings.category)
+            except TactileFailure as failure:
+                failures[path.stem] = failure
+                diary.warnings.append(f"not used: {failure.detail}")
+    return placed, failures
+
+
+def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
+    """Where elements must be small: under every pad, and at the foot of a fruit that stands on a base."""
+    points = [points for grasp in placed for points in grasp.touched_mm.values()]
+    if any(grasp.recording.support == "base" for grasp in placed):
+        height = shape.vertices[:, 2] - shape.vertices[:, 2].min()
+        points.append(shape.vertices[height < FOOT_MM])
+    return np.vstack(points)
+
+
+def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
+    """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
+    if len(failures) == 1:
+        return failures[0]
+    if failures:
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(map(str, failures)))
+    raw = task.folder.raw_grasp_folders()
+    return FruitEnded(
+        Outcome.NO_GRASP,
+        f"{raw[0].name}/ holds raw frames, which this version cannot read: convert them to .h5."
+        if raw
+        else "record one grasp and put its .h5 there.",
+    )

@@ -1,0 +1,147 @@
+"""A recording with known faults of the jaws taken out: gain, drift, compliance, lag, a pad's place.
+
+Each fault says how the recorded numbers came from the true ones; `corrected` undoes it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import reduce
+from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation, Slerp
+
+from tactile.recording import GelPad, IndenterPad, Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorGain:
+    """Recorded force of one pad = `gain` times the true force."""
+
+    pad: str
+    gain: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorDrift:
+    """One pad's recorded normal force grows by `newton_per_s`, evenly over its markers, from frame one on."""
+
+    pad: str
+    newton_per_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripperCompliance:
+    """Recorded travel of each jaw exceeds the true one by `mm_per_N` times its normal force."""
+
+    mm_per_N: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClockLag:
+    """Displacement and force are `lag_s` late against pose and aperture (negative: early)."""
+
+    lag_s: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseError:
+    """Recorded pose of one pad = true pose . shift in the gel's plane . tilt about its x axis."""
+
+    pad: str
+    shift_mm: tuple[float, float]
+    tilt_deg: float
+
+
+Fault: TypeAlias = SensorGain | SensorDrift | GripperCompliance | ClockLag | PoseError
+
+
+def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
+    """`recording` as it would be without the faults.
+
+    Forces are put right first, since a jaw's compliance is a matter of the true force; a fault of a pad that
+    the recording does not have leaves it as it is. The result does not depend on the order of `faults`.
+    """
+    first = (SensorDrift, SensorGain, ClockLag, GripperCompliance, PoseError)
+    return reduce(_without, sorted(faults, key=lambda fault: first.index(type(fault))), recording)
+
+
+def _without(recording: Recording, fault: Fault) -> Recording:
+    if isinstance(fault, ClockLag):
+        return _in_time(recording, fault.lag_s)
+    if isinstance(fault, GripperCompliance):
+        return _stiff(recording, fault.mm_per_N)
+    mended = tuple(
+        _mended(pad, fault, recording.time_s) if pad.name == fault.pad else pad for pad in recording.pads
+    )
+    return replace(recording, pads=mended)
+
+
+def _mended(
+    pad: GelPad | IndenterPad, fault: SensorGain | SensorDrift | PoseError, time_s: Float[np.ndarray, " t"]
+) -> GelPad | IndenterPad:
+    if isinstance(fault, PoseError):
+        return replace(pad, pose=pad.pose @ np.linalg.inv(misplacement(fault)))
+    gain, newton_per_s = (fault.gain, 0.0) if isinstance(fault, SensorGain) else (1.0, fault.newton_per_s)
+    grown = newton_per_s * (time_s - time_s[0])
+    if isinstance(pad, IndenterPad):
+        return replace(pad, force_z_N=(pad.force_z_N - grown) / gain)
+    force = pad.force_N.copy()
+    force[:, :, 2] -= grown[:, None] / force.shape[1]
+    return replace(pad, force_N=force / gain)
+
+
+def misplacement(fault: PoseError) -> Float[np.ndarray, "4 4"]:
+    """Shift . tilt, in the pad frame: what the recorded pose has and the true one lacks."""
+    moved = np.eye(4)
+    moved[:3, :3] = Rotation.from_euler("x", fault.tilt_deg, degrees=True).as_matrix()
+    moved[:2, 3] = fault.shift_mm
+    return moved
+
+
+def _in_time(recording: Recording, lag_s: float) -> Recording:
+    """Pose, aperture and load cell brought to the markers' clock: p(t - lag).
+
+    It is they that are interpolated, not the markers, whose noise must stay as it is. Before the first and
+    after the last frame the machine is taken to stand still.
+    """
+    time_s = recording.time_s
+    then = np.clip(time_s - lag_s, time_s[0], time_s[-1])
+    wrench = recording.wrench_N
+    return replace(
+        recording,
+        aperture_mm=np.interp(then, time_s, recording.aperture_mm),
+        wrench_N=None
+        if wrench is None
+        else np.stack([np.interp(then, time_s, column) for column in wrench.T], axis=1),
+        pads=tuple(replace(pad, pose=_poses_at(then, time_s, pad.pose)) for pad in recording.pads),
+    )
+
+
+def _poses_at(
+    then: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " t"], pose: Float[np.ndarray, "t 4 4"]
+) -> Float[np.ndarray, "t 4 4"]:
+    if len(time_s) < 2:
+        return pose
+    moved = np.tile(np.eye(4), (len(then), 1, 1))
+    moved[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(pose[:, :3, :3]))(then).as_matrix()
+    moved[:, :3, 3] = np.stack([np.interp(then, time_s, pose[:, axis, 3]) for axis in range(3)], axis=1)
+    return moved
+
+
+def _stiff(recording: Recording, mm_per_N: float) -> Recording:
+    """Each pad drawn back along its z by what its jaw gave way; the aperture by the sum of both."""
+    gave = [mm_per_N * _normal_N(pad) for pad in recording.pads]
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    pads = []
+    for pad, back in zip(recording.pads, gave, strict=True):
+        pose = pad.pose.copy()
+        pose[:, :3, 3] -= back[:, None] * pose[:, :3, 2]
+        pads.append(replace(pad, pose=pose))
+    aperture = recording.aperture_mm - closing * np.sum(gave, axis=0)
+    return replace(recording, pads=tuple(pads), aperture_mm=aperture)
+
+
+def _normal_N(pad: GelPad | IndenterPad) -> Float[np.ndarray, " t"]:
+    return pad.force_z_N if isinstance(pad, IndenterPad) else np.asarray(pad.force_N[:, :, 2].sum(axis=1))

@@ -1,0 +1,138 @@
+"""A recording with a known fault, corrected, is the recording without it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_grasp import planted_grasp
+
+from tactile.correction import (
+    ClockLag,
+    GripperCompliance,
+    PoseError,
+    SensorDrift,
+    SensorGain,
+    corrected,
+    misplacement,
+)
+from tactile.recording import IndenterPad, Recording
+
+
+@pytest.fixture(scope="module")
+def true():
+    return planted_grasp(np.random.default_rng(3)).recording
+
+
+def with_pad(recording, name, change):
+    pads = tuple(change(pad) if pad.name == name else pad for pad in recording.pads)
+    return replace(recording, pads=pads)
+
+
+def same(found, expected, atol=1e-9):
+    assert found.aperture_mm == pytest.approx(expected.aperture_mm, abs=atol)
+    for one, other in zip(found.pads, expected.pads, strict=True):
+        for name in ("pose", "force_N", "displacement_mm"):
+            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=atol, err_msg=name)
+
+
+def test_a_gain_is_taken_out_of_its_own_pad_alone(true):
+    recorded = with_pad(true, "left", lambda pad: replace(pad, force_N=1.14 * pad.force_N))
+    same(corrected(recorded, [SensorGain(pad="left", gain=1.14)]), true)
+
+
+def test_a_drift_is_taken_out_of_the_total_and_leaves_shear_alone(true):
+    def drifting(pad):
+        force = pad.force_N.copy()
+        force[:, :, 2] += 0.05 * (true.time_s - true.time_s[0])[:, None] / force.shape[1]
+        return replace(pad, force_N=force)
+
+    recorded = with_pad(true, "right", drifting)
+    total = [r.pads[1].force_N[:, :, 2].sum(axis=1) for r in (recorded, true)]
+    assert np.polyfit(true.time_s, total[0] - total[1], 1)[0] == pytest.approx(0.05)
+    same(corrected(recorded, [SensorDrift(pad="right", newton_per_s=0.05)]), true)
+
+
+def test_a_jaw_that_gives_way_is_put_back_by_its_own_force(true):
+    force = [pad.force_N[:, :, 2].sum(axis=1) for pad in true.pads]
+    pads = []
+    for pad, push in zip(true.pads, force, strict=True):
+        pose = pad.pose.copy()
+        pose[:, :3, 3] += 0.02 * push[:, None] * pose[:, :3, 2]
+        pads.append(replace(pad, pose=pose))
+    recorded = replace(true, pads=tuple(pads), aperture_mm=true.aperture_mm - 0.02 * sum(force))
+    found = corrected(recorded, [GripperCompliance(mm_per_N=0.02)])
+    same(found, true)
+    gap = np.linalg.norm(found.pads[0].pose[:, :3, 3] - found.pads[1].pose[:, :3, 3], axis=1)
+    assert gap == pytest.approx(found.aperture_mm, abs=1e-9)
+
+
+@pytest.mark.parametrize("frames", [3, -2])
+def test_a_lag_of_whole_frames_is_undone_exactly_up_to_the_origin_of_time(true, frames):
+    def late(pad):
+        return replace(
+            pad,
+            displacement_mm=np.roll(pad.displacement_mm, frames, axis=0),
+            force_N=np.roll(pad.force_N, frames, axis=0),
+        )
+
+    recorded = replace(true, pads=tuple(map(late, true.pads)))
+    found = corrected(recorded, [ClockLag(lag_s=frames * 0.1)])
+    now, then = slice(8, -8), slice(8 - frames, len(true.time_s) - 8 - frames)
+    assert found.aperture_mm[now] == pytest.approx(true.aperture_mm[then], abs=1e-9)
+    for one, other in zip(found.pads, true.pads, strict=True):
+        np.testing.assert_allclose(one.pose[now], other.pose[then], atol=1e-9)
+        np.testing.assert_array_equal(one.force_N[now], other.force_N[then])
+
+
+def test_a_misplaced_pad_is_put_back(true):
+    fault = PoseError(pad="left", shift_mm=(1.5, -0.7), tilt_deg=4.0)
+    moved = misplacement(fault)
+    assert moved[:3, 3] == pytest.approx([1.5, -0.7, 0.0])
+    assert moved[:3, 0] == pytest.approx([1.0, 0.0, 0.0])
+    recorded = with_pad(true, "left", lambda pad: replace(pad, pose=pad.pose @ moved))
+    same(corrected(recorded, [fault]), true)
+
+
+def test_order_of_faults_does_not_matter_and_none_changes_nothing(true):
+    faults = [
+        GripperCompliance(mm_per_N=0.01),
+        ClockLag(lag_s=0.05),
+        SensorDrift(pad="left", newton_per_s=0.01),
+        PoseError(pad="right", shift_mm=(1.0, 0.0), tilt_deg=1.0),
+        SensorGain(pad="left", gain=0.9),
+    ]
+    same(corrected(true, faults), corrected(true, faults[::-1]), atol=0.0)
+    assert corrected(true, []) is true
+    same(corrected(true, [SensorGain(pad="tip", gain=2.0)]), true, atol=0.0)
+
+
+def test_a_bare_indenter_is_corrected_too():
+    time_s = np.arange(5.0)
+    pad = IndenterPad(
+        name="tip",
+        pose=np.tile(np.eye(4), (5, 1, 1)),
+        force_z_N=1.2 * (2.0 * time_s) + 0.1 * time_s,
+        indenter="ball",
+        radius_mm=5.0,
+    )
+    recorded = Recording(
+        fruit_id="x",
+        category="plum",
+        loading="press",
+        support="base",
+        sensor="rig",
+        time_s=time_s,
+        aperture_mm=time_s + 0.5 * 2.0 * time_s,
+        pads=(pad,),
+        wrench_N=np.ones((5, 6)),
+    )
+    faults = [
+        SensorGain(pad="tip", gain=1.2),
+        SensorDrift(pad="tip", newton_per_s=0.1),
+        GripperCompliance(mm_per_N=0.5),
+        ClockLag(lag_s=0.0),
+    ]
+    found = corrected(recorded, faults)
+    assert found.pads[0].force_z_N == pytest.approx(2.0 * time_s)
+    assert found.aperture_mm == pytest.approx(time_s)
+    assert found.wrench_N == pytest.approx(recorded.wrench_N)
