@@ -6,14 +6,16 @@ import itertools
 import math
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from fem.assembly import LARGEST_POISSON_RATIO
+from pipeline.confirmed import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Model = TypeVar("Model", bound=BaseModel)
 
 
 class _Strict(BaseModel):
@@ -117,26 +119,32 @@ class Settings(_Strict):
     mesh: FleshMesh = FleshMesh()
     flesh: Flesh = Flesh()
     grading: Grading = Grading()
+    mismatch: tuple[ConfirmedEffect, ...] = ()
 
 
 def read_settings(path: Path) -> Settings:
     """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
+    if path.parent.exists() and not path.parent.is_dir():
+        raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")])
+    if not path.parent.is_dir():
+        raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")])
+    return read_toml(path, Settings, missing=_MISSING)
+
+
+def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
+    """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
     try:
         text = path.read_text(encoding="utf-8")
-    except NotADirectoryError:
-        raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")]) from None
     except FileNotFoundError:
-        if not path.parent.is_dir():
-            raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")]) from None
-        raise BatchRefused([Problem(str(path), _MISSING)]) from None
+        raise BatchRefused([Problem(str(path), missing)]) from None
     except (OSError, UnicodeDecodeError) as error:
         raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
     try:
-        return Settings.model_validate(tomllib.loads(text))
+        return model.model_validate(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise BatchRefused([Problem(str(path), f"is not valid TOML: {error}.")]) from None
     except ValidationError as error:
-        raise BatchRefused([Problem(str(path), _sentence(e)) for e in error.errors()]) from None
+        raise BatchRefused([Problem(str(path), _sentence(e, model)) for e in error.errors()]) from None
 
 
 _MISSING = (
@@ -145,14 +153,15 @@ _MISSING = (
 )
 
 
-def _sentence(error: Any) -> str:
+def _sentence(error: Any, model: type[BaseModel]) -> str:
     """One validation error as a sentence that names the key, what was found and what was expected."""
     location = [part for part in error["loc"] if isinstance(part, str | int)]
     key = ".".join(map(str, location))
     if error["type"] == "missing":
-        return f'the required key "{key}" is missing; add it, for example {key} = "nectarine".'
+        example = ', for example category = "nectarine"' if key == "category" else ""
+        return f'the required key "{key}" is missing; add it{example}.'
     if error["type"] == "extra_forbidden":
-        known = _known_keys(location[:-1])
+        known = _known_keys(location[:-1], model)
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
         return f'unknown key "{key}"; {hint}'
@@ -162,8 +171,7 @@ def _sentence(error: Any) -> str:
     return f'"{key}": found {error["input"]!r}; {message[0].lower()}{message[1:]}.'
 
 
-def _known_keys(location: list[str | int]) -> list[str]:
-    model: type[BaseModel] = Settings
+def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:
     for part in location:
         if isinstance(part, str):
             model = _table(model.model_fields[part].annotation)

@@ -1,25 +1,23 @@
 """`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
 
-import fcntl
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing
 from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
 
+from pipeline.alone import alone
 from pipeline.batch import Batch, open_batch
-from pipeline.cache import ROOMS, stage_key
 from pipeline.layout import Results, write_whole
 from pipeline.outcome import Outcome
-from pipeline.problem import BatchRefused, Problem
 from pipeline.progress import BatchProgress
 from pipeline.provenance import input_hashes, write_provenance
-from pipeline.records import FruitRecord, Given, read_record, write_record
+from pipeline.records import FruitRecord, read_record, write_record
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.stages import grade_fruit
-from pipeline.task import FruitTask
+from pipeline.task import FruitTask, fruit_task
 from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
@@ -53,8 +51,8 @@ def grade(
     started = now()
     batch = open_batch(root)
     results = Results(out or batch.folder.default_results)
-    with _alone(results):
-        tasks = {row.fruit_id: _task(batch, row.fruit_id, results) for row in batch.rows}
+    with alone(results):
+        tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
         records = dict(_kept(tasks))
         todo = [(fruit_id, task) for fruit_id, task in tasks.items() if fruit_id not in records]
         if records:
@@ -161,39 +159,6 @@ def _in_a_line(record: FruitRecord) -> str:
     return f"E = {record.modulus.E_MPa:.3f} ± {record.modulus.E_sd_MPa:.3f} MPa"
 
 
-def _task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
-    row = next(row for row in batch.rows if row.fruit_id == fruit_id)
-    folder = batch.folder.fruit(fruit_id)
-    settings = batch.settings
-    files = list(folder.input_files())
-    if batch.mat is not None:
-        files.append(batch.folder.mat)
-    if settings.recon.geometry_model is not None:
-        files.append(batch.folder.root / settings.recon.geometry_model)
-    key = stage_key(
-        "fruit",
-        files=files,
-        settings=[
-            settings.model_dump(mode="json", exclude={"grading", "cultivar", "lot", "harvest_date", "notes"}),
-            row.height_mm,
-            repr(batch.prior),
-        ],
-        rooms=ROOMS,
-    )
-    given = Given(**{name: getattr(row, name) for name in Given.model_fields})
-    return FruitTask(
-        fruit_id=fruit_id,
-        folder=folder,
-        batch_root=batch.folder.root,
-        results=results.fruit(fruit_id),
-        settings=settings,
-        mat=batch.mat,
-        prior=batch.prior,
-        given=given,
-        key=key,
-    )
-
-
 def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
     """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
     for fruit_id, task in tasks.items():
@@ -213,33 +178,3 @@ def _inputs(batch: Batch) -> list[Path]:
     if batch.mat is not None:
         own.append(batch.folder.mat)
     return own + [path for row in batch.rows for path in batch.folder.fruit(row.fruit_id).input_files()]
-
-
-@contextmanager
-def _alone(results: Results) -> Iterator[None]:
-    """Holds the results folder for this run; the operating system lets go of it however the run ends."""
-    try:
-        results.root.mkdir(parents=True, exist_ok=True)
-        file = results.lock.open("w")
-    except OSError as error:
-        raise BatchRefused(
-            [
-                Problem(
-                    str(results.root),
-                    f"cannot be written ({error.strerror}); choose another place with --out.",
-                )
-            ]
-        ) from None
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(results.root),
-                        "another run is writing here; wait for it, or choose another --out.",
-                    )
-                ]
-            ) from None
-        yield

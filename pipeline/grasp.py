@@ -8,11 +8,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.failure import FemFailure
+from fem.mismatch.case import GraspCase, PadMotion
 from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
-from tactile.contact import Contact, find_contact
-from tactile.recording import Recording, read_recording
+from tactile.contact import Contact, PadContact, find_contact
+from tactile.correction import Fault, corrected
+from tactile.recording import GelPad, Recording, read_recording
 from tactile.registration import PadRegistration, register
 
 
@@ -34,9 +36,18 @@ class PlacedGrasp:
         }
 
 
-def place_grasp(path: Path, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> PlacedGrasp:
-    """The recording at `path`, its contact, and where its pads touch; raises TactileFailure."""
-    recording = read_recording(path)
+def place_grasp(
+    path: Path,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    *,
+    faults: Sequence[Fault] = (),
+) -> PlacedGrasp:
+    """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
+
+    Raises TactileFailure.
+    """
+    recording = corrected(read_recording(path), faults)
     contact = find_contact(recording, source=path.name)
     pads = register(contact, vertices, faces, source=path.name)
     return PlacedGrasp(name=path.stem, recording=recording, contact=contact, pads=pads)
@@ -82,6 +93,34 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
             for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
         ),
     )
+
+
+def grasp_case(grasp: PlacedGrasp) -> GraspCase:
+    """What the mismatch finder is told of one recording: the history, and how the machine drove its pads."""
+    gels = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
+    return GraspCase(
+        name=grasp.name,
+        history=history(grasp),
+        pads=tuple(
+            PadMotion(
+                name=contact.name,
+                pose=contact.pose,
+                normal_N=gels[contact.name].force_N[:, :, 2].sum(axis=1),
+                markers=len(contact.rest_mm),
+                touch_gap_mm=_touch_gap_mm(contact, pad)[contact.patch],
+            )
+            for contact, pad in zip(grasp.contact.pads, grasp.pads, strict=True)
+        ),
+        aperture_mm=grasp.recording.aperture_mm,
+        support=grasp.recording.support,
+    )
+
+
+def _touch_gap_mm(contact: PadContact, pad: PadRegistration) -> Float[np.ndarray, " n"]:
+    """From each marker at its first touch to the mesh, along the pad's normal (positive: it lies ahead)."""
+    touch = contact.position_mm[contact.onset, np.arange(len(contact.onset))]
+    gap = (pad.surface_mm - touch) @ pad.normal
+    return np.where(contact.onset >= 0, gap, np.nan)
 
 
 def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> GraspRecord:

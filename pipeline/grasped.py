@@ -8,6 +8,7 @@ from jaxtyping import Float
 from fem.mesh import FleshMesh
 from fem.modulus_budget import ErrorBudget
 from fem.solver import solver_name
+from pipeline.confirmed import faults
 from pipeline.diary import Diary
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import PlacedGrasp, foreign, place_grasp
@@ -86,7 +87,7 @@ def _placed(
     with diary.stage("contact"):
         for path in task.folder.grasp_files():
             try:
-                grasp = place_grasp(path, shape.vertices, shape.faces)
+                grasp = place_grasp(path, shape.vertices, shape.faces, faults=faults(task.settings.mismatch))
                 placed.append(grasp)
                 diary.warnings += foreign(grasp, task.fruit_id, task.settings.category)
             except TactileFailure as failure:

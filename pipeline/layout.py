@@ -65,6 +65,24 @@ class FruitFolder:
 
 
 @dataclass(frozen=True)
+class CaseFolder(FruitFolder):
+    """A mismatch case: fruit.ply, pit.ply, case.toml and the recordings, side by side."""
+
+    @property
+    def settings(self) -> Path:
+        """case.toml."""
+        return self.root / "case.toml"
+
+    def grasp_files(self) -> tuple[Path, ...]:
+        """Recordings by name."""
+        return tuple(sorted(p for p in self.root.glob("[!.]*.h5") if p.is_file()))
+
+    def raw_grasp_folders(self) -> tuple[Path, ...]:
+        """None: a case holds recordings in HDF5 only."""
+        return ()
+
+
+@dataclass(frozen=True)
 class BatchFolder:
     """A batch as formats name it."""
 
@@ -127,13 +145,25 @@ class FruitResults:
         return self.root / "mesh.png"
 
     @property
+    def mismatch(self) -> Path:
+        """What `drupe explain` says of the fruit."""
+        return self.root / "mismatch.json"
+
+    @property
     def traceback(self) -> Path:
         """Where a fault of drupe's own happened."""
         return self.root / "traceback.txt"
 
     def forget(self) -> None:
         """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
-        for path in (self.record, self.fruit_ply, self.pit_ply, self.photo, self.picture, self.traceback):
+        for path in (
+            self.record,
+            self.fruit_ply,
+            self.pit_ply,
+            self.photo,
+            self.picture,
+            self.traceback,
+        ):
             path.unlink(missing_ok=True)
 
     @property

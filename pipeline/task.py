@@ -3,16 +3,22 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.batch import Batch
+from pipeline.cache import ROOMS, stage_key
 from pipeline.config import Settings
-from pipeline.layout import FruitFolder, FruitResults
+from pipeline.confirmed import effects_on, keyed
+from pipeline.layout import FruitFolder, FruitResults, Results
 from pipeline.records import Given
 from recon.mat import Mat
 from recon.priors import PitPrior
 
+IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes"}
+"""Settings that change no fruit's result."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FruitTask:
-    """All that one fruit's process is told."""
+    """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone."""
 
     fruit_id: str
     folder: FruitFolder
@@ -23,3 +29,39 @@ class FruitTask:
     prior: PitPrior | None
     given: Given
     key: str
+
+
+def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
+    """The task of one fruit of the batch, and the key of everything its result depends on."""
+    row = next(row for row in batch.rows if row.fruit_id == fruit_id)
+    folder = batch.folder.fruit(fruit_id)
+    own = effects_on(batch.settings.mismatch, fruit_id)
+    settings = batch.settings.model_copy(update={"mismatch": own})
+    files = list(folder.input_files())
+    if batch.mat is not None:
+        files.append(batch.folder.mat)
+    if settings.recon.geometry_model is not None:
+        files.append(batch.folder.root / settings.recon.geometry_model)
+    key = stage_key(
+        "fruit",
+        files=files,
+        settings=[
+            settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
+            keyed(own),
+            row.height_mm,
+            repr(batch.prior),
+        ],
+        rooms=ROOMS,
+    )
+    given = Given(**{name: getattr(row, name) for name in Given.model_fields})
+    return FruitTask(
+        fruit_id=fruit_id,
+        folder=folder,
+        batch_root=batch.folder.root,
+        results=results.fruit(fruit_id),
+        settings=settings,
+        mat=batch.mat,
+        prior=batch.prior,
+        given=given,
+        key=key,
+    )

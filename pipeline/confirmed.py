@@ -1,0 +1,156 @@
+"""Effects that a batch's settings hold as confirmed: `[[mismatch]]` in batch.toml, which grading uses."""
+
+import difflib
+import re
+from collections.abc import Iterable
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from tactile.correction import (
+    ClockLag,
+    Fault,
+    GripperCompliance,
+    PoseError,
+    SensorDrift,
+    SensorGain,
+)
+
+Kind = Literal["number", "pair", "triple", "pad"]
+Value = float | tuple[float, ...] | str
+PARAMETERS: dict[str, dict[str, Kind]] = {
+    "viscoelastic": {"g": "number", "tau_s": "number"},
+    "stiffening": {"b": "number"},
+    "skin": {"Et_N_per_mm": "number"},
+    "graded_modulus": {"gamma": "number"},
+    "soft_spot": {"centre_mm": "triple", "radius_mm": "number", "ratio": "number"},
+    "anisotropy": {"axial": "number"},
+    "poisson_ratio": {"nu": "number"},
+    "pit_offset": {"offset_mm": "triple"},
+    "pit_size": {"scale": "number"},
+    "loose_pit": {"gap_mm": "number"},
+    "slip": {"mu": "number"},
+    "plastic_set": {"yield_over_E": "number"},
+    "damage": {"dmax": "number", "W0_over_E": "number"},
+    "sensor_gain": {"pad": "pad", "gain": "number"},
+    "sensor_drift": {"pad": "pad", "newton_per_s": "number"},
+    "gripper_compliance": {"mm_per_N": "number"},
+    "clock_lag": {"lag_s": "number"},
+    "pose_error": {"pad": "pad", "shift_mm": "pair", "tilt_deg": "number"},
+}
+"""Every effect that can be confirmed, and the parameters that it needs; docs/formats.md defines them."""
+OF_THE_JAWS = frozenset({"sensor_gain", "sensor_drift", "gripper_compliance", "clock_lag", "pose_error"})
+"""Faults of the measurement: they hold for every fruit of a batch, and are taken out of its recordings."""
+OF_ONE_FRUIT = frozenset({"soft_spot", "pit_offset", "pit_size", "loose_pit"})
+"""What one fruit has and its neighbour has not; the rest of the effects are the lot's."""
+_ARMS = re.compile(r"(g_\d+|tau_\d+_s)\Z")
+_LENGTH = {"pair": 2, "triple": 3}
+
+
+class ConfirmedEffect(BaseModel):
+    """One effect, its parameters and their standard deviations; `fruits`: only these, else all."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    effect: str
+    parameters: dict[str, Value]
+    sd: dict[str, float | tuple[float, ...]] = {}
+    fruits: tuple[str, ...] | None = None
+    found_in: str | None = None
+    probability: Annotated[float, Field(ge=0, le=1)] | None = None
+
+    @field_validator("effect")
+    @classmethod
+    def _known(cls, effect: str) -> str:
+        if effect not in PARAMETERS:
+            near = difflib.get_close_matches(effect, PARAMETERS, n=1)
+            hint = f'did you mean "{near[0]}"?' if near else f"known effects: {', '.join(PARAMETERS)}"
+            raise ValueError(f"no effect that grading knows; {hint}")
+        return effect
+
+    @model_validator(mode="after")
+    def _complete(self) -> Self:
+        wanted = PARAMETERS[self.effect]
+        for name, kind in wanted.items():
+            if name not in self.parameters:
+                raise ValueError(f"{self.effect} needs the parameter {name}, found {sorted(self.parameters)}")
+            _require(name, self.parameters[name], kind)
+        for name in self.parameters.keys() - wanted.keys():
+            if self.effect != "viscoelastic" or not _ARMS.match(name):
+                raise ValueError(f'{self.effect} has no parameter "{name}"; it has {", ".join(wanted)}')
+            _require(name, self.parameters[name], "number")
+        for name in self.sd:
+            if name not in self.parameters or wanted.get(name) == "pad":
+                raise ValueError(f'sd has "{name}", which is no number among the parameters')
+        if self.effect == "sensor_gain" and not self.number("gain") > 0:
+            raise ValueError(f"a gain is above zero, found {self.number('gain'):g}")
+        return self
+
+    def number(self, name: str) -> float:
+        """A scalar parameter."""
+        value = self.parameters[name]
+        if not isinstance(value, int | float):
+            raise TypeError(name)
+        return float(value)
+
+    def vector(self, name: str) -> tuple[float, ...]:
+        """A parameter with several components."""
+        value = self.parameters[name]
+        if not isinstance(value, tuple):
+            raise TypeError(name)
+        return value
+
+    @property
+    def pad(self) -> str:
+        """The pad that the effect is about; empty where it is about none."""
+        return str(self.parameters.get("pad", ""))
+
+    def place(self) -> tuple[str, str, tuple[str, ...] | None]:
+        """Two entries of the same place speak of the same thing: the later one replaces the earlier."""
+        return (self.effect, self.pad, self.fruits)
+
+
+def _require(name: str, value: Value, kind: Kind) -> None:
+    if kind == "pad":
+        right = isinstance(value, str) and value in ("left", "right", "tip")
+        wanted = "left, right or tip"
+    elif kind == "number":
+        right, wanted = isinstance(value, int | float), "a number"
+    else:
+        right = isinstance(value, tuple) and len(value) == _LENGTH[kind]
+        wanted = f"{_LENGTH[kind]} numbers"
+    if not right:
+        raise ValueError(f"{name} is {value!r}, expected {wanted}")
+
+
+def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:
+    """Those that hold for one fruit."""
+    return tuple(one for one in effects if one.fruits is None or fruit_id in one.fruits)
+
+
+def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
+    """The jaws' faults among the effects, to be taken out of every recording."""
+    return tuple(_fault(one) for one in effects if one.effect in OF_THE_JAWS)
+
+
+def _fault(one: ConfirmedEffect) -> Fault:
+    if one.effect == "sensor_gain":
+        return SensorGain(pad=one.pad, gain=one.number("gain"))
+    if one.effect == "sensor_drift":
+        return SensorDrift(pad=one.pad, newton_per_s=one.number("newton_per_s"))
+    if one.effect == "gripper_compliance":
+        return GripperCompliance(mm_per_N=one.number("mm_per_N"))
+    if one.effect == "clock_lag":
+        return ClockLag(lag_s=one.number("lag_s"))
+    x, y = one.vector("shift_mm")
+    return PoseError(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
+
+
+def in_words(effects: Iterable[ConfirmedEffect]) -> str:
+    """Names as the ranking's `mismatch` column has them: sorted, joined by "+"."""
+    return "+".join(sorted({one.effect for one in effects}))
+
+
+def keyed(effects: Iterable[ConfirmedEffect]) -> list[dict[str, Any]]:
+    """What a fruit's result depends on: not who found it, nor how sure it was."""
+    return [one.model_dump(mode="json", include={"effect", "parameters", "sd"}) for one in effects]

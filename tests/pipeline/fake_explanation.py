@@ -1,0 +1,139 @@
+"""An explanation as the finder gives it, all its parts filled, with an answer of the test's choosing."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem.mismatch.explanation import (
+    Candidate,
+    Check,
+    Explanation,
+    FruitMap,
+    GraspTrace,
+    HeldOut,
+    Modulus,
+    ModulusCell,
+    Parameter,
+    Variance,
+    Where,
+)
+
+
+def candidate(effect, probability, **parameters):
+    made = {}
+    for name, value in parameters.items():
+        if isinstance(value, str):
+            made[name] = Parameter(value=value, sd=None, unit="")
+        elif isinstance(value, tuple):
+            made[name] = Parameter(value=value, sd=tuple(0.1 for _ in value), unit="mm")
+        else:
+            made[name] = Parameter(
+                value=value, sd=0.05 * abs(value), unit="1", interval=(0.92 * value, 1.08 * value)
+            )
+    return Candidate(
+        effect=effect,
+        probability=probability,
+        parameters=made,
+        log_evidence=200.0 * probability,
+        gain=410.0 * probability,
+        heldout=150.0 * probability,
+        refitted=True,
+        modulus=Modulus(value=0.315, sd=0.006),
+    )
+
+
+VISCOELASTIC = candidate("viscoelastic", 0.97, g=0.31, tau_s=4.2)
+GAIN = candidate("sensor_gain", 0.98, pad="left", gain=1.138)
+OTHERS = (candidate("clock_lag", 0.02, lag_s=0.08), candidate("skin", 0.01, Et_N_per_mm=1.1))
+
+
+def fake_map(rng):
+    golden = np.pi * (3 - 5**0.5)
+    k = np.arange(900) + 0.5
+    z = 1 - 2 * k / 900
+    direction = np.column_stack(
+        [np.sqrt(1 - z**2) * np.cos(golden * k), np.sqrt(1 - z**2) * np.sin(golden * k), z]
+    )
+    from scipy.spatial import ConvexHull
+
+    triangles = ConvexHull(direction).simplices
+    corners = direction[triangles]
+    inward = (
+        np.einsum("ij,ij->i", np.cross(*(corners[:, i] - corners[:, 0] for i in (1, 2))), corners[:, 0]) < 0
+    )
+    triangles[inward] = triangles[inward][:, ::-1]
+    vertices = direction * [30, 29, 28] + [0, 0, 28]
+    spot = np.exp(-((np.linalg.norm(direction - [0.96, 0.27, 0], axis=1) / 0.35) ** 2))
+    seen = np.maximum(np.exp(-((np.arccos(abs(direction[:, 0]).clip(0, 1)) / 0.6) ** 2)) * 60, 0.1)
+    return FruitMap(
+        vertices_mm=vertices,
+        triangles=triangles,
+        modulus_score=-9 * spot + rng.normal(0, 0.4, len(k)),
+        eigenstrain_score=3 * spot,
+        law_error=4 * spot,
+        visible=seen,
+    )
+
+
+def fake_explanation(**changes):
+    rng = np.random.default_rng(5)
+    cells, traces = [], []
+    for k in range(1, 5):
+        t = np.linspace(1.0, 9.0, 60)
+        phase = np.where(t < 3, "load", np.where(t < 7, "hold", "unload"))
+        depth = np.interp(t, [1, 3, 7, 9], [0, 1.2, 1.2, 0])
+        force = 14 * depth**1.5 * (1 - 0.3 * (1 - np.exp(-(t - 1) / 3)))
+        for pad in ("left", "right"):
+            for i in range(4, 58, 2):
+                E = 0.33 * (1 - 0.3 * (1 - np.exp(-(t[i] - 1) / 3))) + rng.normal(0, 0.004)
+                cells.append(
+                    ModulusCell(
+                        grasp=f"grasp-{k}",
+                        pad=pad,
+                        time_s=float(t[i]),
+                        phase=str(phase[i]),
+                        E_MPa=float(E),
+                        E_sd_MPa=0.004,
+                    )
+                )
+        traces.append(
+            GraspTrace(
+                grasp=f"grasp-{k}",
+                time_s=t,
+                phase=tuple(map(str, phase)),
+                force_N=force,
+                given_mm=depth + rng.normal(0, 0.004, len(t)),
+                before_mm=0.9 * depth,
+                after_mm=depth,
+            )
+        )
+    explanation = Explanation(
+        detected=True,
+        p_value=0.002,
+        statistics={"chi-square": 0.002, "blocks": 0.002, "lag 1": 0.004, "Moran's I": 0.2},
+        where=Where(region="both"),
+        when="hold",
+        component="normal",
+        ranking=(VISCOELASTIC, *OTHERS),
+        verdict="viscoelastic",
+        before=Modulus(value=0.262, sd=0.011),
+        after=Modulus(value=0.315, sd=0.006),
+        heldout=HeldOut(rms_before=2.61, rms_after=1.04, noise_rms=1.0),
+        next_grasp="Hold one grasp for 30 s: relaxation goes on, a clock's lag does not.",
+        cells=tuple(cells),
+        variance=(
+            Variance(factor="time", share=0.71, p_value=1e-12),
+            Variance(factor="load", share=0.08, p_value=0.002),
+            Variance(factor="pad", share=0.003, p_value=0.6),
+            Variance(factor="direction", share=0.01, p_value=0.3),
+        ),
+        traces=tuple(traces),
+        checks=(
+            Check(name="decay during the hold", measured=0.21, before=0.0, after=0.205, sd=0.01, unit="1"),
+            Check(name="loop area", measured=1.9, before=0.1, after=1.84, sd=0.08, unit="N mm"),
+        ),
+        maps=fake_map(rng),
+        notes=("One remark of the finder.",),
+        seconds={"detect": 3.1, "name": 20.4},
+    )
+    return replace(explanation, **changes)

@@ -1,0 +1,145 @@
+"""A confirmed effect goes into batch.toml and nothing else of the file changes."""
+
+import tomllib
+from dataclasses import replace
+
+import pytest
+from fake_explanation import GAIN, VISCOELASTIC, candidate, fake_explanation
+
+from fem.mismatch.explanation import HeldOut
+from pipeline.apply import confirmed_effects, why_not, with_effects
+from pipeline.config import read_settings
+from pipeline.confirmed import effects_on, faults, keyed
+from pipeline.problem import BatchRefused
+from tactile.correction import SensorGain
+
+TEXT = """# a batch of our own
+category = "nectarine"   # what else
+
+[grading]  # limits
+classes = [
+  {name = "ripe", E_max_MPa = 0.4},
+  {name = "firm"},
+]
+"""
+
+
+def effects_in(text):
+    return tomllib.loads(text).get("mismatch", [])
+
+
+def test_the_old_text_stays_and_the_effect_stands_below_it():
+    changed = with_effects(TEXT, confirmed_effects(GAIN, fruit_id="N01"), note="found today")
+    assert changed.startswith(TEXT.rstrip())
+    (entry,) = effects_in(changed)
+    assert entry["effect"] == "sensor_gain"
+    assert entry["parameters"] == {"pad": "left", "gain": 1.138}
+    assert entry["sd"] == {"gain": 0.0569}
+    assert entry["found_in"] == "N01"
+    assert "fruits" not in entry
+
+
+def test_applying_twice_is_applying_once_and_a_new_value_replaces_the_old():
+    once = with_effects(TEXT, confirmed_effects(GAIN, fruit_id="N01"), note="x")
+    assert with_effects(once, confirmed_effects(GAIN, fruit_id="N01"), note="x") == once
+    better = candidate("sensor_gain", 0.99, pad="left", gain=1.121)
+    (entry,) = effects_in(with_effects(once, confirmed_effects(better, fruit_id="N01"), note="x"))
+    assert entry["parameters"]["gain"] == 1.121
+
+
+def test_another_pad_and_another_fruit_have_entries_of_their_own():
+    text = with_effects(TEXT, confirmed_effects(GAIN, fruit_id="N01"), note="x")
+    right = candidate("sensor_gain", 0.9, pad="right", gain=0.9)
+    text = with_effects(text, confirmed_effects(right, fruit_id="N01"), note="x")
+    spot = candidate("soft_spot", 0.9, centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0, ratio=0.4)
+    for fruit in ("N01", "N02"):
+        text = with_effects(text, confirmed_effects(spot, fruit_id=fruit), note="x")
+    assert len(effects_in(text)) == 4
+
+
+def test_tables_and_comments_after_an_entry_survive_its_replacement():
+    text = with_effects(TEXT, confirmed_effects(GAIN, fruit_id="N01"), note="x")
+    text += "\n# the sensor\n[sensor]\nname = 'gel'\n"
+    changed = with_effects(text, confirmed_effects(VISCOELASTIC, fruit_id="N01"), note="x")
+    changed = with_effects(changed, confirmed_effects(GAIN, fruit_id="N02"), note="x")
+    assert "\n# the sensor\n[sensor]\nname = 'gel'\n" in changed
+    assert [e["effect"] for e in effects_in(changed)] == ["viscoelastic", "sensor_gain"]
+
+
+def test_windows_line_ends_are_kept():
+    text = TEXT.replace("\n", "\r\n")
+    changed = with_effects(text, confirmed_effects(GAIN, fruit_id="N01"), note="x")
+    assert changed.startswith(text.rstrip())
+    assert changed.count("\n") == changed.count("\r\n")
+
+
+def test_a_file_whose_effects_stand_inline_is_left_alone():
+    text = TEXT.replace("[grading]", 'mismatch = [{effect = "slip", parameters = {mu = 0.2}}]\n[grading]')
+    assert with_effects(text, confirmed_effects(GAIN, fruit_id="N01"), note="x") is None
+
+
+def test_a_pair_becomes_two_entries():
+    pair = candidate(
+        "sensor_gain+viscoelastic", 0.9, pad="left", gain=1.1, g=0.3, tau_s=3.0, g_2=0.1, tau_2_s=30.0
+    )
+    text = with_effects(TEXT, confirmed_effects(pair, fruit_id="N01"), note="x")
+    gain, creep = effects_in(text)
+    assert gain["parameters"] == {"pad": "left", "gain": 1.1}
+    assert set(creep["parameters"]) == {"g", "tau_s", "g_2", "tau_2_s"}
+
+
+def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
+    assert why_not(fake_explanation()) == ""
+    assert "nothing is missing" in why_not(fake_explanation(detected=False, verdict="none"))
+    assert "not known" in why_not(fake_explanation(verdict="unknown"))
+    assert "cannot be told apart" in why_not(fake_explanation(verdict=("skin", "clock_lag")))
+    assert "no second recording" in why_not(fake_explanation(heldout=None))
+    worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
+    assert "does not help" in why_not(fake_explanation(heldout=worse))
+
+
+def settings(tmp_path, extra):
+    path = tmp_path / "batch.toml"
+    path.write_text(TEXT + extra)
+    return read_settings(path)
+
+
+def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_path):
+    text = ""
+    spot = candidate("soft_spot", 0.9, centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0, ratio=0.4)
+    for one in (GAIN, spot):
+        text = with_effects(TEXT + text, confirmed_effects(one, fruit_id="N01"), note="x").removeprefix(TEXT)
+    held = settings(tmp_path, text).mismatch
+    assert [e.effect for e in effects_on(held, "N01")] == ["sensor_gain", "soft_spot"]
+    assert [e.effect for e in effects_on(held, "N02")] == ["sensor_gain"]
+    assert faults(held) == (SensorGain(pad="left", gain=1.138),)
+    assert "found_in" not in keyed(held)[0]
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ('effect = "sensor_gane"\nparameters = {}', 'did you mean "sensor_gain"?'),
+        ('effect = "slip"\nparameters = {}', "slip needs the parameter mu"),
+        ('effect = "slip"\nparameters = {mu = 0.2, nu = 3}', 'slip has no parameter "nu"'),
+        ('effect = "slip"\nparameters = {mu = "x"}', "mu is 'x', expected a number"),
+        ('effect = "sensor_gain"\nparameters = {pad = "up", gain = 1}', "expected left, right or tip"),
+        ('effect = "sensor_gain"\nparameters = {pad = "left", gain = 0}', "above zero"),
+        ('effect = "pit_offset"\nparameters = {offset_mm = [1, 2]}', "expected 3 numbers"),
+        ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has "b"'),
+        ("parameters = {mu = 0.2}", 'the required key "mismatch.0.effect" is missing'),
+    ],
+)
+def test_a_faulty_entry_is_said_with_its_key(tmp_path, entry, said):
+    with pytest.raises(BatchRefused) as caught:
+        settings(tmp_path, f"\n[[mismatch]]\n{entry}\n")
+    (line,) = map(str, caught.value.problems)
+    assert "batch.toml" in line
+    assert "mismatch.0" in line
+    assert said in line
+
+
+def test_an_effect_without_all_its_parameters_is_not_applied():
+    short = replace(GAIN, parameters={})
+    with pytest.raises(ValueError, match="needs the parameter"):
+        confirmed_effects(short, fruit_id="N01")
