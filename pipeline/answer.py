@@ -22,6 +22,8 @@ from reports.explain_entries import (
 )
 
 FORMAT, VERSION = "drupe-mismatch", 1
+IN_ALL = "in all"
+"""The name of the whole run's time among its stages'."""
 
 
 def answer(found: Explanation, *, facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -46,6 +46,12 @@ class Case:
     thickness_mm: float | None = None
     notes: tuple[str, ...] = ()
 
+    def input_files(self) -> tuple[Path, ...]:
+        """Every file of the fruit that the answer depends on, its settings first."""
+        folder = self.task.folder
+        settings = (folder.settings,) if isinstance(folder, CaseFolder) else ()
+        return settings + folder.input_files()
+
 
 def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None) -> Case:
     """The case at `path`, or the fruit of the batch at `path` (or whose folder `path` is).

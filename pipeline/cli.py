@@ -98,6 +98,74 @@ def check(batch: BatchArgument) -> None:
 
 
 @app.command()
+def explain(
+    case: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CASE",
+            help="A case (case.toml, fruit.ply, pit.ply, *.h5), a fruit's folder in a batch, or a batch.",
+        ),
+    ],
+    fruit: Annotated[
+        str | None, typer.Option("--fruit", metavar="ID", help="Which fruit, where CASE is a batch.")
+    ] = None,
+    json: Annotated[
+        Path | None, typer.Option("--json", metavar="FILE", help="Write the answer for programs here.")
+    ] = None,
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Write the page for people here.")
+    ] = None,
+    apply: Annotated[
+        bool,
+        typer.Option(
+            "--apply", help="Write a confirmed effect into the batch's batch.toml, for `drupe grade`."
+        ),
+    ] = False,
+    work: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Keep meshes here for a second run of a case.", show_default="nothing is kept"
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where a batch's results are.", show_default="BATCH/results"),
+    ] = None,
+) -> None:
+    """Say what physics the simulation leaves out of one fruit's recordings, where, when, and how surely.
+
+    All recordings of the fruit are looked at together; four that differ in place, speed and hold, each with
+    frames in the air before it, tell most effects apart. The verdict is "none", one effect, several that
+    these recordings cannot tell apart, or "unknown". Nothing is written but the files asked for and, for a
+    batch's fruit, mismatch.json among its results.
+
+    Exit status: 0 an answer was given (whatever it says), 1 internal error, 2 usage or settings, 3 the fruit
+    or its recordings could not be used, 130 interrupted.
+    """
+    _require_libraries()
+    from pipeline.explain import NO_ANSWER, NotExplained, Wanted
+    from pipeline.explain import explain as explain_case
+    from pipeline.explain_summary import print_explanation
+    from pipeline.progress import StageLines
+
+    console = Console(stderr=True)
+    try:
+        found = explain_case(
+            case,
+            fruit_id=fruit,
+            wanted=Wanted(json=json, html=html, work=work, out=out, apply=apply),
+            report=StageLines(console).stage,
+        )
+    except NotExplained as reason:
+        typer.echo(f"drupe: {case}: {reason}", err=True)
+        raise typer.Exit(NO_ANSWER) from None
+    except KeyboardInterrupt:
+        typer.echo("drupe: interrupted; no answer was written", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+    print_explanation(found, [path for path in (json, html) if path], console=Console())
+
+
+@app.command()
 def mat(
     folder: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where mat.pdf and mat.json are written.")

@@ -71,6 +71,19 @@ class BatchProgress:
         return f"about {_clock_face(per_fruit * remaining)} left"
 
 
+class StageLines:
+    """One fruit's stages, a line each, with the time since the start."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._started = time.monotonic()
+
+    def stage(self, name: str) -> None:
+        """A stage begins."""
+        elapsed = _clock_face(time.monotonic() - self._started)
+        self._console.print(f"[{elapsed}] {name}", highlight=False, markup=False, soft_wrap=True)
+
+
 def _clock_face(seconds: float) -> str:
     minutes, seconds = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -173,13 +173,19 @@ def explain_verdict(found: ExplainEntry) -> str:
         f"{_E(found.E_after_MPa, found.E_after_sd_MPa)}"
     )
     if len(named) > 1:
-        names = [effect_name(effect) for effect in named]
+        names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
         return f"These recordings cannot tell apart: {listed}; with the likeliest of them {moved}."
     first = in_short(named[0])
     sure = next((one.probability for one in found.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
     return f"{first[:1].upper()}{first[1:]}{certainty}; {moved}."
+
+
+def by_rank(found: ExplainEntry) -> tuple[str, ...]:
+    """The verdict's names, the likeliest first."""
+    order = {one.effect: k for k, one in enumerate(found.ranking)}
+    return tuple(sorted(found.verdict, key=lambda effect: order.get(effect, len(order))))
 
 
 def where_in_words(found: ExplainEntry) -> str:

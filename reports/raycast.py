@@ -35,12 +35,23 @@ class View:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sight:
-    """First hit of each pixel's ray: whether, how far off, where, and the smooth unit normal there."""
+    """First hit of each pixel's ray: whether, how far off, where, and the smooth unit normal there.
+
+    `corners` and `weights`, of the pixels that hit, interpolate what is known at the mesh's vertices.
+    """
 
     hit: Bool[np.ndarray, "h w"]
     depth_mm: Float[np.ndarray, "h w"]
     points_mm: Float[np.ndarray, "h w 3"]
     normals: Float[np.ndarray, "h w 3"]
+    corners: Int[np.ndarray, "k 3"]
+    weights: Float[np.ndarray, "k 3"]
+
+    def of_vertices(self, values: Float[np.ndarray, " n"]) -> Float[np.ndarray, "h w"]:
+        """A quantity of the vertices as each pixel sees it; NaN where there is nothing."""
+        seen = np.full(self.hit.shape, np.nan)
+        seen[self.hit] = (values[self.corners] * self.weights).sum(axis=1)
+        return seen
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -83,14 +94,20 @@ class Surface:
         answer = self.scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)
         depth = answer["t_hit"].numpy().astype(float)
         hit = np.isfinite(depth)
-        weights = answer["primitive_uvs"].numpy()[hit].astype(float)
+        uv = answer["primitive_uvs"].numpy()[hit].astype(float)
         corners = self.faces[answer["primitive_ids"].numpy()[hit]]
-        u, v = weights[:, :1], weights[:, 1:]
-        n0, n1, n2 = (self.vertex_normals[corners[:, k]] for k in range(3))
+        weights = np.column_stack([1 - uv.sum(axis=1), uv])
         normals = np.zeros((height_px, width_px, 3))
-        normals[hit] = _unit((1 - u - v) * n0 + u * n1 + v * n2)
+        normals[hit] = _unit((weights[:, :, None] * self.vertex_normals[corners]).sum(axis=1))
         depth[~hit] = far_mm
-        return Sight(hit=hit, depth_mm=depth, points_mm=origins - depth[..., None] * towards, normals=normals)
+        return Sight(
+            hit=hit,
+            depth_mm=depth,
+            points_mm=origins - depth[..., None] * towards,
+            normals=normals,
+            corners=corners,
+            weights=weights,
+        )
 
     def nearest(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3"]:
         """The surface's point nearest to each point."""

@@ -1,0 +1,94 @@
+"""What a reader must know of a case's recordings before trusting the answer."""
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from pipeline.case import Case
+from pipeline.grasp import PlacedGrasp
+from pipeline.grasped import GraspedFruit
+from pipeline.problem import BatchRefused, Problem
+from tactile.failure import TactileFailure
+from tactile.noise import FEWEST_AIR_FRAMES
+from tactile.recording import GelPad, read_recording
+
+
+def require_one_fruit(case: Case) -> None:
+    """Recordings that name different fruit are no case; raises BatchRefused that names both.
+
+    A recording that cannot be read is left to the stage that reads it.
+    """
+    first: tuple[str, str] | None = None
+    files = case.task.folder.grasp_files()
+    if not files and not case.task.folder.raw_grasp_folders():
+        where = case.task.folder.root if case.batch is None else case.task.folder.root / "grasps"
+        raise BatchRefused(
+            [Problem(str(where), "holds no recording (*.h5); record a grasp and put its .h5 there.")]
+        )
+    for path in files:
+        try:
+            named = read_recording(path).fruit_id
+        except TactileFailure:
+            continue
+        if first is not None and named != first[1]:
+            raise BatchRefused(
+                [
+                    Problem(
+                        str(path),
+                        f'is of fruit "{named}", but {first[0]} is of fruit "{first[1]}"; a case holds one '
+                        "fruit's recordings: move the others away.",
+                    )
+                ]
+            )
+        first = first or (path.name, named)
+
+
+def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:
+    """Notes of the pipeline: what was left aside, what the noise was taken from, pads that swapped names."""
+    # A case's folder is named as its owner likes: only a batch knows what its fruit is called.
+    foreign = [] if case.batch is not None else [w for w in warnings if ': its fruit_id is "' in w]
+    return [
+        *case.notes,
+        *(warning for warning in warnings if warning not in foreign),
+        *(note for grasp in fruit.placed for note in _air(grasp)),
+        *_swapped(fruit.placed),
+    ]
+
+
+def _air(grasp: PlacedGrasp) -> list[str]:
+    frames = grasp.contact.air_frames
+    if frames - 1 >= FEWEST_AIR_FRAMES:
+        return []
+    found = f"only {frames} frames" if frames else "no frame"
+    return [
+        f"{grasp.name}: {found} before the first touch, so the noise is estimated from frames in contact "
+        f"and weaker effects may be missed; record at least {FEWEST_AIR_FRAMES + 1} frames in the air."
+    ]
+
+
+def _swapped(grasps: Sequence[PlacedGrasp]) -> list[str]:
+    """Two recordings whose left and right gels (told by their markers' places) have changed names."""
+    notes = []
+    for one, other in combinations(grasps, 2):
+        (a, b), (c, d) = _gels(one), _gels(other)
+        if a is None or c is None or b is None or d is None:
+            continue
+        if _same(a, d) and _same(b, c) and not _same(a, c):
+            notes.append(
+                f"{one.name} and {other.name}: the left pad's markers in one are the right pad's in the "
+                "other. If the pads' names were swapped and not the gels, an effect of one pad is put on the "
+                "wrong one."
+            )
+    return notes
+
+
+def _gels(grasp: PlacedGrasp) -> tuple[GelPad | None, GelPad | None]:
+    pads = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
+    return pads.get("left"), pads.get("right")
+
+
+def _same(one: GelPad, other: GelPad) -> bool:
+    return one.rest_mm.shape == other.rest_mm.shape and bool(
+        np.allclose(one.rest_mm, other.rest_mm, atol=1e-3)
+    )

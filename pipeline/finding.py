@@ -1,0 +1,149 @@
+"""One case through the finder: grasps of a fruit between gel pads, or the trace of a bare ball."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from fem.mismatch.case import MismatchCase
+from fem.mismatch.explanation import Explanation
+from fem.mismatch.indenter.explain import explain_trace
+from fem.mismatch.indenter.trace import IndenterTrace
+from pipeline.case import Case
+from pipeline.diary import Diary
+from pipeline.explain_notes import notes_on
+from pipeline.flesh import poisson_ratio
+from pipeline.grasp import grasp_case, touched_by_pad
+from pipeline.grasped import GraspedFruit, grasped_fruit
+from pipeline.problem import BatchRefused, Problem
+from tactile.failure import TactileFailure
+from tactile.recording import IndenterPad, read_recording
+
+TRACE_SEED = 20261120
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """The explanation, with the recordings it is of, where the pads touched, and facts for the page."""
+
+    explanation: Explanation
+    grasps: tuple[str, ...]
+    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] = field(default_factory=dict)
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+def finding(case: Case, diary: Diary) -> Finding:
+    """Explains the case, in stages told to `diary`; raises as the stages do."""
+    bare = bare_trace(case)
+    return _of_grasps(case, diary) if bare is None else _of_trace(case, diary, *bare)
+
+
+def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
+    """Name and trace where the case's recordings are those of a bare indenter; None where pads have markers.
+
+    Raises BatchRefused for more than one such trace, or an indenter that is no ball.
+    """
+    bare = []
+    for path in case.task.folder.grasp_files():
+        try:
+            recording = read_recording(path)
+        except TactileFailure:
+            continue
+        pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
+        if len(pads) != len(recording.pads):
+            return None
+        bare += [(path, recording, pad) for pad in pads]
+    if not bare:
+        return None
+    path, recording, pad = bare[0]
+    if len(bare) > 1:
+        raise BatchRefused(
+            [
+                Problem(
+                    str(case.task.folder.root),
+                    f"holds {len(bare)} traces of a bare indenter; they are explained one at a time: make a "
+                    "case of each.",
+                )
+            ]
+        )
+    if pad.indenter != "ball":
+        raise BatchRefused(
+            [Problem(str(path), f'found indenter = "{pad.indenter}"; only the trace of a ball is explained.')]
+        )
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    travel = closing * recording.aperture_mm
+    trace = IndenterTrace(
+        time_s=recording.time_s,
+        force_N=pad.force_z_N,
+        travel_mm=travel - travel[0],
+        radius_mm=pad.radius_mm,
+    )
+    return path.stem, trace
+
+
+def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
+    """The fruit as the finder takes it."""
+    budget = fruit.budget
+    if case.mesh_sd_mm is not None:
+        budget = replace(budget, surface_sd_mm=case.mesh_sd_mm)
+    return MismatchCase(
+        mesh=fruit.mesh,
+        grasps=tuple(map(grasp_case, fruit.placed)),
+        poisson_ratio=fruit.poisson_ratio,
+        budget=budget,
+        category_pit=not case.task.folder.pit_ply.is_file(),
+    )
+
+
+def find(case: MismatchCase, diary: Diary) -> Explanation:
+    """The finder itself."""
+    from fem.mismatch.explain import explain
+
+    return explain(case, progress=diary.report)
+
+
+def _of_grasps(case: Case, diary: Diary) -> Finding:
+    with threadpool_limits(1):
+        fruit = grasped_fruit(case.task, diary)
+    handed = mismatch_case(case, fruit)
+    with diary.stage("explanation"):
+        found = find(handed, diary)
+    notes = dict.fromkeys([*found.notes, *notes_on(case, fruit, diary.warnings)])
+    budget, pit = handed.budget, fruit.pit.record.source
+    return Finding(
+        explanation=replace(found, notes=tuple(notes)),
+        grasps=tuple(grasp.name for grasp in fruit.placed),
+        contacts_mm=touched_by_pad(fruit.placed),
+        facts=(
+            ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
+            ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),
+            ("Pit", pit),
+            ("Pit's place and size", f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"),
+            ("Surface", f"± {budget.surface_sd_mm:g} mm"),
+        ),
+    )
+
+
+def _of_trace(case: Case, diary: Diary, name: str, trace: IndenterTrace) -> Finding:
+    nu = poisson_ratio(case.task.settings, case.task.prior)[0]
+    with diary.stage("explanation"), threadpool_limits(1):
+        found = explain_trace(
+            trace,
+            thickness_mm=case.thickness_mm,
+            poisson_ratio=nu,
+            rng=np.random.default_rng(TRACE_SEED),
+        )
+    deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
+    notes = dict.fromkeys([*found.notes, *case.notes, *([] if case.thickness_mm else [deep])])
+    thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
+    return Finding(
+        explanation=replace(found, notes=tuple(notes)),
+        grasps=(name,),
+        facts=(
+            ("Indenter", f"ball of radius {trace.radius_mm:g} mm"),
+            ("Specimen", thick),
+            ("Poisson's ratio", f"{nu:g}"),
+        ),
+    )

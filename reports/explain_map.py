@@ -1,0 +1,207 @@
+"""Maps on the fruit's skin, seen from six sides: colour is a score, hatching is where nothing can be seen."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Rectangle
+from scipy.spatial import cKDTree
+
+from reports.explain_entries import MapEntry
+from reports.raycast import Sight, Surface, View
+
+BLIND_BELOW = 3.0
+"""A spot whose signal is less than three times its noise could not be seen."""
+_INK, _GREY = "#16191d", np.array([0.70, 0.72, 0.75])
+_PAD_LINES = ("#0b2a4f", "#00594f", "#5a2a66", "#333333")
+_SIDES = (
+    ("suture side", 0.0, 8.0),
+    ("right of the suture", 90.0, 8.0),
+    ("opposite side", 180.0, 8.0),
+    ("left of the suture", 270.0, 8.0),
+    ("stem end", 0.0, 86.0),
+    ("blossom end", 0.0, -86.0),
+)
+SIGNED = LinearSegmentedColormap.from_list(
+    "signed", ["#7d0630", "#d1495b", "#f2b9a6", "#f7f3ea", "#a9cbe0", "#3c8dbc", "#163f70"]
+)
+ONE_SIDED = LinearSegmentedColormap.from_list("one_sided", ["#f7f3ea", "#e8c06a", "#c77a12", "#6b2d00"])
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapStyle:
+    """What a map's colours mean: words at both ends of its bar; `signed` about zero or from zero up."""
+
+    low: str
+    high: str
+    signed: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Side:
+    """The fruit from one side: what each pixel sees, the blind zone, and each pad's outline."""
+
+    name: str
+    view: View
+    sight: Sight
+    blind: Bool[np.ndarray, "h w"]
+    outlines: dict[str, Bool[np.ndarray, "h w"]]
+
+
+def sides_of(
+    fruit: MapEntry,
+    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]],
+    *,
+    view_px: int = 250,
+    samples: int = 2,
+) -> tuple[Side, ...]:
+    """The six sides, ready to be coloured by any of the maps."""
+    surface = Surface.of(fruit.vertices_mm, fruit.triangles)
+    lowest, highest = fruit.vertices_mm.min(axis=0), fruit.vertices_mm.max(axis=0)
+    half = 0.56 * float((highest - lowest).max())
+    touched = {pad: surface.nearest(points) for pad, points in contacts_mm.items() if len(points)}
+    sides = []
+    for name, azimuth_deg, elevation_deg in _SIDES:
+        view = View(
+            centre_mm=0.5 * (lowest + highest),
+            azimuth_deg=azimuth_deg,
+            elevation_deg=elevation_deg,
+            half_width_mm=half,
+            half_height_mm=half,
+        )
+        sight = surface.seen_from(view, width_px=view_px * samples, height_px=view_px * samples)
+        sides.append(
+            Side(
+                name=name,
+                view=view,
+                sight=sight,
+                blind=sight.hit & (np.nan_to_num(sight.of_vertices(fruit.visible)) < BLIND_BELOW),
+                outlines={pad: _outline(sight, points) for pad, points in touched.items()},
+            )
+        )
+    return tuple(sides)
+
+
+def map_picture(
+    sides: Sequence[Side],
+    scores: Float[np.ndarray, " n"],
+    *,
+    style: MapStyle,
+    seen: Bool[np.ndarray, " n"],
+    centre_mm: tuple[float, float, float] | None = None,
+    radius_mm: float | None = None,
+    samples: int = 2,
+) -> bytes:
+    """PNG of six views in two rows over a colour bar; `scores` per vertex, their range from those `seen`.
+
+    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
+    """
+    within = np.abs(scores[seen]) if seen.any() else np.abs(scores)
+    limit = max(float(np.nanmax(within, initial=0.0)), BLIND_BELOW)
+    view_px = len(sides[0].sight.hit) // samples
+    columns, bar_px = 3, 74
+    rows = -(-len(sides) // columns)
+    width, height = columns * view_px, rows * view_px + bar_px
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100, facecolor="white")
+    FigureCanvasAgg(figure)
+    for k, side in enumerate(sides):
+        image = _coloured(side, scores, limit=limit, style=style)
+        image = image.reshape(view_px, samples, view_px, samples, 3).mean(axis=(1, 3))
+        row, column = divmod(k, columns)
+        place = (column / columns, 1 - (row + 1) * view_px / height, 1 / columns, view_px / height)
+        axes = figure.add_axes(place)
+        half = side.view.half_width_mm
+        axes.imshow(image, extent=(-half, half, -half, half), interpolation="nearest")
+        axes.set_axis_off()
+        axes.text(-0.97 * half, 0.95 * half, side.name, ha="left", va="top", fontsize=9.5, color=_INK)
+        if centre_mm is not None:
+            _ring(axes, side, np.asarray(centre_mm), radius_mm or 3.0)
+    pads = tuple(sides[0].outlines)
+    _key(figure, limit, style, pads, height=height, bar_px=bar_px)
+    out = io.BytesIO()
+    figure.savefig(out, format="png", dpi=100, metadata={"Software": None})
+    return out.getvalue()
+
+
+def _coloured(
+    side: Side, scores: Float[np.ndarray, " n"], *, limit: float, style: MapStyle
+) -> Float[np.ndarray, "h w 3"]:
+    seen = np.nan_to_num(side.sight.of_vertices(scores))
+    share = 0.5 + 0.5 * seen / limit if style.signed else seen / limit
+    colour = (SIGNED if style.signed else ONE_SIDED)(np.clip(share, 0.0, 1.0))[..., :3]
+    rows, columns = np.indices(side.blind.shape)
+    stripes = ((rows + columns) // 5 % 3 == 0)[..., None]
+    colour = np.where(side.blind[..., None], np.where(stripes, 0.82 * _GREY, _GREY + 0.12), colour)
+    facing = np.clip(side.sight.normals @ side.view.axes[2], 0.0, 1.0)
+    image = colour * (0.62 + 0.38 * facing[..., None] ** 0.8)
+    for k, outline in enumerate(side.outlines.values()):
+        ink = np.array([int(_PAD_LINES[k % 4][i : i + 2], 16) / 255 for i in (1, 3, 5)])
+        image = np.where(outline[..., None], ink, image)
+    return np.where(side.sight.hit[..., None], np.clip(image, 0.0, 1.0), 1.0)
+
+
+def _outline(sight: Sight, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, "h w"]:
+    """The rim of the skin that lies within two thirds of a marker's spacing of a touched place."""
+    tree = cKDTree(points)
+    spacing = 1.5
+    if len(points) > 1:
+        apart = np.asarray(tree.query(points, k=[2])[0])
+        spacing = float(np.clip(np.quantile(apart, 0.9), 0.4, 2.5))
+    inside = np.zeros(sight.hit.shape, dtype=bool)
+    inside[sight.hit] = np.asarray(tree.query(sight.points_mm[sight.hit])[0]) < spacing
+    deep = inside.copy()
+    for axis in (0, 1):
+        for step in (-3, 3):
+            deep &= np.roll(inside, step, axis=axis)
+    return inside & ~deep
+
+
+def _ring(axes: Axes, side: Side, centre_mm: Float[np.ndarray, " 3"], radius_mm: float) -> None:
+    across, up, towards = side.view.axes @ (centre_mm - side.view.centre_mm)
+    if towards < 0.3 * side.view.half_width_mm:
+        return
+    for colour, wide in (("white", 3.6), (_INK, 1.6)):
+        axes.add_patch(
+            Circle(
+                (float(across), float(up)), radius_mm, fill=False, edgecolor=colour, lw=wide, ls=(0, (4, 2))
+            )
+        )
+
+
+def _key(
+    figure: Figure, limit: float, style: MapStyle, pads: tuple[str, ...], *, height: int, bar_px: int
+) -> None:
+    """Colour bar with words at its ends, the hatching, and the pads' outlines."""
+    axes = figure.add_axes((0.03, 0.0, 0.94, bar_px / height))
+    axes.set_xlim(0, 100)
+    axes.set_ylim(0, 10)
+    axes.set_axis_off()
+    bar = np.linspace(0, 1, 256)[None]
+    cmap = SIGNED if style.signed else ONE_SIDED
+    axes.imshow(cmap(bar), extent=(0, 46, 5.6, 8.2), aspect="auto")
+    axes.add_patch(Rectangle((0, 5.6), 46, 2.6, fill=False, edgecolor="#8b939e", lw=0.7))
+    ends = (-limit, 0.0, limit) if style.signed else (0.0, limit / 2, limit)
+    for x, value in zip((0.0, 23.0, 46.0), ends, strict=True):
+        axes.text(x, 4.9, f"{value:.3g}", ha="center", va="top", fontsize=8.5, color="#535b66")
+    axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=_INK)
+    axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=_INK)
+    patch: UInt8[np.ndarray, "h w 3"] = np.zeros((14, 24, 3), dtype=np.uint8)
+    rows, columns = np.indices(patch.shape[:2])
+    dark = ((rows + columns) // 3 % 3 == 0)[..., None]
+    patch[:] = np.where(dark, 255 * 0.82 * _GREY, 255 * np.minimum(_GREY + 0.12, 1.0)).astype(np.uint8)
+    axes.imshow(patch, extent=(54, 58, 5.6, 8.2), aspect="auto", interpolation="nearest")
+    axes.text(59.3, 6.9, "cannot be seen from these grasps", ha="left", va="center", fontsize=9, color=_INK)
+    for k, pad in enumerate(pads):
+        x = 54 + 15 * k
+        axes.add_patch(Rectangle((x, 1.0), 4, 2.4, fill=False, edgecolor=_PAD_LINES[k % 4], lw=1.6))
+        axes.text(x + 5.3, 2.2, f"pad {pad}", ha="left", va="center", fontsize=9, color=_INK)
+    axes.set_xlim(0, 100)
+    axes.set_ylim(0, 10)

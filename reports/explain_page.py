@@ -1,0 +1,190 @@
+"""The page of a mismatch: one HTML file that shows all it holds, with no network and no scripts."""
+
+from __future__ import annotations
+
+import base64
+import math
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from reports.effect_words import (
+    EFFECTS,
+    by_rank,
+    component_in_words,
+    effect_name,
+    explain_verdict,
+    in_short,
+    parts,
+    when_in_words,
+    where_in_words,
+)
+from reports.explain_charts import (
+    evidence_chart,
+    force_and_residual,
+    modulus_over_time,
+    rms_chart,
+    share_bar,
+)
+from reports.explain_entries import CheckEntry, ExplainEntry, ParameterEntry, Value
+from reports.explain_map import BLIND_BELOW, MapStyle, map_picture, sides_of
+from reports.parameter_words import parameter_words
+from reports.words import UNKNOWN, duration, number, percent, with_sd
+
+_MAPS = (
+    (
+        "modulus_score",
+        MapStyle(low="softer than the model", high="firmer than the model", signed=True),
+        "Flesh that is softer (red) or firmer (blue) here would explain what the model leaves over.",
+    ),
+    (
+        "eigenstrain_score",
+        MapStyle(low="nothing", high="strong", signed=False),
+        "A change of shape from within (a lasting dent, swelling, a gap) would explain it here.",
+    ),
+    (
+        "law_error",
+        MapStyle(low="nothing", high="strong", signed=False),
+        "Where the linear elastic law itself fails most.",
+    ),
+)
+
+
+def explain_html(found: ExplainEntry) -> str:
+    """The whole page, the same text for the same record; all text of the case is escaped."""
+    environment = Environment(
+        loader=PackageLoader("reports", package_path=""),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {
+        "duration": duration,
+        "effect": effect_name,
+        "interval": _interval,
+        "mark": _mark,
+        "number": number,
+        "p": _p,
+        "parameter": parameter_words,
+        "percent": percent,
+        "share_bar": share_bar,
+        "value": _value,
+        "with_sd": with_sd,
+    }
+    named = [one for one in found.ranking if one.effect in found.verdict]
+    return environment.get_template("templates/explain.html.j2").render(
+        blind_share=_blind_share(found),
+        component=component_in_words(found),
+        cut=_cut(found),
+        found=found,
+        leader=named[0] if named else None,
+        maps=_maps(found),
+        meanings=_meanings(found),
+        kind=_kind(found),
+        modulus_charts=modulus_over_time(found),
+        evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
+        rms=rms_chart(found.rms) if found.rms else None,
+        traces=[(trace.grasp, *force_and_residual(trace)) for trace in found.traces],
+        verdict=explain_verdict(found),
+        when=when_in_words(found),
+        where=where_in_words(found),
+        utc=found.made_utc.strftime("%Y-%m-%d %H:%M:%S UTC"),
+    )
+
+
+def _kind(found: ExplainEntry) -> str:
+    if len(found.verdict) > 1:
+        return "several"
+    return found.verdict[0] if found.verdict[0] in ("none", "unknown") else "one"
+
+
+def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
+    """(name, what it means, what to do) of every single effect in the verdict."""
+    singles = dict.fromkeys(part for effect in by_rank(found) for part in parts(effect))
+    return [
+        (f"{effect_name(name).capitalize()}: {in_short(name)}.", EFFECTS[name].meaning, EFFECTS[name].advice)
+        for name in singles
+        if name in EFFECTS
+    ]
+
+
+def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
+    """(PNG as base64, what it shows), the first the most telling."""
+    if found.map is None:
+        return []
+    sides = sides_of(found.map, found.contacts_mm)
+    seen = found.map.visible >= BLIND_BELOW
+    pictures = []
+    for name, style, words in _MAPS:
+        scores = getattr(found.map, name)
+        if not np.isfinite(scores).any():
+            continue
+        png = map_picture(
+            sides,
+            np.nan_to_num(scores),
+            style=style,
+            seen=seen,
+            centre_mm=found.centre_mm,
+            radius_mm=found.radius_mm,
+        )
+        pictures.append((base64.b64encode(png).decode("ascii"), words))
+    return pictures
+
+
+def _blind_share(found: ExplainEntry) -> float | None:
+    """Share of the skin, by area, in the blind zone."""
+    if found.map is None:
+        return None
+    corners = found.map.vertices_mm[found.map.triangles]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    blind = (found.map.visible[found.map.triangles] < BLIND_BELOW).mean(axis=1)
+    return float((area * blind).sum() / area.sum())
+
+
+def _cut(found: ExplainEntry) -> str:
+    """By how much the residual beyond noise fell on unseen recordings."""
+    if found.rms is None:
+        return ""
+    before, after, noise = found.rms
+    excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
+    if excess[0] <= 0.05 * noise:
+        return "There was nothing beyond noise to explain."
+    if excess[1] <= 0.1 * excess[0]:
+        return "What exceeded the noise is gone, but for a tenth or less."
+    if excess[1] >= 0.95 * excess[0]:
+        return "What exceeds the noise has not become less."
+    return f"What exceeds the noise has become {excess[0] / excess[1]:.1f} times smaller."
+
+
+def _value(parameter: ParameterEntry) -> str:
+    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
+    if isinstance(parameter.value, str):
+        return parameter.value
+    if isinstance(parameter.value, tuple):
+        spread = parameter.sd if isinstance(parameter.sd, tuple) else (None,) * len(parameter.value)
+        each = [with_sd(x, sd) for x, sd in zip(parameter.value, spread, strict=True)]
+        return f"({'; '.join(each)}){unit}"
+    return f"{with_sd(parameter.value, _scalar(parameter.sd))}{unit}"
+
+
+def _scalar(sd: Value | None) -> float | None:
+    return float(sd) if isinstance(sd, int | float) else None
+
+
+def _interval(parameter: ParameterEntry) -> str:
+    if parameter.interval is None:
+        return UNKNOWN
+    return f"{number(parameter.interval[0])} to {number(parameter.interval[1])}"
+
+
+def _p(p_value: float) -> str:
+    if not math.isfinite(p_value):
+        return UNKNOWN
+    return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
+def _mark(check: CheckEntry) -> tuple[bool, str]:
+    """Whether the model with the effect gives the number within two standard deviations."""
+    good = abs(check.after - check.measured) <= 2 * check.sd
+    return good, "✓ agrees" if good else "✗ differs"
