@@ -1,0 +1,74 @@
+"""Elastic force of a rigid ball pressed into a slab that is bonded to a rigid base, for unit modulus."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline
+
+#: widest contact over the ball's radius that the table reaches
+WIDEST = 0.99999
+
+
+def contact_radius_and_force(
+    contact: Float[np.ndarray, " a"],
+) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " a"]]:
+    """Depth over R and force over E* R^2 of a rigid sphere on a half-space, from contact radius over R.
+
+    d = a/2 ln((1 + a)/(1 - a)),  F = (a^2 + 1)/2 ln((1 + a)/(1 - a)) - a,  all over R; E* = E/(1 - nu^2).
+    Hertz's d = a^2, F = 4/3 a^3 is the limit of small a. Source: Sneddon, "The relation between load and
+    penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57, sec. 6(c).
+    """
+    log = 2 * np.arctanh(contact)
+    return contact / 2 * log, (contact**2 + 1) / 2 * log - contact
+
+
+def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Float[np.ndarray, " d"]:
+    """How much stiffer a slab bonded to a rigid base is than a half-space; width = sqrt(R d) / thickness.
+
+    1 - 2 A/pi x + 4 A^2/pi^2 x^2 - 8/pi^3 (A^3 + 4 pi^2/15 B) x^3 + 16 A/pi^4 (A^3 + 3 pi^2/5 B) x^4 with
+    A = -(1.2876 - 1.4678 nu + 1.3442 nu^2)/(1 - nu), B = (0.6387 - 1.0277 nu + 1.5164 nu^2)/(1 - nu);
+    meant for x up to 1. Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick, "Determination of elastic
+    moduli of thin layers of soft material using the atomic force microscope", Biophys. J. 82, 2002, eq. 9.
+    """
+    nu = poisson_ratio
+    A = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)
+    B = (0.6387 - 1.0277 * nu + 1.5164 * nu**2) / (1 - nu)
+    pi = np.pi
+    cubic = -8 / pi**3 * (A**3 + 4 * pi**2 / 15 * B)
+    quartic = 16 * A / pi**4 * (A**3 + 3 * pi**2 / 5 * B)
+    return np.asarray(
+        1 - 2 * A / pi * width + 4 * A**2 / pi**2 * width**2 + cubic * width**3 + quartic * width**4
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallOnSlab:
+    """Force per unit modulus (N/MPa) over depth (mm); `thickness_mm` None is a half-space."""
+
+    radius_mm: float
+    thickness_mm: float | None
+    poisson_ratio: float
+    over_hertz: CubicSpline
+    """Force over Hertz's, a smooth function of the root of depth over R."""
+
+    @classmethod
+    def tabulate(cls, *, radius_mm: float, thickness_mm: float | None, poisson_ratio: float) -> "BallOnSlab":
+        """The curve up to five radii deep; the contact's true radius a takes the place of sqrt(R d)."""
+        contact = WIDEST * np.sin(np.linspace(0, np.pi / 2, 400)[1:])
+        depth, force = contact_radius_and_force(contact)
+        ratio = force / (4 / 3 * depth**1.5)
+        if thickness_mm is not None:
+            ratio = ratio * slab_factor(contact * radius_mm / thickness_mm, poisson_ratio=poisson_ratio)
+        return cls(
+            radius_mm=radius_mm,
+            thickness_mm=thickness_mm,
+            poisson_ratio=poisson_ratio,
+            over_hertz=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, ratio]),
+        )
+
+    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, " *d"]) -> Float[np.ndarray, " *d"]:
+        """phi(d): nothing out of contact."""
+        depth = np.maximum(depth_mm, 0.0) / self.radius_mm
+        hertz = 4 / 3 / (1 - self.poisson_ratio**2) * self.radius_mm**2 * depth**1.5
+        return np.asarray(hertz * self.over_hertz(np.sqrt(depth)))

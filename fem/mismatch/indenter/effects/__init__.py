@@ -1,0 +1,1 @@
+"""Physics that a bare indenter's trace can carry, one per file."""

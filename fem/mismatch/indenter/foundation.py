@@ -1,0 +1,131 @@
+"""A viscoelastic contact as a row of independent springs: exact for contact that grows and for one unloading.
+
+A convex force-depth curve phi(d) is a row of springs: spring j is touched at depth y_j and has stiffness w_j,
+the jump of phi's slope there, so that sum w_j (d - y_j)+ is phi. Give each spring the memory of the flesh,
+and let it leave the ball when its force falls to nothing: while contact grows the sum is Lee and Radok's
+integral, F = int R(t - s) d phi(d(s)); on unloading the last spring in touch is the one with
+int_{t1}^{t} R(t - s) dd(s) = 0, which is Ting's condition for the shrinking contact, and the force is his.
+Unlike his formula the row goes on through any number of cycles. On a half-space the row is exact; on a slab
+exact while contact grows.
+
+Sources: Lee and Radok, "The contact problem for viscoelastic bodies", J. Appl. Mech. 27, 1960, 438-444;
+Ting, "The contact stresses between a rigid indenter and a viscoelastic half-space", J. Appl. Mech. 33, 1966,
+845-854; Argatov and Popov, "Rebound indentation problem for a viscoelastic half-space and axisymmetric
+indenter: solution by the method of dimensionality reduction", ZAMM 96, 2016, 956-967.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+#: springs; the force then errs by about a third of their inverse square, relative to the largest
+SPRINGS = 40
+#: a ball that falls back by less than this share of its largest depth is still going in
+JITTER = 1e-3
+
+
+def springs(
+    curve: Callable[[Float[np.ndarray, "p n"]], Float[np.ndarray, "p n"]],
+    deepest_mm: Float[np.ndarray, " p"],
+) -> tuple[Float[np.ndarray, "p n"], Float[np.ndarray, "p n"]]:
+    """Touch depths y (mm) and stiffnesses w of each row, denser at first touch: y grows as a square."""
+    share = (np.arange(SPRINGS + 1) / SPRINGS) ** 2
+    level = deepest_mm[:, None] * share
+    slope = np.diff(curve(level)) / np.diff(level)
+    return level[:, :-1], np.diff(slope, prepend=0.0, axis=1)
+
+
+def elastic_force(
+    depth_mm: Float[np.ndarray, "p t"],
+    slack_mm: Float[np.ndarray, "p t n"] | None,
+    level_mm: Float[np.ndarray, "p n"],
+    stiffness: Float[np.ndarray, "p n"],
+) -> Float[np.ndarray, "p t"]:
+    """Without memory: sum of w (d - y - slack)+."""
+    pressed = depth_mm[:, :, None] - level_mm[:, None]
+    if slack_mm is not None:
+        pressed = pressed - slack_mm
+    return np.asarray(np.einsum("ptn,pn->pt", np.maximum(pressed, 0.0), stiffness))
+
+
+def relaxing_force(
+    time_s: Float[np.ndarray, " t"],
+    depth_mm: Float[np.ndarray, "p t"],
+    slack_mm: Float[np.ndarray, "p t n"] | None,
+    level_mm: Float[np.ndarray, "p n"],
+    stiffness: Float[np.ndarray, "p n"],
+    share: Float[np.ndarray, "k p"],
+    tau_s: Float[np.ndarray, "k p"],
+) -> Float[np.ndarray, "p t"]:
+    """With memory R(t) = 1 - sum g + sum g exp(-t/tau): p rows side by side, depth linear between frames.
+
+    Spring compression v and arm states Q_k obey Q_k' = e_k Q_k + g_k c_k (v' - v), e = exp(-dt/tau),
+    c = tau/dt (1 - e), exact for linear v. While the ball goes in, one such recursion for the whole row does.
+    What touches in the first frame has been touching for long: it starts relaxed.
+    """
+    step = np.diff(time_s)[:, None, None] / tau_s
+    fade = np.exp(-step)
+    take = share * -np.expm1(-step) / step
+    rest = 1 - share.sum(axis=0)
+    turn = last_growing_frame(depth_mm)
+    pressed = depth_mm[:, : turn + 1, None] - level_mm[:, None]
+    if slack_mm is not None:
+        pressed = pressed - slack_mm[:, : turn + 1]
+    pressed = np.maximum(pressed, 0.0)
+    whole = np.einsum("ptn,pn->tp", pressed, stiffness)
+    arms = np.zeros((turn + 1, *tau_s.shape))
+    added = take[:turn] * np.diff(whole, axis=0)[:, None]
+    for i in range(turn):
+        np.add(fade[i] * arms[i], added[i], out=arms[i + 1])
+    growing = rest * whole + arms.sum(axis=1)
+    if turn == len(time_s) - 1:
+        return np.asarray(growing.T)
+
+    weight = take[:turn] * np.exp(-(time_s[turn] - time_s[1 : turn + 1])[:, None, None] / tau_s)
+    state = np.einsum("tkp,ptn->kpn", weight, np.diff(pressed, axis=1), optimize=True)
+    demanded = np.moveaxis(depth_mm[:, turn + 1 :, None] - level_mm[:, None], 1, 0)
+    if slack_mm is not None:
+        demanded = demanded - np.moveaxis(slack_mm[:, turn + 1 :], 1, 0)
+    always = np.ones((len(time_s) - 1 - turn, 1, len(rest)))
+    springs_N = _any_path(
+        demanded,
+        np.concatenate([(rest[:, None] * pressed[:, -1])[None], state]),
+        pressed[:, -1],
+        np.concatenate([always, fade[turn:]], axis=1)[..., None],
+        np.concatenate([always * rest, take[turn:]], axis=1)[..., None],
+    )
+    return np.concatenate([growing.T, np.einsum("tpn,pn->pt", springs_N, stiffness)], axis=1)
+
+
+def last_growing_frame(depth_mm: Float[np.ndarray, "p t"]) -> int:
+    """The last frame before any row's depth falls back by more than jitter, a thousandth of its largest."""
+    back = np.maximum.accumulate(depth_mm, axis=1) - depth_mm
+    touched = np.maximum.accumulate(depth_mm, axis=1) > 0
+    falls = ((back > JITTER * depth_mm.max(axis=1, keepdims=True)) & touched).any(axis=0)
+    return int(np.argmax(falls)) - 1 if falls.any() else depth_mm.shape[1] - 1
+
+
+def _any_path(
+    demanded_mm: Float[np.ndarray, "t p n"],
+    parts: Float[np.ndarray, "k p n"],
+    pressed_mm: Float[np.ndarray, "p n"],
+    fade: Float[np.ndarray, "t k p 1"],
+    take: Float[np.ndarray, "t k p 1"],
+) -> Float[np.ndarray, "t p n"]:
+    """Force of each spring over its stiffness, frame by frame from a known state.
+
+    `parts` are the spring that never relaxes (fade 1) and the arms. Where the ball does not press, v moves
+    such that their sum stays zero; where that is less than the ball demands, the ball has its way.
+    """
+    stiff = take.sum(axis=1)
+    softness = -1 / stiff
+    force = np.empty_like(demanded_mm)
+    for i, wanted in enumerate(demanded_mm):
+        parts = parts * fade[i]
+        held = np.add.reduce(parts, axis=0)
+        moved = np.maximum(held * softness[i], wanted - pressed_mm)
+        parts += take[i] * moved
+        pressed_mm = pressed_mm + moved
+        np.add(held, stiff[i] * moved, out=force[i])
+    return force

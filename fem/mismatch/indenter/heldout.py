@@ -1,0 +1,87 @@
+"""How well a law foretells frames that it was not fitted to."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.mismatch.indenter.fit import Fit, fit
+from fem.mismatch.indenter.law import Law
+from fem.mismatch.indenter.noise import AirNoise
+from fem.mismatch.indenter.trace import IndenterTrace
+
+#: blocks into which the whole trace is cut, every second one left out in turn
+BLOCKS = 10
+#: rounds in which a compliant machine's force and the law's settle
+SETTLE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foretold:
+    """Force of the frames left out, NaN elsewhere, by the linear law and by the named one."""
+
+    protocol: str
+    before_N: Float[np.ndarray, " t"]
+    after_N: Float[np.ndarray, " t"]
+
+    def rms(self, force_N: Float[np.ndarray, " t"]) -> tuple[float, float]:
+        """Root mean square error over that of the force left out, before and after."""
+        out = np.isfinite(self.before_N)
+        size = np.sqrt(np.mean(force_N[out] ** 2))
+        return (
+            float(np.sqrt(np.mean((self.before_N - force_N)[out] ** 2)) / size),
+            float(np.sqrt(np.mean((self.after_N - force_N)[out] ** 2)) / size),
+        )
+
+
+def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
+    """What is foretold from the past: all from the start of unloading, else the second half of the hold.
+
+    Where the ball never stands still, the last third.
+    """
+    phases = np.array(trace.phases)
+    frames = np.arange(len(phases))
+    deepest = int(np.argmax(trace.travel_mm >= trace.travel_mm.max() * (1 - 1e-3)))
+    unload = np.flatnonzero((phases == "unload") & (frames > deepest))
+    if len(unload) and len(phases) - unload[0] >= 5:
+        return np.asarray(frames >= unload[0])
+    hold = np.flatnonzero((phases == "hold") & (frames > deepest))
+    first = hold[len(hold) // 2] if len(hold) >= 10 else 2 * len(phases) // 3
+    return np.asarray(frames >= first)
+
+
+def foretell(linear: Fit, named: Fit, trace: IndenterTrace, air: AirNoise) -> tuple[Foretold, Foretold]:
+    """Both laws, refitted without the frames they foretell: the trace's end, and its blocks in turn."""
+    block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
+    ways = {"end": [future_frames(trace)], "blocks": [block, ~block]}
+    return tuple(  # type: ignore[return-value]
+        Foretold(
+            protocol=name,
+            before_N=_left_out(linear, trace, air, masks),
+            after_N=_left_out(named, trace, air, masks),
+        )
+        for name, masks in ways.items()
+    )
+
+
+def _left_out(
+    known: Fit, trace: IndenterTrace, air: AirNoise, masks: list[Bool[np.ndarray, " t"]]
+) -> Float[np.ndarray, " t"]:
+    force = np.full(len(trace.time_s), np.nan)
+    for mask in masks:
+        means = np.array([u.mean for u in known.law.unknowns])
+        again = fit(known.law, trace, air, np.stack([known.scaled, means]), frames=~mask)
+        force[mask] = _without_measured(known.law, again.scaled, trace, mask)[mask]
+    return np.asarray(force)
+
+
+def _without_measured(
+    law: Law, scaled: Float[np.ndarray, " k"], trace: IndenterTrace, mask: Bool[np.ndarray, " t"]
+) -> Float[np.ndarray, " t"]:
+    """The law's force where a compliant machine gives way under that force itself, not the measured one."""
+    blind = trace.force_N.copy()
+    blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
+    for _ in range(SETTLE if any(u.name == "mm_per_N" for u in law.unknowns) else 1):
+        force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]
+        blind[mask] = force[mask]
+    return np.asarray(force)

@@ -1,0 +1,84 @@
+"""Noise of a trace: what the load cell adds, and what a model leaves unexplained of the force."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cholesky_banded, solveh_banded
+
+#: independent looks at a model's error per peak force passed, and per recording
+LOOKS = 20.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class AirNoise:
+    """The load cell's own noise: white, and a coloured part of which `fade` lives on to the next frame.
+
+    `frames`: degrees of freedom that it was estimated from.
+    """
+
+    white_N: float
+    coloured_N: float
+    fade: float
+    frames: int
+
+    @property
+    def slow_N(self) -> float:
+        """White noise of the same density at low frequency, where all that is looked for lies."""
+        return float(np.sqrt(self.white_N**2 + self.coloured_N**2 * (1 + self.fade) / (1 - self.fade)))
+
+    def covariance(self, frames: int) -> Float[np.ndarray, "t t"]:
+        """Of so many frames: white^2 I + coloured^2 fade^|i - j|."""
+        apart = np.abs(np.subtract.outer(np.arange(frames), np.arange(frames)))
+        return np.asarray(self.white_N**2 * np.eye(frames) + self.coloured_N**2 * self.fade**apart)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Noise:
+    """Covariance white^2 I + a a' exp(-|c - c'|), a and c per frame: an Ornstein-Uhlenbeck process.
+
+    The clock c need not be time: what a model leaves unexplained moves when the force moves (model_clock).
+    With O the process's covariance, whose inverse is tridiagonal, and A = diag(a): C = white^2 I + A O A,
+    C^-1 = (I - (I + white^2 Q)^-1)/white^2 with Q = (A O A)^-1, so that every use costs a banded solve.
+    Source: Rue and Held, "Gaussian Markov Random Fields", 2005, sec. 1.2 and 2.4 (Markov precision).
+    """
+
+    white_N: float
+    wander_N: Float[np.ndarray, " t"]
+    clock: Float[np.ndarray, " t"]
+
+    def _banded(self) -> tuple[Float[np.ndarray, "2 t"], float]:
+        """I + white^2 Q, and the log determinant of Q."""
+        fade = np.exp(-np.diff(self.clock))
+        fresh = -np.expm1(-2 * np.diff(self.clock))
+        diagonal = np.ones(len(self.clock))
+        diagonal[:-1] += fade**2 / fresh
+        diagonal[1:] += 1 / fresh - 1
+        square = (self.white_N / self.wander_N) ** 2
+        off = -fade / fresh * self.white_N**2 / (self.wander_N[:-1] * self.wander_N[1:])
+        log_q = -np.log(fresh).sum() - 2 * np.log(self.wander_N).sum()
+        return np.stack([np.r_[0.0, off], 1 + square * diagonal]), float(log_q)
+
+    def solve(self, columns: Float[np.ndarray, "t *c"]) -> Float[np.ndarray, "t *c"]:
+        """C^-1 times columns."""
+        banded, _ = self._banded()
+        return np.asarray((columns - solveh_banded(banded, columns)) / self.white_N**2)
+
+    def log_likelihood(self, residual: Float[np.ndarray, " t"]) -> float:
+        """Natural logarithm of the normal density."""
+        banded, log_q = self._banded()
+        log_det = 2 * np.log(cholesky_banded(banded)[-1]).sum() - log_q
+        return float(-0.5 * (residual @ self.solve(residual) + log_det + len(residual) * np.log(2 * np.pi)))
+
+
+def model_clock(
+    time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], *, white_N: float
+) -> Float[np.ndarray, " t"]:
+    """Runs with the force's changes (over its peak) and with time (over the recording), LOOKS times each.
+
+    A model's error has one value per stretch of path, not per frame: a trace is some sixty independent looks
+    at it, however many frames were recorded.
+    """
+    change = (np.abs(np.diff(force_N)) + white_N) / np.abs(force_N).max()
+    passed = np.diff(time_s) / (time_s[-1] - time_s[0])
+    return np.asarray(LOOKS * np.cumsum(np.r_[0.0, change + passed]))
