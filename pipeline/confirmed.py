@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
@@ -82,8 +83,9 @@ class ConfirmedEffect(BaseModel):
         for name in self.sd:
             if name not in self.parameters or wanted.get(name) == "pad":
                 raise ValueError(f'sd has "{name}", which is no number among the parameters')
-        if self.effect == "sensor_gain" and not self.number("gain") > 0:
-            raise ValueError(f"a gain is above zero, found {self.number('gain'):g}")
+        for name in ("gain", "scale"):
+            if name in wanted and not self.number(name) > 0:
+                raise ValueError(f"{name} is {self.number(name):g}, expected above zero")
         return self
 
     def number(self, name: str) -> float:
@@ -99,6 +101,11 @@ class ConfirmedEffect(BaseModel):
         if not isinstance(value, tuple):
             raise TypeError(name)
         return value
+
+    def spread(self, name: str) -> float:
+        """Standard deviation of a parameter, of a vector its longest; 0 where it is not known."""
+        sd = self.sd.get(name, 0.0)
+        return max(sd) if isinstance(sd, tuple) else float(sd)
 
     @property
     def pad(self) -> str:
@@ -121,6 +128,28 @@ def _require(name: str, value: Value, kind: Kind) -> None:
         wanted = f"{_LENGTH[kind]} numbers"
     if not right:
         raise ValueError(f"{name} is {value!r}, expected {wanted}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PitFound:
+    """Where and how large the pit was found to be against its prior; spreads 0 where nothing was found."""
+
+    offset_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
+    offset_sd_mm: float = 0.0
+    scale: float = 1.0
+    size_sd: float = 0.0
+
+
+def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
+    """What the effects say of the pit."""
+    found = PitFound()
+    for one in effects:
+        if one.effect == "pit_offset":
+            found = replace(found, offset_mm=one.vector("offset_mm"), offset_sd_mm=one.spread("offset_mm"))
+        if one.effect == "pit_size":
+            scale = one.number("scale")
+            found = replace(found, scale=scale, size_sd=one.spread("scale") / scale)
+    return found
 
 
 def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:

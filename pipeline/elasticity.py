@@ -20,10 +20,15 @@ from fem.modulus_inputs import GraspHistory
 from fem.modulus_joint import FruitModulus
 from fem.pad_link import contact_nodes
 from pipeline.cache import cached, stage_key
+from pipeline.confirmed import keyed
+from pipeline.flesh_effects import in_the_model, with_effects
 from pipeline.grasp import PlacedGrasp, history
 from pipeline.kept_models import packed, unpacked
 from pipeline.records import ModulusRecord, PitFoundRecord
 from pipeline.task import FruitTask
+
+CONFIRMED = "confirmed effects"
+"""The part of an error bar that comes from effects in the batch's settings."""
 
 
 def fruit_modulus(
@@ -33,28 +38,38 @@ def fruit_modulus(
     *,
     poisson_ratio: float,
     budget: ErrorBudget,
+    stage: str = "response",
 ) -> FruitInference:
-    """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does."""
+    """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does.
+
+    The responses on each mesh that is tried are kept as `stage` and a number.
+    """
     histories = [history(grasp) for grasp in grasps]
     number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
-        stage = f"response-{next(number)}"
-        return responses(task, stage, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
+        name = f"{stage}-{next(number)}"
+        return responses(task, name, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
 
     return infer_modulus(histories, mesh, respond, budget=budget)
 
 
-def modulus_record(found: FruitModulus) -> ModulusRecord:
-    """What the fruit's record says of its modulus and of the pit that came with it."""
+def modulus_record(
+    found: FruitModulus, *, effects_common_sd_MPa: float = 0.0, effects_own_sd_MPa: float = 0.0
+) -> ModulusRecord:
+    """What the fruit's record says of its modulus and of the pit that came with it.
+
+    `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
+    whole batch and those of this fruit.
+    """
     pit = found.pit
+    of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
+    shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=found.E_sd_MPa,
-        common_sd_MPa=float(
-            np.hypot(found.parts_sd_MPa.get(POISSON_RATIO, 0.0), found.parts_sd_MPa.get(DISCRETISATION, 0.0))
-        ),
-        parts_sd_MPa=found.parts_sd_MPa,
+        E_sd_MPa=float(np.hypot(found.E_sd_MPa, of_effects)),
+        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa])),
+        parts_sd_MPa=found.parts_sd_MPa | ({CONFIRMED: of_effects} if of_effects else {}),
         pit_found=None
         if pit is None
         else PitFoundRecord(
@@ -85,11 +100,12 @@ def responses(
     """
     supports = [grasp.recording.support for grasp in grasps]
     large = task.settings.flesh.model == "neo-hookean"
+    effects = in_the_model(task.settings.mismatch)
     digest = hashlib.sha256()
     for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
         digest.update(np.ascontiguousarray(array).tobytes())
     for pad in (pad for one in histories for pad in one.pads):
-        seen = (pad.position_mm, pad.gel_displacement_mm) if large else ()
+        seen = (pad.position_mm, pad.gel_displacement_mm) if large or effects else ()
         for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
             digest.update(np.ascontiguousarray(array).tobytes())
     names = [grasp.name for grasp in grasps]
@@ -97,17 +113,17 @@ def responses(
     key = stage_key(
         "response",
         files=[],
-        settings=[digest.hexdigest(), supports, names, assumed],
+        settings=[digest.hexdigest(), supports, names, assumed, keyed(effects)],
         rooms=("pipeline", "fem"),
     )
 
     def model(k: int, solid: UnitModulusSolid) -> GraspModel | FemFailure:
         try:
             small = grasp_model(histories[k], solid)
-            if not large:
-                return small
-            law = NeoHookean(poisson_ratio=poisson_ratio)
-            return with_large_deformation(small, histories[k], solid, law, scale_sd=budget.gel_scale_sd)
+            if large:
+                law = NeoHookean(poisson_ratio=poisson_ratio)
+                small = with_large_deformation(small, histories[k], solid, law, scale_sd=budget.gel_scale_sd)
+            return with_effects(small, histories[k], solid, effects)
         except FemFailure as failure:
             return failure
 

@@ -9,6 +9,7 @@ from fem.mesh import FleshMesh, tetrahedralise
 from fem.modulus_budget import ErrorBudget
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.config import Settings
+from pipeline.confirmed import pit_found
 from pipeline.shape import Pit, Shape
 from pipeline.task import FruitTask
 from recon.priors import PitPrior
@@ -17,8 +18,12 @@ from recon.priors import PitPrior
 def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
     """Poisson's ratio of the flesh, its standard deviation, and who says so: the batch, else the prior.
 
-    A batch that states the ratio and no spread is taken at its word.
+    A batch that states the ratio and no spread is taken at its word; one that was found in recordings comes
+    before both.
     """
+    for one in settings.mismatch:
+        if one.effect == "poisson_ratio":
+            return one.number("nu"), one.spread("nu"), "found by drupe explain"
     if settings.poisson_ratio is not None:
         return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"
     if prior is not None:
@@ -62,12 +67,15 @@ def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) 
 def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
     """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
     own, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
+    placed = pit_found(task.settings.mismatch)
     known = {
         "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
         "force_scale_sd": sensor.force_scale_sd if sensor else None,
         "pose_sd_mm": sensor.pose_sd_mm if sensor else None,
-        "pit_offset_sd_mm": own.offset_sd_mm or (prior.offset_sd_mm if prior else None),
-        "pit_size_sd": own.size_sd or (prior.size_sd if prior else None),
+        "pit_offset_sd_mm": placed.offset_sd_mm
+        or own.offset_sd_mm
+        or (prior.offset_sd_mm if prior else None),
+        "pit_size_sd": placed.size_sd or own.size_sd or (prior.size_sd if prior else None),
         "surface_sd_mm": shape.record.surface_sd_mm,
         "poisson_ratio_sd": poisson_ratio(task.settings, prior)[1],
     }

@@ -131,6 +131,8 @@ class FruitRecord(_Record):
     flesh: FleshRecord | None = None
     grasps: tuple[GraspRecord, ...] = ()
     modulus: ModulusRecord | None = None
+    mismatch: str | None = None
+    """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     warnings: tuple[str, ...] = ()
     seconds: dict[str, float] = {}
     peak_memory_MiB: float | None = None

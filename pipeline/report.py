@@ -1,12 +1,13 @@
 """From records to what the reports room prints."""
 
+import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
 import numpy as np
 
 from pipeline.batch import Batch
-from pipeline.layout import Results
+from pipeline.layout import FruitResults, Results
 from pipeline.provenance import versions
 from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
 from pipeline.ripeness import Standing, agreement, standings
@@ -78,6 +79,8 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
         volume_mm3=mesh.volume_mm3 if mesh else None,
         grasps=sum(g.failure is None for g in record.grasps),
+        mismatch=record.mismatch or _explained(record, files),
+        mismatch_taken=record.mismatch is not None,
         shore_oo=record.given.shore_oo,
         warnings=record.warnings,
         photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
@@ -88,6 +91,21 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
     )
+
+
+def _explained(record: FruitRecord, files: FruitResults) -> str | None:
+    """What `drupe explain` said of the same inputs, settings and code; of several names the likeliest."""
+    try:
+        said = json.loads(files.mismatch.read_text(encoding="utf-8"))
+        if said["key"] != record.key:
+            return None
+        verdict = said["verdict"]
+        ranked = [one["effect"] for one in said["ranking"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    if isinstance(verdict, list):
+        verdict = min(verdict, key=lambda name: ranked.index(name) if name in ranked else len(ranked))
+    return str(verdict)
 
 
 def _estimate(grasp: GraspRecord) -> GraspEstimate:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.cache import Artifact, cached, stage_key
+from pipeline.confirmed import PitFound, pit_found
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import MeshRecord, PitRecord
@@ -142,6 +143,11 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
         source = f"prior for {task.prior.category}"
     else:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
+    found = pit_found(task.settings.mismatch)
+    if found != PitFound():
+        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        vertices = middle + found.offset_mm + found.scale * (vertices - middle)
+        source += ", moved to where it was found"
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
     skin, pit = embedded.skin, embedded.pit
     low, high = pit[0].min(axis=0), pit[0].max(axis=0)

@@ -11,8 +11,11 @@ from collections.abc import Callable
 from threadpoolctl import threadpool_limits
 
 from fem.failure import FemFailure
+from pipeline.confirmed import in_words
 from pipeline.diary import Diary
+from pipeline.effect_spread import effect_spread
 from pipeline.elasticity import fruit_modulus, modulus_record
+from pipeline.flesh_effects import unused_warnings, used
 from pipeline.grasp import grasp_record, touched_by_pad
 from pipeline.grasped import grasped_fruit
 from pipeline.layout import write_whole
@@ -77,7 +80,14 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
         records = [*failed, *map(grasp_record, placed, found.grasps)]
         known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
-        known["modulus"] = modulus_record(found.modulus)
+        spread = effect_spread(task, fruit, found.modulus.E_MPa)
+        known["modulus"] = modulus_record(
+            found.modulus,
+            effects_common_sd_MPa=spread.common_sd_MPa,
+            effects_own_sd_MPa=spread.own_sd_MPa,
+        )
+        known["mismatch"] = in_words(used(task.settings.mismatch)) or None
+        diary.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
         for grasp, own in zip(placed, found.grasps, strict=True):
             if isinstance(own, FemFailure):
                 diary.warnings.append(f"not used: {grasp.name}: {own.detail}")

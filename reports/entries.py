@@ -89,6 +89,8 @@ class FruitEntry:
     shore_oo: float | None = None
     mismatch: str | None = None
     """What the mechanical model is found to leave out, as a name of the effect vocabulary."""
+    mismatch_taken: bool = False
+    """Whether E takes that into account."""
     warnings: tuple[str, ...] = ()
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None

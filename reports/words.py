@@ -47,7 +47,8 @@ def remarks(fruit: FruitEntry) -> str:
         return f"not graded: {fruit.outcome}"
     found = []
     if fruit.mismatch and fruit.mismatch != "none":
-        found.append(f"mismatch: {fruit.mismatch.replace('_', ' ')}")
+        taken = " (taken into account)" if fruit.mismatch_taken else ""
+        found.append(f"mismatch: {fruit.mismatch.replace('_', ' ')}{taken}")
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)
