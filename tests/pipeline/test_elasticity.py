@@ -100,7 +100,7 @@ def workplace(tmp_path, monkeypatch, histories):
     monkeypatch.setattr(UnitModulusSolid, "factorise", counted)
     task = SimpleNamespace(
         results=SimpleNamespace(cache=tmp_path),
-        settings=SimpleNamespace(flesh=SimpleNamespace(model="linear")),
+        settings=SimpleNamespace(flesh=SimpleNamespace(model="linear"), mismatch=()),
     )
     return task, made
 
