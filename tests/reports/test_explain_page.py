@@ -1,0 +1,253 @@
+"""The page of a mismatch: verdict first, everything inside one file, hostile text escaped, nothing lost."""
+
+import re
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+
+from reports.effect_words import EFFECTS, effect_name, explain_verdict, where_in_words
+from reports.explain_charts import modulus_over_time
+from reports.explain_entries import (
+    CandidateEntry,
+    CellEntry,
+    CheckEntry,
+    ExplainEntry,
+    MapEntry,
+    ParameterEntry,
+    TraceEntry,
+    VarianceEntry,
+)
+from reports.explain_map import BLIND_BELOW, MapStyle, map_picture, sides_of
+from reports.explain_page import explain_html
+from reports.parameter_words import PARAMETERS, parameter_words
+from reports.raycast import Surface, View
+
+VOCABULARY = [
+    "none",
+    "viscoelastic",
+    "stiffening",
+    "skin",
+    "graded_modulus",
+    "soft_spot",
+    "anisotropy",
+    "poisson_ratio",
+    "pit_offset",
+    "pit_size",
+    "loose_pit",
+    "slip",
+    "plastic_set",
+    "damage",
+    "sensor_gain",
+    "sensor_drift",
+    "gripper_compliance",
+    "clock_lag",
+    "pose_error",
+    "unknown",
+]
+OCTAHEDRON = np.array(
+    [[4, 0, 2], [4, 2, 1], [4, 1, 3], [4, 3, 0], [5, 2, 0], [5, 1, 2], [5, 3, 1], [5, 0, 3]]
+)
+
+
+def bumpy_map():
+    axes = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=float)
+    return MapEntry(
+        vertices_mm=25.0 * axes,
+        triangles=OCTAHEDRON,
+        modulus_score=np.array([-8.0, 1, 0, 0, 0, 0]),
+        eigenstrain_score=np.arange(6.0),
+        law_error=np.arange(6.0),
+        visible=np.array([50.0, 50, 0.1, 0.1, 0.1, 0.1]),
+    )
+
+
+def entry(**changes):
+    t = np.linspace(0, 9, 20)
+    made = ExplainEntry(
+        name="N-01",
+        category="nectarine",
+        detected=True,
+        p_value=1e-7,
+        verdict=("viscoelastic",),
+        region="pad left",
+        when="hold",
+        component="normal",
+        ranking=(
+            CandidateEntry(
+                effect="viscoelastic",
+                probability=0.97,
+                log_evidence=201.5,
+                chi2_gain=410.0,
+                heldout_gain=150.0,
+                parameters=(
+                    ParameterEntry(name="g", value=0.31, sd=0.02, unit="1", interval=(0.28, 0.34)),
+                    ParameterEntry(name="tau_s", value=4.2, sd=None, unit="s"),
+                ),
+                E_MPa=0.315,
+                E_sd_MPa=0.006,
+            ),
+            CandidateEntry(effect="clock_lag", probability=0.03, log_evidence=2.0, chi2_gain=6.0),
+        ),
+        E_before_MPa=0.262,
+        E_before_sd_MPa=0.011,
+        E_after_MPa=0.315,
+        E_after_sd_MPa=0.006,
+        made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
+        rms=(2.6, 1.04, 1.0),
+        next_grasp="Hold one grasp for 30 s.",
+        cells=tuple(
+            CellEntry(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
+            for pad in ("left", "right")
+            for s in t
+        ),
+        variance=(VarianceEntry(factor="time", share=0.7, p_value=1e-9),),
+        traces=(
+            TraceEntry(
+                grasp="grasp-1",
+                time_s=t,
+                phase=("load",) * 10 + ("hold",) * 10,
+                force_N=t,
+                given_mm=0.1 * t,
+                before_mm=0.09 * t,
+                after_mm=0.1 * t,
+            ),
+        ),
+        checks=(
+            CheckEntry(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
+            CheckEntry(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
+        ),
+        map=bumpy_map(),
+        contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
+        grasps=("grasp-1",),
+        notes=("Only one grasp.",),
+    )
+    return replace(made, **changes)
+
+
+def test_the_verdict_stands_first_and_the_sections_follow_in_order():
+    page = explain_html(entry())
+    order = [
+        "The flesh creeps",
+        "What to do:",
+        "Only one grasp.",
+        "What explains it",
+        "0.28",
+        "six sides",
+        "E over time, grasp-1",
+        "What E varies with",
+        "Residual on recordings",
+        "Force over approach, grasp-1",
+        "✓ agrees",
+        "✗ differs",
+        "What to record next",
+        "Hold one grasp",
+    ]
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_the_page_is_whole_without_a_network_and_the_same_each_time():
+    page = explain_html(entry())
+    assert "<script" not in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    assert "default-src 'none'" in page
+    assert page == explain_html(entry())
+
+
+def test_hostile_text_stays_text(hostile):
+    page = explain_html(
+        entry(
+            name=hostile, notes=(hostile,), next_grasp=hostile, grasps=(hostile,), inputs=((hostile, "ab"),)
+        )
+    )
+    assert "<script" not in page
+    assert "{{ 7*7 }}" in page
+
+
+@pytest.mark.parametrize("verdict", [("none",), ("unknown",), ("clock_lag", "viscoelastic"), ("skin+slip",)])
+def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
+    bare = entry(
+        verdict=verdict,
+        ranking=(),
+        cells=(),
+        variance=(),
+        traces=(),
+        checks=(),
+        map=None,
+        rms=None,
+        next_grasp=None,
+        notes=(),
+        contacts_mm={},
+    )
+    assert explain_verdict(bare) in explain_html(bare).replace("&#39;", "'")
+    assert explain_verdict(entry(verdict=verdict)) in explain_html(entry(verdict=verdict)).replace(
+        "&#39;", "'"
+    )
+
+
+def test_every_effect_of_the_vocabulary_has_its_words():
+    assert set(EFFECTS) == set(VOCABULARY)
+    for name, words in EFFECTS.items():
+        assert words.meaning.endswith("."), name
+        assert words.advice.endswith("."), name
+        assert words.short[0].islower()
+        assert name == "none" or effect_name(name) not in ("", "none")
+
+
+def test_several_names_are_given_the_likeliest_first():
+    sentence = explain_verdict(entry(verdict=("clock_lag", "viscoelastic")))
+    assert "viscoelastic or clock lag" in sentence
+
+
+def test_a_pair_is_said_as_two():
+    assert "and one pad reads" in explain_verdict(entry(verdict=("pit_size+sensor_gain",)))
+
+
+def test_a_spot_is_told_with_its_place_and_width():
+    spot = entry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0)
+    assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
+
+
+def test_parameters_of_further_arms_and_of_pairs_have_words():
+    assert parameter_words("g_2") == PARAMETERS["g"]
+    assert parameter_words("sensor_gain.gain") == PARAMETERS["gain"]
+    assert parameter_words("new_thing") == "new thing"
+
+
+def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
+    fruit = bumpy_map()
+    surface = Surface.of(fruit.vertices_mm, fruit.triangles)
+    view = View(
+        centre_mm=np.zeros(3), azimuth_deg=20.0, elevation_deg=10.0, half_width_mm=30.0, half_height_mm=30.0
+    )
+    sight = surface.seen_from(view, width_px=40, height_px=40)
+    seen = sight.of_vertices(fruit.vertices_mm @ np.array([1.0, 2.0, 3.0]))
+    expected = sight.points_mm @ np.array([1.0, 2.0, 3.0])
+    assert seen[sight.hit] == pytest.approx(expected[sight.hit], abs=1e-3)
+    assert np.isnan(seen[~sight.hit]).all()
+
+
+def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise():
+    fruit = bumpy_map()
+    front, *_ = sides_of(fruit, {}, view_px=40, samples=1)
+    seen = front.sight.of_vertices(fruit.visible)
+    assert front.blind[front.sight.hit].tolist() == (seen[front.sight.hit] < BLIND_BELOW).tolist()
+    assert 0 < front.blind.sum() < front.sight.hit.sum()
+
+
+def test_a_map_of_nothing_still_is_a_picture():
+    fruit = bumpy_map()
+    sides = sides_of(fruit, {}, view_px=30, samples=1)
+    style = MapStyle(low="softer", high="firmer", signed=True)
+    png = map_picture(sides, np.zeros(6), style=style, seen=np.zeros(6, dtype=bool), samples=1)
+    assert png.startswith(b"\x89PNG")
+
+
+def test_frames_that_say_nothing_of_E_are_not_drawn():
+    lost = replace(entry().cells[0], E_sd_MPa=0.3)
+    assert modulus_over_time(entry(cells=(lost,))) == []
+    ((grasp, chart),) = modulus_over_time(entry())
+    assert grasp == "grasp-1"
+    assert chart.count("<circle") == 20 + 1
