@@ -154,7 +154,7 @@ def judged_information(
     explained = np.einsum("nxk,tk->tnx", rigid, theta[k:].reshape(frames, 6))
     explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
     left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
-    left *= _weight(tracks)[:, None]
+    left *= marker_weight(tracks)[:, None]
     own = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
     scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
     turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
@@ -162,11 +162,12 @@ def judged_information(
     still = np.einsum("nxl,ktl->ktnx", rigid, turns.reshape(k, frames, 6), optimize=True)
     still += own.T[:, None, :, None] * tracks.gel_displacement_mm
     influence = np.stack([about_episode_mean(field, tracks.episode) for field in columns - still])
-    influence *= _weight(tracks)[:, None]
+    influence *= marker_weight(tracks)[:, None]
     return JudgedInformation(normal=normal, right=right, scores=scores, influence=influence)
 
 
-def _weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:
+def marker_weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:
+    """One over the variance that a component of each marker counts with, 1/mm2."""
     return np.asarray(1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2))
 
 
@@ -189,7 +190,7 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
         for values in (tracks.position_mm - tracks.place_mm, tracks.gel_displacement_mm, *columns)
     )
     rigid = rigid_motion(tracks.place_mm)
-    weight = _weight(tracks)
+    weight = marker_weight(tracks)
     c = np.stack(fields)
     weighted = weight[:, None] * c
     flat, size = weighted.reshape(k, -1), k + 6 * frames
@@ -197,7 +198,7 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
     normal[:k, :k], right[:k] = flat @ c.reshape(k, -1).T, flat @ y.ravel()
     normal[:k, k:] = np.einsum("nxl,ktnx->ktl", rigid, weighted, optimize=True).reshape(k, -1)
     normal[k:, :k] = normal[:k, k:].T
-    normal[k:, k:] = _motion_equations(rigid, weight, tracks.episode)
+    normal[k:, k:] = motion_equations(rigid, weight, tracks.episode)
     right[k:] = np.einsum("n,nxl,tnx->tl", weight, rigid, y, optimize=True).ravel()
     # The scale error of each marker, by a rank-one step.
     along = np.empty((len(weight), size))
@@ -242,7 +243,7 @@ def about_episode_mean(
     return about
 
 
-def _motion_equations(
+def motion_equations(
     rigid: Float[np.ndarray, "n 3 6"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
 ) -> Float[np.ndarray, "m m"]:
     """Normal equations of the motions, m = 6 t, the contacts' means taken out: sum_i w_i R_i' W_i R_i.

@@ -1,0 +1,170 @@
+"""The fruit as the plain model sees it, with everything that an effect changes at hand.
+
+Per recording the measured forces are brought to their few leading patterns; each is solved for once,
+
+    U_r = K0^-1 L f_r,        c(t) = sum_r a_r(t) L' U_r,        U(t) = sum_r a_r(t) U_r
+
+with L of fem.pad_link: c is the response of the markers for E = 1 MPa, U that of the whole flesh, of which
+every effect inside the fruit is a function.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fem.assembly import assemble
+from fem.forward import Support, UnitModulusSolid
+from fem.mesh import FleshMesh
+from fem.mismatch.case import GraspCase, MismatchCase
+from fem.modulus_fit import MarkerTracks
+from fem.modulus_response import SMALLEST_SD_MM
+from fem.modulus_thinning import loaded_frames, spacing
+from fem.pad_link import PadLink, pad_link
+
+MOST_PATTERNS = 10
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """One recording seen by the plain model, frames `used` of it.
+
+    `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces as
+    recorded, `patterns` and `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm
+    MPa. `pose`: of each pad in these frames.
+    """
+
+    case: GraspCase
+    used: Bool[np.ndarray, " t"]
+    links: tuple[PadLink, ...]
+    tracks: MarkerTracks
+    force_N: Float[np.ndarray, "f n 3"]
+    patterns: Float[np.ndarray, "r n 3"]
+    shares: Float[np.ndarray, "f r"]
+    moved: Float[np.ndarray, "r m 3"]
+    pose: Float[np.ndarray, "p f 4 4"]
+
+    @property
+    def time_s(self) -> Float[np.ndarray, " f"]:
+        """Times of the frames used."""
+        return self.case.history.time_s[self.used]
+
+    @property
+    def pad_of_marker(self) -> Int[np.ndarray, " n"]:
+        """The number of each marker's pad."""
+        return self.case.history.pad_of_marker
+
+    @property
+    def pad_names(self) -> tuple[str, ...]:
+        """Names of the pads in order."""
+        return tuple(pad.name for pad in self.case.history.pads)
+
+    @property
+    def nodal_N(self) -> Float[np.ndarray, "r c 3"]:
+        """The patterns' forces on the skin's nodes."""
+        return _nodal(self.links, self.case, self.patterns)
+
+    def at_markers(self, moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement of the markers where the skin's nodes move so."""
+        return np.concatenate([link.seen(moved) for link in self.links], axis=1)
+
+    def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """What answers the patterns, as the recording's frames combine them."""
+        return np.asarray(np.tensordot(self.shares, by_pattern, axes=(1, 0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """The solid for each kind of support, and the recordings seen by it. `solids` by support."""
+
+    case: MismatchCase
+    solids: dict[Support, UnitModulusSolid]
+    grasps: tuple[Seen, ...]
+
+    @property
+    def mesh(self) -> FleshMesh:
+        """The flesh round the prior's pit."""
+        return self.case.mesh
+
+    def solid_of(self, seen: Seen) -> UnitModulusSolid:
+        """The solid held as this recording's fruit was."""
+        return self.solids[seen.case.support]
+
+    def answer(self, seen: Seen, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
+        solid = self.solid_of(seen)
+        return seen.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
+
+
+def baseline(case: MismatchCase) -> Baseline:
+    """Assembles, factorises and solves for the patterns; raises FemFailure as its parts do."""
+    parts = assemble(case.mesh.nodes_mm, case.mesh.tets)
+    solids: dict[Support, UnitModulusSolid] = {}
+    for grasp in case.grasps:
+        if grasp.support not in solids:
+            solid = UnitModulusSolid.factorise(
+                case.mesh, poisson_ratio=case.poisson_ratio, support=grasp.support, parts=parts
+            )
+            # No compliance of contact nodes is condensed here: the skin only gives places their numbers.
+            solids[grasp.support] = replace(solid, contact_nodes=np.sort(case.mesh.outer_nodes))
+    return Baseline(
+        case=case, solids=solids, grasps=tuple(_seen(grasp, solids[grasp.support]) for grasp in case.grasps)
+    )
+
+
+def _seen(case: GraspCase, solid: UnitModulusSolid) -> Seen:
+    history = case.history
+    used = loaded_frames(history)
+    force = np.concatenate([pad.force_N[used] for pad in history.pads], axis=1)
+    patterns, shares = _patterns(force, max(pad.force_sd_N for pad in history.pads))
+    links = tuple(pad_link(pad, solid) for pad in history.pads)
+    loads = np.zeros((len(patterns), len(solid.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = _nodal(links, case, patterns)
+    moved = solid.displacement(loads)
+    on_skin = moved[:, solid.contact_nodes]
+    response = np.concatenate([link.seen(on_skin) for link in links], axis=1)
+    counts = [len(pad.rest_mm) for pad in history.pads]
+    sd = [max(pad.displacement_sd_mm, SMALLEST_SD_MM) for pad in history.pads]
+    lag1 = [pad.lag1 ** spacing(used) for pad in history.pads]
+    return Seen(
+        case=case,
+        used=used,
+        links=links,
+        tracks=MarkerTracks(
+            place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
+            normal=np.vstack([link.place.normal for link in links]),
+            position_mm=np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1),
+            unit_displacement=np.tensordot(shares, response, axes=(1, 0)),
+            gel_displacement_mm=np.concatenate(
+                [pad.gel_displacement_mm[used] for pad in history.pads], axis=1
+            ),
+            episode=np.concatenate([pad.episode[used] for pad in history.pads], axis=1),
+            sd_mm=np.repeat(sd, counts),
+            lag1=np.repeat(lag1, counts),
+        ),
+        force_N=force,
+        patterns=patterns,
+        shares=shares,
+        moved=moved,
+        pose=np.stack([pad.pose[used] for pad in case.pads]),
+    )
+
+
+def _patterns(
+    force_N: Float[np.ndarray, "f n 3"], sd_N: float
+) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
+    """The leading patterns that exceed what noise alone would make (Marchenko and Pastur 1967)."""
+    flat = force_N.reshape(len(force_N), -1)
+    left, size, right = np.linalg.svd(flat, full_matrices=False)
+    above = size[:MOST_PATTERNS] > sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
+    count = max(1, int(above.sum()))
+    return right[:count].reshape(count, -1, 3), left[:, :count] * size[:count]
+
+
+def _nodal(
+    links: Sequence[PadLink], case: GraspCase, patterns: Float[np.ndarray, "r n 3"]
+) -> Float[np.ndarray, "r c 3"]:
+    split = np.cumsum([len(pad.rest_mm) for pad in case.history.pads])[:-1]
+    parts = np.split(patterns, split, axis=1)
+    return np.asarray(sum(link.nodal_force(own) for link, own in zip(links, parts, strict=True)))

@@ -1,0 +1,83 @@
+"""What every effect of the catalogue is: a name, parameters, a linear signature, a nonlinear model.
+
+The plain model of one recording, marker by marker (fem.modulus_fit):
+
+    y(t) = X + s c(t) + R q(t) + g d(t) + noise,        sum of the pads' forces and moments = 0
+
+An effect changes c, adds to y, or unbalances the forces. Adding physics to the finder is adding a file to
+fem/mismatch/effects that holds one such object, and its name to fem.mismatch.catalogue.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.fields import Column
+from fem.mismatch.ground import Ground
+
+Family = Literal["object", "interaction", "measurement"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSpec:
+    """One parameter: its name and unit as in an answer, and what it lies between.
+
+    `log`: it is searched for on a logarithmic scale. A vector's components are parameters of their own, named
+    "offset_mm.0" and so on; an answer joins them again.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    log: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Signature:
+    """One way in which an effect can show, linear in the amounts of its columns.
+
+    `label` tells alternatives apart ("tau 1 s", "left"); an effect that has one way only has an empty one.
+    """
+
+    label: str
+    columns: tuple[Column, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """What the nonlinear model makes of all recordings, one entry per recording.
+
+    `unit`: the markers' displacement for E = 1 MPa, in the place of c. `shift_mm`: what is added to their
+    recorded positions, or None. `balance`: what force and moment of all pads should add up to (fields), or
+    None for zero.
+    """
+
+    unit: Sequence[Float[np.ndarray, "f n 3"]]
+    shift_mm: Sequence[Float[np.ndarray, "f n 3"]] | None = None
+    balance: Sequence[Float[np.ndarray, "f 6"]] | None = None
+
+
+class Effect(Protocol):
+    """One missing physics."""
+
+    name: str
+    family: Family
+    parameters: tuple[ParameterSpec, ...]
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """Its linear signatures about the plain model: alternatives, of which at most one holds."""
+        ...
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The parameters that the amounts found with a signature stand for, within their bounds."""
+        ...
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The nonlinear model; `choice` is the label of the signature it was found with (a pad, a side)."""
+        ...

@@ -1,0 +1,45 @@
+"""What one cause adds to a recording, channel by channel.
+
+markers   displacement of every marker in every frame, mm (R2)
+balance   what the pads' forces and moments do not balance, N and N mm over ARM_MM (R1)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+ARM_MM = 20.0
+"""Length that brings moments to forces."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Field:
+    """One cause's mark on one recording, per unit of the cause; a channel that it leaves alone is None."""
+
+    markers: Float[np.ndarray, "f n 3"] | None = None
+    balance: Float[np.ndarray, "f 6"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """One unknown amount: its name, prior mean zero and standard deviation, its field in every recording.
+
+    None: this recording does not show it.
+    """
+
+    name: str
+    sd: float
+    fields: Sequence[Field | None]
+
+
+def wrench(
+    force_N: Float[np.ndarray, "f n 3"],
+    position_mm: Float[np.ndarray, "f n 3"],
+    *,
+    centre_mm: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "f 6"]:
+    """Sum of forces (N) and of their moments about the centre over ARM_MM (N)."""
+    moment = np.cross(position_mm - centre_mm, force_N).sum(axis=1)
+    return np.hstack([force_N.sum(axis=1), moment / ARM_MM])

@@ -1,0 +1,56 @@
+"""What effects build their signatures from: the plain model's fit, and strains of the whole flesh."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Baseline, Seen
+from fem.mismatch.flesh_strain import FleshStrain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """`compliance` is s = 1/E (1/MPa) of the plain model."""
+
+    base: Baseline
+    compliance: float
+
+    @property
+    def poisson_ratio(self) -> float:
+        """As the case assumes it."""
+        return self.base.case.poisson_ratio
+
+    @cached_property
+    def points(self) -> FleshStrain:
+        """The points in the flesh at which strains are taken."""
+        return FleshStrain.of(self.base.mesh)
+
+    @cached_property
+    def strains(self) -> tuple[Float[np.ndarray, "r m 4 6"], ...]:
+        """Strain of each pattern of each recording, for E = 1 MPa."""
+        return tuple(self.points.strain(seen.moved) for seen in self.base.grasps)
+
+    def moved_by_stress(self, seen: Seen, stress: Float[np.ndarray, "r m 4 6"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""
+        return -self.base.answer(seen, self.points.forces(stress))
+
+
+def over_all_frames(seen: Seen, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "t n 3"]:
+    """Values of the frames used, in all frames of the recording: zero in the air, in a line between.
+
+    For what depends on the past.
+    """
+    time = seen.case.history.time_s
+    touching = np.any([(pad.episode >= 0).any(axis=1) for pad in seen.case.history.pads], axis=0)
+    known = seen.used | ~touching
+    whole = np.zeros((len(time), *values.shape[1:]))
+    whole[seen.used] = values
+    at = np.flatnonzero(known)
+    for frame in np.flatnonzero(~known):
+        after = int(np.searchsorted(at, frame))
+        a, b = at[after - 1], at[min(after, len(at) - 1)]
+        share = (time[frame] - time[a]) / max(time[b] - time[a], 1e-12)
+        whole[frame] = (1 - share) * whole[a] + share * whole[b]
+    return whole
