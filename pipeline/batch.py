@@ -76,6 +76,7 @@ def survey(root: Path) -> Survey:
         elif prior is None and settings.poisson_ratio is None:
             problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(settings.category)))
         problems += _without_model(folder, settings)
+        problems += _effects_of_strangers(folder, settings, rows)
     return Survey(folder=folder, settings=settings, rows=rows, mat=mat, prior=prior, problems=tuple(problems))
 
 
@@ -121,6 +122,22 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
             "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
         )
     ]
+
+
+def _effects_of_strangers(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> list[Problem]:
+    """A confirmed effect of single fruit must name fruit of this batch."""
+    known = [row.fruit_id for row in rows or ()]
+    problems = []
+    for one in settings.mismatch if rows is not None else ():
+        for fruit_id in one.fruits or ():
+            if fruit_id not in known:
+                near = difflib.get_close_matches(fruit_id, known, n=1)
+                hint = f'did you mean "{near[0]}"?' if near else "take it out."
+                sentence = f'"mismatch": {one.effect} is of fruit "{fruit_id}", not in fruits.csv; {hint}'
+                problems.append(Problem(str(folder.settings), sentence))
+    return problems
 
 
 def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:

@@ -29,16 +29,19 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     line(f"{found.name}: {explain_verdict(found)}")
     if found.ranking:
         console.print(_ranking(found))
+    for one in found.ranking:
+        if one.effect in found.verdict and one.parameters:
+            line(f"{effect_name(one.effect)}: {', '.join(map(_in_short, one.parameters))}")
     if found.verdict != ("none",):
         line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
     before = with_sd(found.E_before_MPa, found.E_before_sd_MPa)
     after = with_sd(found.E_after_MPa, found.E_after_sd_MPa)
     line(f"E without: {before} MPa; with: {after} MPa")
     if found.rms is None:
-        line("held-out grasps: none, so nothing confirms the answer")
+        line("held-out recordings: none, so nothing confirms the answer")
     else:
         told = zip(("without", "with", "noise"), found.rms, strict=True)
-        line("held-out grasps, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in told))
+        line("held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in told))
     if found.next_grasp:
         line(f"record next: {found.next_grasp}")
     for note in found.notes:
@@ -56,13 +59,11 @@ def _ranking(found: ExplainEntry) -> Table:
     table.add_column("explanation")
     table.add_column("probability", justify="right")
     table.add_column("E (MPa)", justify="right")
-    table.add_column("parameters", overflow="fold")
     for one in found.ranking[:SHOWN]:
         table.add_row(
             escape(effect_name(one.effect)),
             percent(one.probability).replace(NO_BREAK, " "),
             with_sd(one.E_MPa, one.E_sd_MPa),
-            escape(", ".join(map(_in_short, one.parameters))),
         )
     return table
 
@@ -70,8 +71,9 @@ def _ranking(found: ExplainEntry) -> Table:
 def _in_short(parameter: ParameterEntry) -> str:
     value = parameter.value
     if isinstance(value, tuple):
-        return f"{parameter.name} ({', '.join(number(x) for x in value)})"
+        return f"{parameter.name} ({', '.join(number(x) for x in value)}) {parameter.unit}"
     if isinstance(value, str):
         return f"{parameter.name} {value}"
     sd = parameter.sd if isinstance(parameter.sd, int | float) else None
-    return f"{parameter.name} {with_sd(value, sd)}"
+    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
+    return f"{parameter.name} {with_sd(value, sd)}{unit}"

@@ -203,10 +203,10 @@ def where_in_words(found: ExplainEntry) -> str:
 def when_in_words(found: ExplainEntry) -> str:
     """The phase of the grasp."""
     return {
-        "load": "while the jaws close",
-        "hold": "while they hold",
-        "unload": "while they open",
-        "all": "throughout the grasp",
+        "load": "while it is squeezed",
+        "hold": "while it is held",
+        "unload": "while it is let go",
+        "all": "all the time",
     }.get(found.when, found.when)
 
 

@@ -23,8 +23,8 @@ MOST_BARS = 8
 def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str]) -> Markup:
     """One bar per explanation, as long as its probability; those of the verdict in the strong colour."""
     shown = ranking[:MOST_BARS]
-    row_px, top, gutter = 30.0, 6.0, 250.0
-    x = Scale(lowest=0.0, highest=1.0, start_px=gutter, end_px=560.0)
+    row_px, top, gutter = 30.0, 6.0, 290.0
+    x = Scale(lowest=0.0, highest=1.0, start_px=gutter, end_px=gutter + 270.0)
     parts = []
     for k, one in enumerate(shown):
         middle = top + row_px * (k + 0.5)
@@ -37,7 +37,7 @@ def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str])
                 y=middle + 4.5,
                 class_="label",
             ),
-            element("rect", x=gutter, y=middle - 9, width=310.0, height=18.0, class_="trough"),
+            element("rect", x=gutter, y=middle - 9, width=270.0, height=18.0, class_="trough"),
             element(
                 "rect",
                 x=gutter,

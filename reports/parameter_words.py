@@ -18,6 +18,7 @@ PARAMETERS = {
     "yield_over_E": "stress at which a dent stays, over E",
     "dmax": "most of the resistance that is lost",
     "W0_over_E": "energy at which it is lost, over E",
+    "onset_mm": "travel at which the first touch came",
     "pad": "which pad",
     "gain": "recorded force over true force",
     "newton_per_s": "growth of the reading per second",

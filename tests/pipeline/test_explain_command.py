@@ -346,6 +346,13 @@ def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
     assert 'did you mean "N01"?' in drupe("explain", batch, "--fruit", "N1").one_line()
 
 
+def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
+    with (batch / "batch.toml").open("a") as file:
+        file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
+    line = drupe("grade", batch).one_line()
+    assert 'pit_size is of fruit "N1", not in fruits.csv; did you mean "N01"?' in line
+
+
 def ball(path, travel, **attributes):
     time_s = np.linspace(0.0, 20.0, len(travel))
     depth = np.maximum(travel - 0.4, 0.0)
