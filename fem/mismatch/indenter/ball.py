@@ -28,8 +28,10 @@ def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Floa
 
     1 - 2 A/pi x + 4 A^2/pi^2 x^2 - 8/pi^3 (A^3 + 4 pi^2/15 B) x^3 + 16 A/pi^4 (A^3 + 3 pi^2/5 B) x^4 with
     A = -(1.2876 - 1.4678 nu + 1.3442 nu^2)/(1 - nu), B = (0.6387 - 1.0277 nu + 1.5164 nu^2)/(1 - nu);
-    meant for x up to 1. Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick, "Determination of elastic
-    moduli of thin layers of soft material using the atomic force microscope", Biophys. J. 82, 2002, eq. 9.
+    meant for x up to 1. (At nu = 1/2 the last term is -0.0975 x^4; the paper prints it with a plus there,
+    which is 1 % of the force at x = 0.5.) Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick,
+    "Determination of elastic moduli of thin layers of soft material using the atomic force microscope",
+    Biophys. J. 82, 2002, 2798-2810.
     """
     nu = poisson_ratio
     A = -(1.2876 - 1.4678 * nu + 1.3442 * nu**2) / (1 - nu)
@@ -51,6 +53,8 @@ class BallOnSlab:
     poisson_ratio: float
     over_hertz: CubicSpline
     """Force over Hertz's, a smooth function of the root of depth over R."""
+    slab_spline: CubicSpline
+    """Force over that on a half-space, likewise."""
 
     @classmethod
     def tabulate(cls, *, radius_mm: float, thickness_mm: float | None, poisson_ratio: float) -> "BallOnSlab":
@@ -58,16 +62,30 @@ class BallOnSlab:
         contact = WIDEST * np.sin(np.linspace(0, np.pi / 2, 400)[1:])
         depth, force = contact_radius_and_force(contact)
         ratio = force / (4 / 3 * depth**1.5)
+        slab = np.ones(len(depth))
         if thickness_mm is not None:
-            ratio = ratio * slab_factor(contact * radius_mm / thickness_mm, poisson_ratio=poisson_ratio)
+            slab = slab_factor(contact * radius_mm / thickness_mm, poisson_ratio=poisson_ratio)
         return cls(
             radius_mm=radius_mm,
             thickness_mm=thickness_mm,
             poisson_ratio=poisson_ratio,
-            over_hertz=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, ratio]),
+            over_hertz=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, ratio * slab]),
+            slab_spline=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, slab]),
         )
 
-    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, " *d"]) -> Float[np.ndarray, " *d"]:
+    def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+        """What a strain energy density under the ball grows with: d/R, times the slab's factor squared.
+
+        On a half-space it grows as (a/R)^2 = d/R; a slab's pressure is greater by its factor on the force,
+        the energy by the square.
+        """
+        return np.asarray(np.maximum(depth_mm, 0.0) / self.radius_mm * self.over_half_space(depth_mm) ** 2)
+
+    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+        """The slab's factor on the force at this depth."""
+        return np.asarray(self.slab_spline(np.sqrt(np.maximum(depth_mm, 0.0) / self.radius_mm)))
+
+    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """phi(d): nothing out of contact."""
         depth = np.maximum(depth_mm, 0.0) / self.radius_mm
         hertz = 4 / 3 / (1 - self.poisson_ratio**2) * self.radius_mm**2 * depth**1.5

@@ -7,17 +7,20 @@ from jaxtyping import Float
 
 #: classes of energy density that the field is sorted into
 CLASSES = 40
+#: quadrature points along the radius and over the angle, and how far out the field is followed
+POINTS, FAR = 90, 600.0
 
 
 def hertz_energy_density(
-    r: Float[np.ndarray, " *x"], z: Float[np.ndarray, " *x"]
+    r: Float[np.ndarray, " *x"], z: Float[np.ndarray, " *x"], *, poisson_ratio: float
 ) -> Float[np.ndarray, " *x"]:
-    """W/mu (R/a)^2 at radius r and depth z (in contact radii) in an incompressible half-space.
+    """W/mu (R/a)^2 at radius r and depth z (in contact radii) in a nearly incompressible half-space.
 
     With nu = 1/2 and psi = 1/(2 pi) int p/rho dS, u = (psi e_z - z grad psi)/(2 mu), so that the strain is
-    -z/(2 mu) grad grad psi and W = z^2/(4 mu) |grad grad psi|^2. psi is a line of sources at imaginary
-    depths, 1/(2 pi) int_{-1}^{1} q(s) / sqrt(r^2 + (z + i s)^2) ds with q = 4 mu (1 - s^2) for Hertz, and its
-    second derivatives follow by parts from c = z + i, rho = sqrt(r^2 + c^2), L = ln(c + rho).
+    -z/(2 mu) grad grad psi, the pressure -d psi/dz, and W = z^2/(4 mu) |grad grad psi|^2; of nu below 1/2 the
+    pressure's energy, over 2 K, is added in the same field. psi is a line of sources at imaginary depths,
+    1/(2 pi) int_{-1}^{1} q(s) / sqrt(r^2 + (z + i s)^2) ds with q = 4 mu (1 - s^2) for Hertz, and its
+    derivatives follow by parts from c = z + i, rho = sqrt(r^2 + c^2), L = ln(c + rho).
     Source: Johnson, "Contact Mechanics", 1985, sec. 3.2 (potentials) and 3.4 (Hertz).
     """
     c = z + 1j
@@ -27,40 +30,54 @@ def hertz_energy_density(
     rz = -8 / np.pi * r * np.imag((1 - z / (c + rho)) / rho)
     tt = -4 / np.pi * np.imag(((1 + z**2) * c / r**2 + 2 * z - c) / rho + log)
     rr = -zz - tt
-    return np.asarray(z**2 / 4 * (zz**2 + rr**2 + tt**2 + 2 * rz**2))
+    pressure = 8 / np.pi * np.imag(rho - z * log)
+    shear = z**2 / 4 * (zz**2 + rr**2 + tt**2 + 2 * rz**2)
+    bulk_over_mu = 2 * (1 + poisson_ratio) / (3 * (1 - 2 * poisson_ratio))
+    return np.asarray(shear + pressure**2 / (2 * bulk_over_mu))
 
 
-@lru_cache(maxsize=1)
-def energy_classes() -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Energy density w (W/mu (R/a)^2) and volume (a^3) of classes of the field; sum of w volume is 32/15.
+def half_space() -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
+    """Points r, z (contact radii) of a quadrature over the half-space, and their volumes."""
+    at, weight = np.polynomial.legendre.leggauss(POINTS)
+    share, angle = (at + 1) / 2, np.pi / 4 * (at + 1)
+    end = 1 - 3.0 / FAR
+    radius = 3.0 * share / (1 - share * end)
+    growth = 3.0 / (1 - share * end) ** 2 * weight / 2
+    volume = 2 * np.pi * np.outer(radius**2 * growth, np.sin(angle) * np.pi / 4 * weight)
+    return np.outer(radius, np.sin(angle)).ravel(), np.outer(radius, np.cos(angle)).ravel(), volume.ravel()
 
-    The sum is F's own integral: int F dd with F = 16/3 mu a^3/R, d = a^2/R. The rescaled volumes keep it.
+
+def whole_energy(poisson_ratio: float) -> float:
+    """int W dV over mu a^5/R^2: int F dd with F = 4/3 E* a^3/R, d = a^2/R, E* = 2 mu/(1 - nu)."""
+    return 16 / 15 / (1 - poisson_ratio)
+
+
+@lru_cache(maxsize=8)
+def energy_classes(poisson_ratio: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
+    """Energy density w (W/mu (R/a)^2) and volume (a^3) of classes of the field.
+
+    The volumes are rescaled such that w times volume sums to the whole energy.
     """
-    at, weight = np.polynomial.legendre.leggauss(90)
-    angle, dangle = np.pi / 4 * (at + 1), np.pi / 4 * weight
-    u, du = (at + 1) / 2, weight / 2
-    far = 3.0 * u / (1 - u * 0.995)
-    dfar = 3.0 / (1 - u * 0.995) ** 2 * du
-    radius, turn = np.meshgrid(far, angle, indexing="ij")
-    w = hertz_energy_density(radius * np.sin(turn), radius * np.cos(turn))
-    volume = 2 * np.pi * radius**2 * np.sin(turn) * np.outer(dfar, dangle)
-    order = np.argsort(w.ravel())
-    w, volume = w.ravel()[order], volume.ravel()[order]
+    r, z, volume = half_space()
+    w = hertz_energy_density(r, z, poisson_ratio=poisson_ratio)
+    order = np.argsort(w)
+    w, volume = w[order], volume[order]
     edge = np.linspace(0, 1, CLASSES + 1)[1:-1] * np.sum(w * volume)
     group = np.searchsorted(edge, np.cumsum(w * volume))
     energy = np.bincount(group, w * volume, CLASSES)
     size = np.bincount(group, volume, CLASSES)
-    return energy / size, size * (32 / 15 / energy.sum())
+    return energy / size, size * (whole_energy(poisson_ratio) / energy.sum())
 
 
 def force_share(
-    density: Float[np.ndarray, " *s c"], slope: Float[np.ndarray, " *s c"], volume: Float[np.ndarray, " c"]
+    density: Float[np.ndarray, "*s c"], slope: Float[np.ndarray, "*s c"], *, poisson_ratio: float
 ) -> Float[np.ndarray, " *s"]:
-    """Force over Hertz's from a law's energy density and its slope, both in Hertz's own strain field.
+    """Force over Hertz's from a law's energy density psi(w) in each class, and w psi'(w).
 
     With W = mu (a/R)^2 w(x/a) the energy is U = mu a^5/R^2 int psi(w) dv, and F = dU/dd with d = a^2/R:
-    F/F_Hertz = 3/32 (3 int psi dv + 2 int psi'(w) w dv), psi = w being 1. `slope` holds psi'(w) w.
+    F/F_Hertz = (3 int psi dv + 2 int psi'(w) w dv)/(5 int w dv), psi = w being 1.
     It is the force of Hertz's strains under the other law: for a stored energy an upper bound of the true
     energy (Ritz), exact to first order in the departure from the linear law.
     """
-    return np.asarray(3 / 32 * (3 * density + 2 * slope) @ volume)
+    _, volume = energy_classes(poisson_ratio)
+    return np.asarray((3 * density + 2 * slope) @ volume / (5 * whole_energy(poisson_ratio)))

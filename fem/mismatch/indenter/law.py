@@ -61,14 +61,19 @@ class Law:
             strain = level / radius
             phi = self.ball.force_N_per_MPa(level) * (1 + strain) ** value["bend"][:, None]
             if "b" in value:
-                phi = phi * stiffening_share(value["b"][:, None], strain)
+                phi *= stiffening_share(value["b"][:, None], self.ball.energy_strain(level), poisson_ratio=nu)
             return np.asarray(phi)
 
         level, stiffness = springs(curve, deepest[:, -1])
         slack = None
         if "yield_over_E" in value:
             slack = plastic_slack_mm(
-                value["yield_over_E"][:, None], deepest, level, poisson_ratio=nu, radius_mm=radius
+                value["yield_over_E"][:, None],
+                deepest,
+                level,
+                poisson_ratio=nu,
+                radius_mm=radius,
+                over_half_space=self.ball.over_half_space(deepest),
             )
         arms = max((effect.arms for effect in self.effects), default=0)
         if arms:
@@ -78,7 +83,11 @@ class Law:
             force = elastic_force(depth, slack, level, stiffness)
         if "dmax" in value:
             force = force * damage_share(
-                value["dmax"][:, None], value["W0_over_E"][:, None], deepest / radius, poisson_ratio=nu
+                value["dmax"][:, None],
+                value["W0_over_E"][:, None],
+                self.ball.energy_strain(deepest),
+                depth / deepest,
+                poisson_ratio=nu,
             )
         drift = value.get("newton_per_s", zero)[:, None] * (trace.time_s - trace.time_s[0])
         return np.asarray(value["E_MPa"][:, None] * force + value["zero_N"][:, None] + drift)

@@ -14,26 +14,31 @@ NAME = "stiffening"
 EFFECT = Effect(
     name=NAME, unknowns=(Unknown(name="b", unit="1", scale="log", mean=float(np.log(3.0)), sd=1.2),)
 )
-#: largest b depth/R, where the field's own change has long made the estimate useless
+#: how much of the excess the field escapes by spreading, measured with finite elements
+ESCAPE = 1.7
+#: largest b depth/R of the table
 LARGEST = 100.0
 
 
 def stiffening_share(
-    b: Float[np.ndarray, "p 1"], strain: Float[np.ndarray, "p n"]
+    b: Float[np.ndarray, "p 1"], strain: Float[np.ndarray, "p n"], *, poisson_ratio: float
 ) -> Float[np.ndarray, "p n"]:
-    """Force over the linear one where stress is exp(b W/mu) times linear; strain = depth/R = (a/R)^2.
+    """Force over the linear one where stress is exp(b W/mu) times linear; strain = (a/R)^2 = depth/R
+    on a half-space, BallOnSlab.energy_strain in general.
 
-    Stored energy mu/b (exp(b W/mu) - 1), W spread as under Hertz. Source: Fung, "Elasticity of soft tissues
-    in simple elongation", Am. J. Physiol. 213, 1967; its spreading: energy_share.
+    In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound; the true field
+    spreads from where flesh stiffens: 1 + e/(1 + 1.7 e) follows finite elements (the tests say how closely).
+    Source: Fung, "Elasticity of soft tissues in simple elongation", Am. J. Physiol. 213, 1967; its spreading:
+    energy_share.
     """
-    return np.asarray(np.exp(_log_share()(np.minimum(b * strain, LARGEST))))
+    return np.asarray(np.exp(_log_share(poisson_ratio)(np.minimum(b * strain, LARGEST))))
 
 
-@lru_cache(maxsize=1)
-def _log_share() -> CubicSpline:
+@lru_cache(maxsize=8)
+def _log_share(poisson_ratio: float) -> CubicSpline:
     """Logarithm of the share over s = b depth/R, which is all that it depends on."""
-    w, volume = energy_classes()
+    w, _ = energy_classes(poisson_ratio)
     s = LARGEST * np.linspace(0, 1, 200)[1:] ** 2
     grown = s[:, None] * w
-    share = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), volume)
-    return CubicSpline(np.r_[0, s], np.r_[0, np.log(share)])
+    excess = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio) - 1
+    return CubicSpline(np.r_[0, s], np.r_[0, np.log1p(excess / (1 + ESCAPE * excess))])

@@ -1,0 +1,242 @@
+"""A slab under a rigid ball in axisymmetric finite elements: the truth for a bare indenter's traces.
+
+Quadratic quadrilaterals, Newton's method, node-wise frictionless contact. Nothing of fem is used: no Hertz,
+no springs. The flesh is linear, or has one of three other laws (strains rr, zz, tt, rz; the last doubled).
+
+    python tests/fem/pressed_slab.py tests/data/pressed-slab.csv
+
+writes the force-depth curves that the tests of fem.mismatch.indenter compare with: some five minutes.
+"""
+
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from axisymmetric import lagrange
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+TRACE = np.array([1.0, 1.0, 1.0, 0.0])
+
+
+def elastic(E, nu):
+    lam, mu = E * nu / ((1 + nu) * (1 - 2 * nu)), E / (2 * (1 + nu))
+    return lam * np.outer(TRACE, TRACE) + mu * np.diag([2.0, 2.0, 2.0, 1.0])
+
+
+@dataclass
+class Linear:
+    E: float = 1.0
+    nu: float = 0.45
+
+    def __post_init__(self):
+        self.C = elastic(self.E, self.nu)
+        self.mu = self.E / (2 * (1 + self.nu))
+
+    def stress(self, strain):
+        """Stress and its slope at every point."""
+        return strain @ self.C, np.broadcast_to(self.C, (*strain.shape, 4))
+
+    def settle(self, strain):
+        """The step is done: remember."""
+
+    def energy(self, strain):
+        return np.einsum("...i,...i->...", strain @ self.C, strain) / 2
+
+
+@dataclass
+class Fung(Linear):
+    """Stress exp(b W/mu) times the linear one."""
+
+    b: float = 0.0
+
+    def stress(self, strain):
+        grown = np.exp(self.b * self.energy(strain) / self.mu)[..., None]
+        linear = strain @ self.C
+        slope = self.C + self.b / self.mu * linear[..., :, None] * linear[..., None, :]
+        return grown * linear, grown[..., None] * slope
+
+
+@dataclass
+class Mullins(Linear):
+    """Stress times 1 - dmax (1 - exp(-Wmax/W0))."""
+
+    dmax: float = 0.0
+    W0: float = 1.0
+    most: np.ndarray | float = 0.0
+
+    def stress(self, strain):
+        now = self.energy(strain)
+        worst = np.maximum(now, self.most)
+        keep = 1 - self.dmax * -np.expm1(-worst / self.W0)
+        stress = strain @ self.C
+        slope = keep[..., None, None] * self.C
+        growing = (now >= self.most) * self.dmax / self.W0 * np.exp(-worst / self.W0)
+        slope = slope - growing[..., None, None] * stress[..., :, None] * stress[..., None, :]
+        return keep[..., None] * stress, slope
+
+    def settle(self, strain):
+        self.most = np.maximum(self.energy(strain), self.most)
+
+
+@dataclass
+class Plastic(Linear):
+    """Perfect von Mises plasticity with a little hardening, by radial return."""
+
+    yield_MPa: float = 1.0
+    hardening: float = 0.01
+    set_: np.ndarray | float = 0.0
+    run: np.ndarray | float = 0.0
+    trial: tuple = field(default=(), repr=False)
+
+    def stress(self, strain):
+        tensor = np.array([1.0, 1.0, 1.0, 0.5])
+        free = strain - self.set_
+        even = free[..., :3].sum(-1)[..., None] * TRACE
+        bulk = self.C[0, 1] + 2 * self.mu / 3
+        shear = 2 * self.mu * (free - even / 3) * tensor
+        size = np.sqrt((shear[..., :3] ** 2).sum(-1) + 2 * shear[..., 3] ** 2)
+        H = self.hardening * self.E
+        limit = np.sqrt(2 / 3) * (self.yield_MPa + H * self.run)
+        flow = np.maximum(size - limit, 0) / (2 * self.mu + 2 / 3 * H)
+        way = shear / np.maximum(size, 1e-30)[..., None]
+        self.trial = (flow[..., None] * way / tensor, np.sqrt(2 / 3) * flow)
+        stress = bulk * even + shear - 2 * self.mu * flow[..., None] * way
+        left = np.where(flow > 0, 1 - 2 * self.mu * flow / np.maximum(size, 1e-30), 1.0)
+        bend = np.where(flow > 0, 1 / (1 + H / (3 * self.mu)) - (1 - left), 0.0)
+        slope = bulk * np.outer(TRACE, TRACE) + left[..., None, None] * (
+            self.C - bulk * np.outer(TRACE, TRACE)
+        )
+        slope = slope - 2 * self.mu * bend[..., None, None] * way[..., :, None] * way[..., None, :]
+        return stress, slope
+
+    def settle(self, strain):
+        self.stress(strain)
+        self.set_ = self.set_ + self.trial[0]
+        self.run = self.run + self.trial[1]
+
+
+@dataclass
+class PressedSlab:
+    """A disc `wide_mm` in radius, `thick_mm` high, bonded to its base, under a ball of `radius_mm`."""
+
+    radius_mm: float
+    thick_mm: float
+    wide_mm: float
+    contact_mm: float
+    law: Linear
+    across: int = 22
+    down: int = 16
+
+    def __post_init__(self):
+        fine = 1.6 * self.contact_mm * np.linspace(0, 1, self.across + 1) ** 1.2
+        ratio = np.geomspace(1, (self.wide_mm / fine[-1]), 17)[1:]
+        r = np.r_[fine, fine[-1] * ratio]
+        r = np.interp(np.arange(2 * len(r) - 1) / 2, np.arange(len(r)), r)
+        x = np.linspace(0, 1, 2 * self.down + 1)
+        z = self.thick_mm * (1 - (1 - x) ** 2.2)
+        self.shape = (len(r), len(z))
+        self.nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1).reshape(-1, 2)
+        number = np.arange(len(self.nodes)).reshape(self.shape)
+        corner = number[:-2:2, :-2:2].reshape(-1, 1)
+        elements = corner + np.add.outer(np.arange(3) * len(z), np.arange(3)).ravel()
+        at, weight = np.polynomial.legendre.leggauss(3)
+        value, slope = lagrange(at)
+        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
+        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
+        place = self.nodes[elements]
+        jacobian = np.einsum("dpa,eax->epdx", local.reshape(2, 9, 9), place)
+        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local.reshape(2, 9, 9))
+        radius = np.einsum("pa,ea->ep", shape, place[:, :, 0])
+        self.volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
+        B = np.zeros((*gradient.shape[:2], 4, 9, 2))
+        B[:, :, 0, :, 0] = B[:, :, 3, :, 1] = gradient[:, :, 0]
+        B[:, :, 1, :, 1] = B[:, :, 3, :, 0] = gradient[:, :, 1]
+        B[:, :, 2, :, 0] = shape / radius[:, :, None]
+        self.B = B.reshape(*gradient.shape[:2], 4, 18)
+        self.dof = (2 * elements[:, :, None] + np.arange(2)).reshape(len(elements), 18)
+        fixed = np.zeros((*self.shape, 2), dtype=bool)
+        fixed[0, :, 0] = True
+        fixed[:, 0] = True
+        self.free = ~fixed.ravel()
+        self.top = 2 * number[:, -1] + 1
+        self.top = self.top[r < 0.98 * self.radius_mm]
+        r = r[r < 0.98 * self.radius_mm]
+        self.gap = self.radius_mm - np.sqrt(self.radius_mm**2 - r**2)
+        self.u = np.zeros(2 * len(self.nodes))
+        self.touching = np.zeros(len(self.top), dtype=bool)
+
+    def strain(self):
+        return np.einsum("epij,ej->epi", self.B, self.u[self.dof])
+
+    def inner(self):
+        """What the flesh puts on every dof, and the law's slopes."""
+        stress, slope = self.law.stress(self.strain())
+        inner = np.zeros(len(self.u))
+        np.add.at(inner, self.dof, np.einsum("ep,epij,epi->ej", self.volume, self.B, stress))
+        return inner, slope
+
+    def force_at(self, depth_mm):
+        """Force on the ball once it is at this depth: one step of history."""
+        calm = True
+        for _ in range(120):
+            inner, slope = self.inner()
+            moved, checked = False, calm
+            if calm:
+                below = self.u[self.top] + depth_mm - self.gap
+                touching = np.where(self.touching, -inner[self.top] > -1e-12, below > 1e-9)
+                moved = (touching != self.touching).any()
+                self.touching = touching
+            held = self.top[self.touching]
+            free = self.free.copy()
+            free[held] = False
+            jump = np.zeros(len(self.u))
+            jump[held] = self.gap[self.touching] - depth_mm - self.u[held]
+            far = np.abs(jump).max() > 1e-9
+            left = np.linalg.norm(inner[free]) / (1e-6 + np.abs(inner[self.top]).sum())
+            calm = left < 1e-6 and not far
+            if calm and checked and not moved:
+                break
+            blocks = np.einsum("ep,epki,epkl,eplj->eij", self.volume, self.B, slope, self.B, optimize=True)
+            pairs = (np.repeat(self.dof, 18, axis=1).ravel(), np.tile(self.dof, (1, 18)).ravel())
+            K = csc_array(coo_array((blocks.ravel(), pairs), shape=(len(self.u),) * 2))
+            rhs = -inner - K @ jump
+            step = jump
+            step[free] = splu(K[free][:, free], permc_spec="MMD_AT_PLUS_A").solve(rhs[free])
+            start, size = self.u, np.linalg.norm(inner[free])
+            for part in (1.0, 0.5, 0.25, 0.1, 0.03):
+                self.u = start + part * step
+                if far or np.linalg.norm(self.inner()[0][free]) < size:
+                    break
+        else:
+            raise RuntimeError("the slab did not settle")
+        self.law.settle(self.strain())
+        return float(-inner[self.top].sum())
+
+
+#: of the curves: E = 1 MPa, a ball of 5 mm, a slab of 15 mm
+RADIUS_MM, THICK_MM, NU = 5.0, 15.0, 0.45
+DEEPEST_MM, STEPS = 2.0, 20
+LAWS = {
+    "linear": Linear(nu=NU),
+    "stiffening b=2": Fung(nu=NU, b=2.0),
+    "stiffening b=8": Fung(nu=NU, b=8.0),
+    "damage dmax=0.5 W0_over_E=0.01": Mullins(nu=NU, dmax=0.5, W0=0.01),
+    "damage dmax=0.4 W0_over_E=0.03": Mullins(nu=NU, dmax=0.4, W0=0.03),
+    "plastic_set yield_over_E=0.1": Plastic(nu=NU, yield_MPa=0.1),
+    "plastic_set yield_over_E=0.05": Plastic(nu=NU, yield_MPa=0.05),
+}
+
+
+def write_curves(path):
+    rows = ["law,depth_mm,force_N"]
+    for name, law in LAWS.items():
+        slab = PressedSlab(RADIUS_MM, THICK_MM, 60.0, 3.1, law, across=26, down=14)
+        down = np.linspace(0, DEEPEST_MM, STEPS + 1)[1:]
+        rows += [f"{name},{depth:.2f},{slab.force_at(depth):.6g}" for depth in np.r_[down, down[-2::-1]]]
+    path.write_text("\n".join(rows) + "\n")
+
+
+if __name__ == "__main__":
+    write_curves(Path(sys.argv[1]))

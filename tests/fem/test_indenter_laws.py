@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from planted_presses import NU, RADIUS_MM, THICK_MM, curve
+from pressed_slab import Linear, PressedSlab
+
+from fem.mismatch.indenter.ball import BallOnSlab
+from fem.mismatch.indenter.effects.damage import damage_share
+from fem.mismatch.indenter.effects.plastic_set import plastic_slack_mm
+from fem.mismatch.indenter.effects.stiffening import stiffening_share
+from fem.mismatch.indenter.effects.viscoelastic import viscoelastic_parameters
+from fem.mismatch.indenter.energy_share import (
+    energy_classes,
+    half_space,
+    hertz_energy_density,
+    whole_energy,
+)
+from fem.mismatch.indenter.foundation import elastic_force, springs
+
+SLAB = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=THICK_MM, poisson_ratio=NU)
+
+
+def test_the_curves_are_the_finite_elements_own():
+    slab = PressedSlab(RADIUS_MM, THICK_MM, 60.0, 3.1, Linear(nu=NU), across=18, down=10)
+    depth, force = curve("linear")
+    assert slab.force_at(1.0) == pytest.approx(np.interp(1.0, depth[:20], force[:20]), rel=0.01)
+
+
+def test_hertz_energy_in_the_half_space_is_the_work_of_the_force():
+    r, z, volume = half_space()
+    density = hertz_energy_density(r, z, poisson_ratio=0.4999999)
+    assert density @ volume == pytest.approx(32 / 15, rel=4e-3)
+
+
+def test_classes_keep_the_whole_energy():
+    density, volume = energy_classes(0.45)
+    assert density @ volume == pytest.approx(whole_energy(0.45))
+    assert (np.diff(density) > 0).all()
+
+
+@pytest.mark.parametrize("b", [2, 8])
+def test_stiffening_follows_finite_elements_within_a_fiftieth(b):
+    depth, force = curve(f"stiffening b={b}")
+    linear = curve("linear")[1]
+    share = stiffening_share(np.array([[float(b)]]), SLAB.energy_strain(depth)[None], poisson_ratio=NU)[0]
+    assert share[4:20] == pytest.approx(force[4:20] / linear[4:20], rel=0.02)
+
+
+@pytest.mark.parametrize(("dmax", "W0"), [(0.5, 0.01), (0.4, 0.03)])
+def test_damage_follows_finite_elements_in_and_out_again(dmax, W0):
+    depth, force = curve(f"damage dmax={dmax} W0_over_E={W0}")
+    linear = curve("linear")[1]
+    deepest = np.maximum.accumulate(depth)
+    share = damage_share(
+        np.array([[dmax]]),
+        np.array([[W0]]),
+        SLAB.energy_strain(deepest)[None],
+        (depth / deepest)[None],
+        poisson_ratio=NU,
+    )[0]
+    off = (share * linear - force) / force.max()
+    assert np.abs(off).max() < 0.04
+    assert share[:20] == pytest.approx(force[:20] / linear[:20], rel=0.04)
+
+
+@pytest.mark.parametrize("yield_over_E", [0.1, 0.05])
+def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
+    depth, force = curve(f"plastic_set yield_over_E={yield_over_E}")
+    level, stiffness = springs(SLAB.force_N_per_MPa, np.array([depth.max()]))
+    slack = plastic_slack_mm(
+        np.array([[yield_over_E]]),
+        np.maximum.accumulate(depth)[None],
+        level,
+        poisson_ratio=NU,
+        radius_mm=RADIUS_MM,
+        over_half_space=SLAB.over_half_space(np.maximum.accumulate(depth))[None],
+    )
+    found = elastic_force(depth[None], slack, level, stiffness)[0]
+    off = (found - force) / force.max()
+    assert np.sqrt(np.mean(off**2)) < 0.05
+
+
+def test_without_its_effect_every_law_is_the_linear_one():
+    strain = np.linspace(0.01, 0.5, 9)[None]
+    none, one = np.array([[1e-9]]), np.ones((1, 9))
+    assert stiffening_share(none, strain, poisson_ratio=NU) == pytest.approx(1)
+    assert damage_share(none, np.array([[0.01]]), strain, 0 * strain + 1, poisson_ratio=NU) == pytest.approx(
+        1
+    )
+    level = np.linspace(0, 1, 5)[None]
+    slack = plastic_slack_mm(
+        np.array([[1e4]]), strain, level, poisson_ratio=NU, radius_mm=5.0, over_half_space=one
+    )
+    assert slack == pytest.approx(0, abs=1e-5)
+
+
+def test_shares_and_times_carry_the_unknowns_scatter():
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(4, 4)) * 0.03
+    mean, covariance = np.array([-0.5, -1.0, 0.0, 2.0]), root @ root.T
+    found = viscoelastic_parameters(mean, covariance)
+    draws = rng.multivariate_normal(mean, covariance, size=20000)
+    weight = np.exp(draws[:, :2])
+    g = weight / (1 + weight.sum(axis=1, keepdims=True))
+    tau = np.exp(np.cumsum(draws[:, 2:], axis=1))
+    for name, sample in {"g": g[:, 0], "g_2": g[:, 1], "tau_s": tau[:, 0], "tau_2_s": tau[:, 1]}.items():
+        assert found[name].sd == pytest.approx(sample.std(), rel=0.1)
+        assert found[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.02)
