@@ -1,0 +1,107 @@
+"""Effects that change the model: Poisson's ratio, the pit's place and size, and those handed to mechanics."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pipeline.flesh_effects
+from pipeline.config import Pit, Settings
+from pipeline.confirmed import ConfirmedEffect, PitFound, pit_found
+from pipeline.effect_spread import _shifted
+from pipeline.flesh import error_budget, poisson_ratio
+from pipeline.flesh_effects import unused_warnings, used, with_effects
+from pipeline.layout import FruitResults
+from pipeline.report import _explained
+from pipeline.shape import embedded_pit
+from recon.mesh_file import write_mesh
+
+NU = ConfirmedEffect(effect="poisson_ratio", parameters={"nu": 0.41}, sd={"nu": 0.007})
+OFFSET = ConfirmedEffect(
+    effect="pit_offset", parameters={"offset_mm": (1.0, -2.0, 0.5)}, sd={"offset_mm": (0.1, 0.2, 0.1)}
+)
+SIZE = ConfirmedEffect(effect="pit_size", parameters={"scale": 0.8}, sd={"scale": 0.02})
+SKIN = ConfirmedEffect(effect="skin", parameters={"Et_N_per_mm": 2.0}, sd={"Et_N_per_mm": 0.1})
+BOX = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+FACES = np.array(
+    [
+        [0, 1, 3],
+        [0, 3, 2],
+        [4, 6, 7],
+        [4, 7, 5],
+        [0, 4, 5],
+        [0, 5, 1],
+        [2, 3, 7],
+        [2, 7, 6],
+        [0, 2, 6],
+        [0, 6, 4],
+        [1, 5, 7],
+        [1, 7, 3],
+    ]
+)
+
+
+def settings(*effects, **rest):
+    return Settings(category="nectarine", poisson_ratio=0.45, mismatch=effects, **rest)
+
+
+def test_a_ratio_that_was_found_comes_before_the_settings():
+    assert poisson_ratio(settings(NU), None) == (0.41, 0.007, "found by drupe explain")
+    assert poisson_ratio(settings(), None)[:2] == (0.45, 0.0)
+
+
+def test_a_pit_that_was_found_narrows_the_error_budget():
+    task = SimpleNamespace(
+        settings=settings(OFFSET, SIZE, pit=Pit(offset_sd_mm=0.5, size_sd=0.03)), prior=None
+    )
+    shape = SimpleNamespace(record=SimpleNamespace(surface_sd_mm=None))
+    budget = error_budget(task, shape)
+    assert budget.pit_offset_sd_mm == 0.2
+    assert budget.pit_size_sd == pytest.approx(0.025)
+    assert pit_found(()) == PitFound()
+
+
+def test_a_pit_that_was_found_is_embedded_where_it_was_found(tmp_path):
+    write_mesh(tmp_path / "pit.ply", 5.0 * BOX + [0, 0, 1], FACES)
+    folder = SimpleNamespace(pit_ply=tmp_path / "pit.ply")
+    shape = SimpleNamespace(vertices=20.0 * BOX, faces=FACES)
+    plain = embedded_pit(SimpleNamespace(folder=folder, settings=settings(), prior=None), shape)
+    moved = embedded_pit(SimpleNamespace(folder=folder, settings=settings(OFFSET, SIZE), prior=None), shape)
+    assert np.subtract(moved.record.centre_mm, plain.record.centre_mm) == pytest.approx(
+        [1.0, -2.0, 0.5], abs=1e-5
+    )
+    assert moved.record.volume_mm3 == pytest.approx(0.8**3 * plain.record.volume_mm3)
+    assert "moved to where it was found" in moved.record.source
+
+
+def test_the_mechanics_is_handed_effect_and_parameters_and_what_it_lacks_is_said(monkeypatch):
+    assert [e.effect for e in used((NU, SKIN))] == ["poisson_ratio"]
+    assert unused_warnings((NU, SKIN)) == [
+        "batch.toml confirms skin, which grading cannot take into account yet: E is without it."
+    ]
+
+    def stiffer(model, history, solid, parameters):
+        return (*model, history, solid, dict(parameters))
+
+    monkeypatch.setitem(pipeline.flesh_effects.CHANGES, "skin", stiffer)
+    assert with_effects((), "history", "solid", (NU, SKIN)) == ("history", "solid", {"Et_N_per_mm": 2.0})
+    assert unused_warnings((NU, SKIN)) == []
+
+
+def test_each_number_is_moved_by_its_own_spread_for_the_error_bar():
+    moved = [one.vector("offset_mm") for _, one in _shifted(OFFSET)]
+    assert moved == [(1.1, -2.0, 0.5), (1.0, -1.8, 0.5), (1.0, -2.0, 0.6)]
+    ((name, one),) = _shifted(SIZE)
+    assert (name, one.number("scale")) == ("scale", pytest.approx(0.82))
+
+
+def test_an_answer_of_other_inputs_is_not_the_fruits(tmp_path):
+    files, record = FruitResults(tmp_path), SimpleNamespace(key="k1")
+    assert _explained(record, files) is None
+    said = {"key": "k1", "verdict": ["skin", "slip"], "ranking": [{"effect": "slip"}, {"effect": "skin"}]}
+    files.mismatch.write_text(json.dumps(said))
+    assert _explained(record, files) == "slip"
+    assert _explained(SimpleNamespace(key="k2"), files) is None
+    files.mismatch.write_text("half a fi")
+    assert _explained(record, files) is None
