@@ -20,7 +20,7 @@ from fem.recovery import FOUR
 ROW, COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 """How often each of the six counts in a double contraction."""
-_PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +62,7 @@ class FleshStrain:
 
     def forces(self, stress: Float[np.ndarray, "f m 4 6"]) -> Float[np.ndarray, "f n 3"]:
         """B' sigma: the nodal forces that stress fields exert, sum of sigma : grad N."""
-        flux = np.moveaxis(stress * self.volume_mm3[..., None], 0, -1)[:, :, _PLACE]  # (m, 4, 3, 3, f)
+        flux = np.moveaxis(stress * self.volume_mm3[..., None], 0, -1)[:, :, PLACE]  # (m, 4, 3, 3, f)
         count = len(stress)
         flat = flux.reshape(len(flux), 12, 3 * count)
         own = np.swapaxes(self.slope.reshape(-1, 12, 10), 1, 2) @ flat

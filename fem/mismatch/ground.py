@@ -5,9 +5,11 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import cKDTree
 
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import FleshStrain
+from fem.mismatch.sight import Sight
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +30,24 @@ class Ground:
         return FleshStrain.of(self.base.mesh)
 
     @cached_property
+    def depth(self) -> Float[np.ndarray, "m 4"]:
+        """Relative depth of the points: 0 at the skin, 1 at the pit (0 without one)."""
+        mesh = self.base.mesh
+        to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(self.points.point_mm)[0]
+        if not len(mesh.pit_nodes):
+            return np.zeros_like(to_skin)
+        to_pit = cKDTree(mesh.nodes_mm[mesh.pit_nodes]).query(self.points.point_mm)[0]
+        return np.asarray(to_skin / (to_skin + to_pit))
+
+    @cached_property
     def strains(self) -> tuple[Float[np.ndarray, "r m 4 6"], ...]:
         """Strain of each pattern of each recording, for E = 1 MPa."""
         return tuple(self.points.strain(seen.moved) for seen in self.base.grasps)
+
+    @cached_property
+    def sight(self) -> Sight:
+        """What the recordings see of every piece of flesh."""
+        return Sight.of(self.base, self.points, compliance=self.compliance)
 
     def moved_by_stress(self, seen: Seen, stress: Float[np.ndarray, "r m 4 6"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""

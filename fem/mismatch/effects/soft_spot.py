@@ -1,0 +1,125 @@
+"""`soft_spot`: a ball in the flesh whose modulus is `ratio` times that outside.
+
+    K = K0 - (1 - ratio) K1,      K1 the stiffness of the flesh inside
+
+Signature: K0^-1 K1 U0, at the few places where it explains best what the plain model leaves (fem.mismatch.
+spot_search). Its amount is not 1 - ratio: inside a soft ball the flesh strains more. In an unbounded body
+under a constant strain the amount is
+
+    x = (1 - ratio) / (1 - beta (1 - ratio)),      beta = 2 (4 - 5 nu) / (15 (1 - nu))
+
+(Eshelby 1957, "The determination of the elastic field of an ellipsoidal inclusion, and related problems",
+Proceedings of the Royal Society A 241: the part that changes shape, which is what flesh does); this is where
+the search with the nonlinear model (fem.mismatch.inclusion) starts.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_array
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.inclusion import ball_stiffness
+from fem.mismatch.spot_response import softened, to_first_order
+from fem.mismatch.spot_search import Spot, best_spots
+
+CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
+RADIUS, RATIO = "radius_mm", "ratio"
+MIDDLE_RATIO = 0.35
+RATIOS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85)
+
+
+@dataclass(frozen=True)
+class SoftSpot:
+    """The effect; see the module."""
+
+    name: str = "soft_spot"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (
+        *(ParameterSpec(name=name, unit="mm", low=-80.0, high=80.0) for name in CENTRE),
+        ParameterSpec(name=RADIUS, unit="mm", low=3.0, high=10.0, log=True),
+        ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One for each of the best places."""
+        spots = best_spots(ground, ground.sight.seen(_left(ground)))
+        sd = drop_of(MIDDLE_RATIO, ground.poisson_ratio)
+        return [
+            Signature(
+                label=label_of(spot), columns=(Column(name="drop", sd=sd, fields=_fields(ground, spot)),)
+            )
+            for spot in spots
+        ]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The signature's own ball, with whichever of a few ratios explains most of what is left.
+
+        Where the drop is more than such a ball can give, a larger one.
+        """
+        centre_mm, radius_mm = place_of(signature.label)
+        largest = drop_of(RATIOS[0], ground.poisson_ratio)
+        radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
+        inside = _inside(ground, centre_mm, radius_mm)
+        left = ground.sight.seen(_left(ground))
+        grasps = ground.base.grasps
+        moved = [softened(ground.base, seen, inside, RATIOS) for seen in grasps]
+        lost = []
+        for units in zip(*moved, strict=True):
+            more = [unit - seen.tracks.unit_displacement for unit, seen in zip(units, grasps, strict=True)]
+            beyond = left - ground.compliance * ground.sight.seen(more)
+            lost.append(float(beyond @ beyond))
+        place = dict(zip(CENTRE, map(float, centre_mm), strict=True))
+        return {**place, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+        """Every recording's markers above flesh with such a ball in it."""
+        centre_mm = np.array([parameters[name] for name in CENTRE])
+        inside = _inside(ground, centre_mm, parameters[RADIUS])
+        base, ratio = ground.base, parameters[RATIO]
+        return Response(unit=[softened(base, seen, inside, [ratio])[0] for seen in base.grasps])
+
+
+EFFECT = SoftSpot()
+
+
+def drop_of(ratio: float, poisson_ratio: float) -> float:
+    """x of the module's docstring."""
+    beta = 2 * (4 - 5 * poisson_ratio) / (15 * (1 - poisson_ratio))
+    return (1 - ratio) / (1 - beta * (1 - ratio))
+
+
+def label_of(spot: Spot) -> str:
+    """Tells one place from another, and is all that is kept of it."""
+    x, y, z = spot.centre_mm
+    return f"{x:.2f} {y:.2f} {z:.2f} radius {spot.radius_mm:.2f} mm"
+
+
+def place_of(label: str) -> tuple[Float[np.ndarray, "3"], float]:
+    """Centre and radius, mm, of a label."""
+    words = label.split()
+    return np.array([float(word) for word in words[:3]]), float(words[4])
+
+
+def _inside(ground: Ground, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
+    mesh, nu = ground.base.mesh, ground.poisson_ratio
+    return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
+
+
+def _left(ground: Ground) -> list[Float[np.ndarray, "f n 3"]]:
+    """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
+    tracks = [seen.tracks for seen in ground.base.grasps]
+    return [own.position_mm - own.place_mm - ground.compliance * own.unit_displacement for own in tracks]
+
+
+def _fields(ground: Ground, spot: Spot) -> list[Field | None]:
+    """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
+    inside = _inside(ground, spot.centre_mm, spot.radius_mm)
+    moved = [to_first_order(ground.base, seen, inside) for seen in ground.base.grasps]
+    return [None if own is None else Field(markers=ground.compliance * own) for own in moved]
