@@ -15,6 +15,7 @@ from fem.grasp_model import GraspModel, grasp_model
 from fem.grasp_sensitivity import POISSON_RATIO
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh import FleshMesh
+from fem.mismatch.case import MismatchCase
 from fem.modulus_budget import DISCRETISATION, ErrorBudget
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_joint import FruitModulus
@@ -22,7 +23,7 @@ from fem.pad_link import contact_nodes
 from pipeline.cache import cached, stage_key
 from pipeline.confirmed import keyed
 from pipeline.flesh_effects import in_the_model, with_effects
-from pipeline.grasp import PlacedGrasp, history
+from pipeline.grasp import PlacedGrasp, grasp_case, history
 from pipeline.kept_models import packed, unpacked
 from pipeline.records import ModulusRecord, PitFoundRecord
 from pipeline.task import FruitTask
@@ -123,7 +124,7 @@ def responses(
             if large:
                 law = NeoHookean(poisson_ratio=poisson_ratio)
                 small = with_large_deformation(small, histories[k], solid, law, scale_sd=budget.gel_scale_sd)
-            return with_effects(small, histories[k], solid, effects)
+            return small
         except FemFailure as failure:
             return failure
 
@@ -151,6 +152,16 @@ def responses(
                 models |= dict.fromkeys(nodes, failure)
                 continue
             models |= {k: model(k, solid) for k in nodes}
-        return [models[k] for k in range(len(grasps))]
+        plain = [models[k] for k in range(len(grasps))]
+        if not effects:
+            return plain
+        modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
+        case = MismatchCase(
+            mesh=mesh,
+            grasps=tuple(map(grasp_case, modelled)),
+            poisson_ratio=poisson_ratio,
+            budget=budget,
+        )
+        return with_effects(plain, case, effects) if modelled else plain
 
     return unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))

@@ -1,39 +1,51 @@
-"""Confirmed effects of the flesh in the model of a grasp: what is passed on to the mechanics."""
+"""Confirmed effects of flesh and contact in the models of a fruit's grasps: handed to the mechanics."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
-from fem.forward import UnitModulusSolid
+import numpy as np
+from jaxtyping import Float
+
+from fem.failure import FemFailure
 from fem.grasp_model import GraspModel
-from fem.modulus_inputs import GraspHistory
+from fem.mismatch.case import MismatchCase
 from pipeline.confirmed import OF_THE_JAWS, ConfirmedEffect, Value
 
-Change = Callable[[GraspModel, GraspHistory, UnitModulusSolid, Mapping[str, Value]], GraspModel]
-CHANGES: dict[str, Change] = {}
-"""By effect: a grasp's model, its history, the solid and the effect's parameters make the model with it."""
+Departure = Float[np.ndarray, "t n 3"]
+Mechanics = Callable[[MismatchCase, Mapping[str, Value]], Sequence[Departure]]
+MECHANICS: dict[str, Mechanics] = {}
+"""By effect: what it adds to the displacement of every recording's markers for E = 1 MPa, frame by frame."""
 BEFORE_THE_MODEL = OF_THE_JAWS | {"poisson_ratio", "pit_offset", "pit_size"}
 """Effects that are taken into account before there is a model: in the recordings, the settings, the mesh."""
 
 
 def with_effects(
-    model: GraspModel,
-    history: GraspHistory,
-    solid: UnitModulusSolid,
-    effects: Sequence[ConfirmedEffect],
-) -> GraspModel:
-    """The grasp's model with every effect that the mechanics knows; raises FemFailure as they do."""
+    models: Sequence[GraspModel | FemFailure], case: MismatchCase, effects: Sequence[ConfirmedEffect]
+) -> list[GraspModel | FemFailure]:
+    """The models of `case`'s grasps with every effect that the mechanics knows, added to their departure.
+
+    `case` holds the grasps that have a model, in their order. Raises FemFailure as the mechanics does.
+    """
+    having = [k for k, model in enumerate(models) if isinstance(model, GraspModel)]
+    changed = list(models)
     for one in in_the_model(effects):
-        model = CHANGES[one.effect](model, history, solid, one.parameters)
-    return model
+        added = MECHANICS[one.effect](case, one.parameters)
+        for k, departure in zip(having, added, strict=True):
+            model = changed[k]
+            if isinstance(model, GraspModel):
+                before = model.departure
+                changed[k] = replace(model, departure=departure if before is None else before + departure)
+    return changed
 
 
 def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that change the model of a grasp."""
-    return tuple(one for one in effects if one.effect in CHANGES)
+    return tuple(one for one in effects if one.effect in MECHANICS)
 
 
 def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that the modulus takes into account."""
-    return tuple(one for one in effects if one.effect in BEFORE_THE_MODEL or one.effect in CHANGES)
+    return tuple(one for one in effects if one.effect in BEFORE_THE_MODEL or one.effect in MECHANICS)
 
 
 def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:

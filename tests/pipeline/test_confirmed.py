@@ -1,12 +1,15 @@
 """Effects that change the model: Poisson's ratio, the pit's place and size, and those handed to mechanics."""
 
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import pipeline.flesh_effects
+from fem.failure import FemFailure, FemProblem
+from fem.grasp_model import GraspModel
 from pipeline.config import Pit, Settings
 from pipeline.confirmed import ConfirmedEffect, PitFound, pit_found
 from pipeline.effect_spread import _shifted
@@ -81,11 +84,25 @@ def test_the_mechanics_is_handed_effect_and_parameters_and_what_it_lacks_is_said
         "batch.toml confirms skin, which grading cannot take into account yet: E is without it."
     ]
 
-    def stiffer(model, history, solid, parameters):
-        return (*model, history, solid, dict(parameters))
+    def membrane(case, parameters):
+        return [np.full((3, 2, 3), parameters["Et_N_per_mm"])] * len(case.grasps)
 
-    monkeypatch.setitem(pipeline.flesh_effects.CHANGES, "skin", stiffer)
-    assert with_effects((), "history", "solid", (NU, SKIN)) == ("history", "solid", {"Et_N_per_mm": 2.0})
+    monkeypatch.setitem(pipeline.flesh_effects.MECHANICS, "skin", membrane)
+    model = GraspModel(
+        place_mm=np.zeros((2, 3)),
+        normal=np.zeros((2, 3)),
+        compliance=np.zeros((6, 6)),
+        sensitivity=None,
+        discretisation=0.01,
+        fruit_moves=True,
+    )
+    lost = FemFailure(FemProblem.NO_LOAD, "no load")
+    case = SimpleNamespace(grasps=("one", "two"))
+    models = [model, lost, replace(model, departure=np.ones((3, 2, 3)))]
+    first, second, third = with_effects(models, case, (NU, SKIN))
+    assert second is lost
+    assert (first.departure == 2.0).all()
+    assert (third.departure == 3.0).all()
     assert unused_warnings((NU, SKIN)) == []
 
 
