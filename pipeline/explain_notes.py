@@ -14,6 +14,15 @@ from tactile.noise import FEWEST_AIR_FRAMES
 from tactile.recording import GelPad, read_recording
 
 
+ONE_RECORDING = (
+    "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, a "
+    "pad's place) cannot be told apart, and none is left to test the answer on."
+)
+CATEGORY_PIT = (
+    "There is no pit.ply: the category's pit is used, so a pit of another size or place is found more easily."
+)
+
+
 def require_one_fruit(case: Case) -> None:
     """Recordings that name different fruit are no case; raises BatchRefused that names both.
 
@@ -49,6 +58,8 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
     # A case's folder is named as its owner likes: only a batch knows what its fruit is called.
     foreign = [] if case.batch is not None else [w for w in warnings if ': its fruit_id is "' in w]
     return [
+        *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
+        *([] if case.task.folder.pit_ply.is_file() else [CATEGORY_PIT]),
         *case.notes,
         *(warning for warning in warnings if warning not in foreign),
         *(note for grasp in fruit.placed for note in _air(grasp)),

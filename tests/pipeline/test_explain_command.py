@@ -168,11 +168,12 @@ def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder
     assert ran.status == 0
     assert "cannot tell apart: viscoelastic or clock lag" in ran.out.splitlines()[0]
     assert "nothing confirms the answer" in ran.out
+    assert "note: There is one recording only" in ran.out
 
 
 def test_without_a_pit_the_categorys_is_used_and_the_finder_knows(drupe, finder, case):
     (case / "pit.ply").unlink()
-    assert drupe("explain", case).status == 0
+    assert "note: There is no pit.ply: the category's pit is used" in drupe("explain", case).out
     assert finder["case"].category_pit
 
 
