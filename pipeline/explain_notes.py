@@ -13,10 +13,9 @@ from tactile.failure import TactileFailure
 from tactile.noise import FEWEST_AIR_FRAMES
 from tactile.recording import GelPad, read_recording
 
-
 ONE_RECORDING = (
-    "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, a "
-    "pad's place) cannot be told apart, and none is left to test the answer on."
+    "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "
+    "a pad's place) cannot be told apart, and none is left to test the answer on."
 )
 CATEGORY_PIT = (
     "There is no pit.ply: the category's pit is used, so a pit of another size or place is found more easily."
