@@ -13,7 +13,7 @@ from fem.mismatch.indenter.detect import Detection, detect
 from fem.mismatch.indenter.fit import Fit
 from fem.mismatch.indenter.heldout import Foretold, foretell
 from fem.mismatch.indenter.noise import AirNoise
-from fem.mismatch.indenter.rank import modulus_of, ranking, verdict_of
+from fem.mismatch.indenter.rank import log_odds_of_any, modulus_of, ranking, verdict_of
 from fem.mismatch.indenter.search import candidate_fits
 from fem.mismatch.indenter.suggest import next_press
 from fem.mismatch.indenter.trace import IndenterTrace
@@ -71,7 +71,7 @@ def account_for(
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     fits = candidate_fits(law, trace, air, rng=rng)
     candidates, best = ranking(fits)
-    found = detect(fits[0], trace, air, rng=rng)
+    found = detect(fits[0], trace, air, log_odds=log_odds_of_any(fits), rng=rng)
     verdict = verdict_of(candidates, best, p_value=found.p_value)
     named = fits[0] if verdict == NONE else best[candidates[0].effect]
     end, blocks = foretell(fits[0], best[candidates[0].effect], trace, air)

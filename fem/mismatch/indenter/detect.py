@@ -28,13 +28,17 @@ class Detection:
     whitened: Float[np.ndarray, " t"]
 
 
-def detect(fit: Fit, trace: IndenterTrace, air: AirNoise, *, rng: np.random.Generator) -> Detection:
+def detect(
+    fit: Fit, trace: IndenterTrace, air: AirNoise, *, log_odds: float, rng: np.random.Generator
+) -> Detection:
     """Whiten, project out the nuisances, and count how many noise-only traces look as bad.
 
     Statistics: chi-square of all frames, the largest over stretches of load, hold and unload, and the lag-1
     product. The bank is white noise, scaled for how well the noise itself is known, projected alike. p is
     (1 + number as large)/(n + 1), of the smallest of the three (conformal); beyond the bank's reach the
-    chi-square law takes over, times three.
+    chi-square law takes over, times three. A fourth knows the effects: `log_odds` is the evidence for any of
+    them over none, and under none odds beyond k have a probability of 1/k at most (Markov's inequality).
+    The smaller of the two p-values counts, doubled for having chosen.
     """
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
     clock = model_clock(trace.time_s, trace.force_N, white_N=air.white_N)
@@ -58,12 +62,17 @@ def detect(fit: Fit, trace: IndenterTrace, air: AirNoise, *, rng: np.random.Gene
     each = (1 + (nulls >= found[:, None]).sum(axis=1)) / (BANK + 1)
     rank = (BANK - np.argsort(np.argsort(nulls, axis=1), axis=1)) / (BANK + 1)
     whole = float(1 + (rank.min(axis=0) <= each.min()).sum()) / (BANK + 1)
-    if whole <= 2 / (BANK + 1):
+    if each.min() <= 1 / BANK:
         freedom = len(gap) - fit.jacobian.shape[1]
         far = 3 * float(chi2.sf(found[0] / (1 + 3 * np.sqrt(2 / air.frames)), freedom))
         whole = min(whole, max(far, 1e-300))
-    names = ("chi-square", "stretch", "lag-1")
-    return Detection(p_value=whole, statistics=dict(zip(names, each.tolist(), strict=True)), whitened=gap)
+    odds = float(np.exp(-max(log_odds, 0.0)))
+    names = ("chi-square", "stretch", "lag-1", "evidence")
+    return Detection(
+        p_value=min(1.0, 2 * min(whole, max(odds, 1e-300))),
+        statistics=dict(zip(names, [*each.tolist(), odds], strict=True)),
+        whitened=gap,
+    )
 
 
 def _stretches(trace: IndenterTrace) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ STEPS, ENOUGH = 40, 0.02
 #: forward differences on the unknowns' own scales
 NUDGE = 1e-4
 #: shares of the force left unexplained among which each fit chooses; the least is the springs' own error
-SHARES = np.geomspace(1e-3, 0.5, 24)
+SHARES = np.geomspace(4e-4, 0.5, 28)
 #: rounds of fit and choice of share, and the tolerant share of the first
 ROUNDS, TOLERANT = 6, 0.05
 #: starts that are followed for a few steps
@@ -113,7 +113,8 @@ def fit(
         frames = np.ones(len(trace.time_s), dtype=bool)
     mean = np.array([u.mean for u in law.unknowns])
     precision = np.array([u.sd for u in law.unknowns]) ** -2.0
-    share = TOLERANT
+    least = max((effect.error for effect in law.effects), default=SHARES[0])
+    share, shares = TOLERANT, SHARES[least * (1 - 1e-9) <= SHARES]
 
     def posterior(share: float) -> Posterior:
         noise = noise_with(air, trace, share, frames)
@@ -126,8 +127,8 @@ def fit(
     for _ in range(ROUNDS):
         _, scaled, force, slope = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]
-        scores = [noise_with(air, trace, one, frames).log_likelihood(gap) for one in SHARES]
-        before, share = share, float(SHARES[int(np.argmax(scores))])
+        scores = [noise_with(air, trace, one, frames).log_likelihood(gap) for one in shares]
+        before, share = share, float(shares[int(np.argmax(scores))])
         if share == before:
             break
         target = posterior(share)

@@ -64,6 +64,17 @@ def ranking(fits: list[Fit]) -> tuple[tuple[Candidate, ...], dict[str, Fit]]:
     )
 
 
+def log_odds_of_any(fits: list[Fit]) -> float:
+    """Evidence for any effect (singles and pairs weighed as their priors are) over that of none."""
+    candidates, _ = ranking(fits)
+    some = candidates[0]
+    log_share = np.log(sum(c.probability for c in candidates)) - np.log(some.probability)
+    prior = PRIOR_PAIR / sum("+" in c.effect for c in candidates)
+    if "+" not in some.effect:
+        prior = PRIOR_SINGLE / sum("+" not in c.effect for c in candidates)
+    return float(some.log_evidence + np.log(prior) + log_share - np.log(1 - PRIOR_NONE))
+
+
 def verdict_of(
     candidates: tuple[Candidate, ...], best: dict[str, Fit], *, p_value: float
 ) -> str | tuple[str, ...]:

@@ -17,6 +17,7 @@ EFFECT = Effect(
         Unknown(name="dmax", unit="1", scale="logit", mean=-0.4, sd=1.0),
         Unknown(name="W0_over_E", unit="1", scale="log", mean=float(np.log(0.02)), sd=1.3),
     ),
+    error=0.003,
 )
 #: logarithm of k = mu depth/(R W0) that the table reaches: from no damage at all to all of dmax
 REACH = (-9.0, 12.0)

@@ -10,6 +10,7 @@ NAME = "plastic_set"
 EFFECT = Effect(
     name=NAME,
     unknowns=(Unknown(name="yield_over_E", unit="1", scale="log", mean=float(np.log(0.08)), sd=1.0),),
+    error=0.005,
 )
 #: bound on the springs' mean pressure over the yield stress (hardness, with flesh piled up round the ball),
 #: and how sharply springs go over to it: both measured with finite elements

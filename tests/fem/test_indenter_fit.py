@@ -1,0 +1,125 @@
+import numpy as np
+import pytest
+from planted_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, planted
+
+from fem.mismatch.indenter.air import air_noise, first_touch
+from fem.mismatch.indenter.baseline import linear_law
+from fem.mismatch.indenter.effects.viscoelastic import viscoelastic
+from fem.mismatch.indenter.fit import fit
+from fem.mismatch.indenter.heldout import foretell, future_frames
+from fem.mismatch.indenter.law import Law
+from fem.mismatch.indenter.noise import AirNoise, Noise, model_clock
+from fem.mismatch.indenter.rank import parameters_of
+from fem.mismatch.indenter.trace import IndenterTrace
+
+
+def trace_of(columns):
+    time_s, force_N, travel_mm = columns
+    return IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
+
+
+def fitted(trace, *effects, rng):
+    air = air_noise(trace, first_touch(trace))
+    linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
+    law = Law(ball=linear.ball, baseline=linear.baseline, effects=effects)
+    mean, sd = (np.array([getattr(u, k) for u in law.unknowns]) for k in ("mean", "sd"))
+    return fit(law, trace, air, mean + 0.7 * sd * rng.standard_normal((16, len(mean))))
+
+
+def test_banded_noise_is_the_dense_normal():
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(0.05, 0.2, 40))
+    wander = rng.uniform(0.5, 2, 40)
+    noise = Noise(white_N=0.3, wander_N=wander, clock=3 * time)
+    dense = 0.09 * np.eye(40) + np.outer(wander, wander) * np.exp(-3 * np.abs(np.subtract.outer(time, time)))
+    residual = rng.standard_normal(40)
+    assert noise.solve(residual) == pytest.approx(np.linalg.solve(dense, residual), rel=1e-8)
+    log = -0.5 * (residual @ np.linalg.solve(dense, residual) + np.linalg.slogdet(2 * np.pi * dense)[1])
+    assert noise.log_likelihood(residual) == pytest.approx(log)
+
+
+def test_a_model_is_looked_at_as_often_however_many_frames_there_are():
+    def looks(frames):
+        time = np.linspace(0, 20, frames)
+        return model_clock(time, np.minimum(time, 5) * np.exp(-0.02 * time), white_N=1e-6)[-1]
+
+    assert looks(200) == pytest.approx(looks(2000), rel=0.02)
+
+
+@pytest.mark.parametrize("fade", [0.0, 0.6])
+def test_noise_in_the_air_is_found_white_or_coloured(fade):
+    rng = np.random.default_rng(5)
+    found = []
+    for _ in range(8):
+        trace = trace_of(planted(rng, noise_N=0.004, fade=fade, press=Press(air_s=12.0)))
+        found.append(air_noise(trace, first_touch(trace)).slow_N)
+    assert np.mean(found) == pytest.approx(0.004 * np.sqrt((1 + fade) / (1 - fade)), rel=0.2)
+
+
+def test_a_load_cell_that_counts_in_steps_is_never_noiseless():
+    time, force, travel = planted(np.random.default_rng(1), noise_N=0.0)
+    trace = trace_of((time, np.round(force / 0.01) * 0.01, travel))
+    assert air_noise(trace, first_touch(trace)).white_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
+
+
+def test_touch_is_found_where_it_is():
+    press = Press(onset_mm=1.0)
+    trace = trace_of(planted(np.random.default_rng(2), press=press))
+    assert trace.travel_mm[first_touch(trace)] == pytest.approx(1.0, abs=0.25)
+
+
+@pytest.mark.slow
+def test_nine_tenths_of_the_intervals_hold_the_truth():
+    rng = np.random.default_rng(11)
+    inside = {"g": [], "tau_s": [], "onset_mm": []}
+    ratio = []
+    for _ in range(50):
+        g, tau = rng.uniform(0.15, 0.55), np.exp(rng.uniform(np.log(0.8), np.log(15)))
+        onset = rng.uniform(0.1, 1.0)
+        press = Press(ramp_s=rng.uniform(2, 8), onset_mm=onset, unload=False, rate_hz=5.0)
+        E = np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
+        trace = trace_of(planted(rng, E_MPa=E, noise_N=12 * E / 500, press=press, g=(g,), tau_s=(tau,)))
+        one = fitted(trace, viscoelastic(1), rng=rng)
+        said = parameters_of(one)
+        ratio.append(np.exp(one.scaled[0]) / E)
+        for name, true in (("g", g), ("tau_s", tau), ("onset_mm", onset)):
+            low, high = said[name].interval
+            inside[name].append(low <= true <= high)
+    assert np.mean(list(inside.values())) == pytest.approx(0.9, abs=0.07)
+    assert np.median(ratio) == pytest.approx(1, abs=0.02)
+
+
+def test_two_arms_are_both_found():
+    rng = np.random.default_rng(4)
+    trace = trace_of(
+        planted(rng, noise_N=0.002, press=Press(hold_s=40.0, ramp_s=1.0), g=(0.3, 0.25), tau_s=(1.0, 15.0))
+    )
+    said = parameters_of(fitted(trace, viscoelastic(2), rng=rng))
+    assert said["g"].value == pytest.approx(0.3, rel=0.08)
+    assert said["g_2"].value == pytest.approx(0.25, rel=0.08)
+    assert said["tau_s"].value == pytest.approx(1.0, rel=0.08)
+    assert said["tau_2_s"].value == pytest.approx(15.0, rel=0.12)
+
+
+def test_recovery_after_unloading_is_foretold_from_the_hold():
+    rng = np.random.default_rng(6)
+    trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,)))
+    air = air_noise(trace, first_touch(trace))
+    end, blocks = foretell(fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng), trace, air)
+    assert np.array_equal(np.isfinite(end.before_N), future_frames(trace))
+    assert np.isfinite(blocks.after_N).all()
+    for told in (end, blocks):
+        before, after = told.rms(trace.force_N)
+        assert before > 5 * after
+
+
+def test_the_past_does_not_know_the_future():
+    rng = np.random.default_rng(8)
+    columns = planted(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0))
+    trace = trace_of(columns)
+    late = future_frames(trace)
+    changed = trace_of((columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2]))
+    air = AirNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    linear, named = fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng)
+    told = [foretell(linear, named, one, air)[0].after_N[late] for one in (trace, changed)]
+    assert told[0] == pytest.approx(told[1], abs=1e-3 * DEEPEST_MM)
