@@ -1,0 +1,119 @@
+"""`damage`: flesh that is softened for good where it once held much energy (Mullins).
+
+    sigma = (1 - D) C eps,  D = dmax (1 - exp(-Wmax / W0)),  Wmax = largest W so far,  W = eps : C : eps / 2
+
+C and W those of healthy flesh, small strain; discontinuous damage, driven by the largest energy (Simo 1987,
+"On a fully three-dimensional finite-strain viscoelastic damage model", Computer Methods in Applied Mechanics
+and Engineering 60). What one recording has damaged the next ones find so: they come in the order in which
+they were made.
+
+Signatures: one for each of a few W0, relative to the energy that the plain model sees; the amount is dmax.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
+from fem.mismatch.ground import Ground
+from fem.mismatch.path_frames import path_frames
+from fem.mismatch.small_strain import linear_stress, strain_energy
+from fem.mismatch.stress_history import PathState, settled
+
+DMAX, W0 = "dmax", "W0_over_E"
+PRIOR_SD = 0.3
+RELATIVE = (0.1, 0.4, 1.6)
+"""W0 of the signatures over the energy density that LARGE of the flesh exceeds at some time."""
+LARGE = 0.05
+FRAMES = 12
+
+
+@dataclass(frozen=True)
+class Damage:
+    """The effect; see the module."""
+
+    name: str = "damage"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name=DMAX, unit="1", low=0.02, high=0.95),
+        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One for each W0, its amount dmax."""
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        nu, s = ground.poisson_ratio, ground.compliance
+        pieces = FleshPieces.whole(ground.points)
+        level = _level(pieces, state, compliance=s, poisson_ratio=nu)
+        found = []
+        for relative in RELATIVE:
+            more = -state.response(pieces.forces(s * state.linear, _lost(1.0, relative * level, nu)))
+            fields = [Field(markers=own) for own in state.at_markers(more)]
+            found.append(
+                Signature(
+                    label=f"W0 {relative * level:.3g}",
+                    columns=(Column(name=DMAX, sd=PRIOR_SD, fields=fields),),
+                )
+            )
+        return found
+
+    def start(
+        self,
+        ground: Ground,  # noqa: ARG002
+        signature: Signature,
+        amounts: Float[np.ndarray, " k"],
+    ) -> dict[str, float]:
+        """The signature's W0. Damaged flesh strains more: dmax is less than the amount, x / (1 + x)."""
+        amount = max(float(amounts[0]), 0.0)
+        return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: float(signature.label.split()[1])}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+        """The law in the field that it itself brings."""
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        pieces = FleshPieces.whole(ground.points)
+        law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
+        more = settled(
+            state,
+            lambda moved: pieces.forces(moved, law),
+            compliance=ground.compliance,
+            stiffer=np.ones(len(state.linear)),
+            start=np.zeros_like(state.linear),
+        )
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement + own
+                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+            ]
+        )
+
+
+def damaged_share(
+    energy: Float[np.ndarray, "*x f"], dmax: float, W0_over_E: float
+) -> Float[np.ndarray, "*x f"]:
+    """D in frames in order of time, from W/E."""
+    return np.asarray(-dmax * np.expm1(-np.maximum.accumulate(energy, axis=-1) / W0_over_E))
+
+
+def _lost(dmax: float, W0_over_E: float, nu: float) -> PieceLaw:
+    """-D C eps."""
+
+    def law(gradient: Tensors) -> Tensors:
+        share = damaged_share(strain_energy(gradient, poisson_ratio=nu), dmax, W0_over_E)
+        return np.asarray(-share[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
+
+    return law
+
+
+def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_ratio: float) -> float:
+    """The W/E that LARGE of the flesh exceeds at some time in the plain model."""
+    energy = pieces.measured(
+        compliance * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=poisson_ratio)
+    )
+    return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
+
+
+EFFECT = Damage()

@@ -1,0 +1,129 @@
+"""`plastic_set`: flesh that yields where it is strained most, and keeps its new shape.
+
+    sigma = C (eps - eps_p),   f = sqrt(3/2 s : s) - (Y + H p) <= 0,   d eps_p = dp sqrt(3/2) s / |s|
+
+von Mises with a little isotropic hardening (H = HARDENING E), small strain, by radial return in every frame
+(Simo and Hughes 1998, "Computational Inelasticity", box 3.1). What one recording has set the next ones find
+so: they come in the order in which they were made, and a marker is compared with its own first touch in each.
+
+Signatures: one for each of a few Y, relative to the stress that the plain model sees; the law in the plain
+model's field, of which the amount is 1.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.assembly import unit_lame_constants
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
+from fem.mismatch.ground import Ground
+from fem.mismatch.path_frames import path_frames
+from fem.mismatch.small_strain import deviator, von_mises
+from fem.mismatch.stress_history import PathState, settled
+
+YIELD = "yield_over_E"
+HARDENING = 0.05
+"""Rise of the yield stress with plastic strain, over E."""
+PRIOR_SD = 1.0
+RELATIVE = (0.5, 0.7, 0.85)
+"""Y of the signatures over the stress that LARGE of the flesh exceeds at some time."""
+LARGE = 0.002
+MARGIN = 0.7
+"""Elements whose plain stress stays below this share of Y are left out: they do not yield."""
+FRAMES = 12
+
+
+@dataclass(frozen=True)
+class PlasticSet:
+    """The effect; see the module."""
+
+    name: str = "plastic_set"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One for each Y, its amount 1 where the law holds."""
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        stress, level = _stress_seen(ground, state)
+        found = []
+        for relative in RELATIVE:
+            Y = relative * level
+            pieces = FleshPieces.of(ground.points, stress > Y)
+            more = -state.response(
+                pieces.forces(ground.compliance * state.linear, _set(Y, ground.poisson_ratio))
+            )
+            fields = [Field(markers=own) for own in state.at_markers(more)]
+            found.append(
+                Signature(label=f"Y {Y:.4g}", columns=(Column(name="set", sd=PRIOR_SD, fields=fields),))
+            )
+        return found
+
+    def start(
+        self,
+        ground: Ground,  # noqa: ARG002
+        signature: Signature,
+        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+    ) -> dict[str, float]:
+        """The signature's Y."""
+        return {YIELD: float(signature.label.split()[1])}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+        """The law in the field that it itself brings."""
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        Y = parameters[YIELD]
+        pieces = FleshPieces.of(ground.points, _stress_seen(ground, state)[0] > MARGIN * Y)
+        law = _set(Y, ground.poisson_ratio)
+        more = settled(
+            state,
+            lambda moved: pieces.forces(moved, law),
+            compliance=ground.compliance,
+            stiffer=np.ones(len(state.linear)),
+            start=np.zeros_like(state.linear),
+        )
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement + own
+                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+            ]
+        )
+
+
+def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: float) -> Tensors:
+    """eps_p in frames in order of time, none before the first."""
+    mu = unit_lame_constants(poisson_ratio)[0]
+    shear = deviator(gradient)
+    plastic = np.zeros_like(shear[..., :1])
+    hardened = np.zeros_like(plastic[:, :, 0, 0])
+    for k in range(shear.shape[-1]):
+        elastic = shear[..., k : k + 1] - plastic
+        size = von_mises(elastic, poisson_ratio=poisson_ratio)
+        flow = np.maximum(size - yield_over_E - HARDENING * hardened, 0.0) / (3 * mu + HARDENING)
+        hardened += flow
+        plastic += (3 * mu * flow / np.maximum(size, 1e-30))[:, :, None, None] * elastic
+        shear[..., k : k + 1] = plastic
+    return shear
+
+
+def _set(yield_over_E: float, nu: float) -> PieceLaw:
+    """-C eps_p."""
+    mu = unit_lame_constants(nu)[0]
+    return lambda gradient: -2 * mu * plastic_strain(gradient, yield_over_E, poisson_ratio=nu)
+
+
+def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
+    """Largest von Mises stress over E in each element in the plain model; what LARGE of the flesh exceeds."""
+    nu = ground.poisson_ratio
+    pieces = FleshPieces.whole(ground.points)
+    largest = pieces.measured(
+        ground.compliance * state.linear, lambda gradient: von_mises(deviator(gradient), poisson_ratio=nu)
+    ).max(axis=-1)
+    return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
+
+
+EFFECT = PlasticSet()

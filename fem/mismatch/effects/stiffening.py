@@ -1,0 +1,143 @@
+"""`stiffening`: flesh that grows stiffer the more it is strained.
+
+    P(F) = exp(b W / mu) P_nh,     P_nh = mu (F - F^-T) + lambda ln(J) F^-T = dW/dF,
+    W = mu/2 (F : F - 3 - 2 ln J) + lambda/2 (ln J)^2,      F = I + grad u,  J = det F
+
+the exponential of Fung (1967, "Elasticity of soft tissues in simple elongation", American Journal of
+Physiology 213) on the Neo-Hookean law in the form of Bonet and Wood (2008, "Nonlinear Continuum Mechanics for
+Finite Element Analysis", eq. 6.28). Where it stiffens much, strains of a tenth are in play, and small strains
+would ask for a b an eighth too large.
+
+Signature: b W/mu times the linear stress, W of small strain, in the plain model's field. It exaggerates: the
+field itself gives way less for it. The start takes the b at which the plain field, shrunk as a whole, does
+the same work.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.assembly import unit_lame_constants
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.flesh_pieces import FleshPieces, Tensors
+from fem.mismatch.ground import Ground
+from fem.mismatch.path_frames import path_frames
+from fem.mismatch.small_strain import linear_stress, on_diagonal, strain_energy, trace
+from fem.mismatch.stress_history import PathState, settled
+
+B = "b"
+PRIOR_SD = 30.0
+FRAMES = 8
+STEEPEST = 4.0
+"""b W/mu above which the exponential goes on as a straight line: no round of the search may run away."""
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """The effect; see the module."""
+
+    name: str = "stiffening"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True),)
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One, its amount b."""
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        nu, s = ground.poisson_ratio, ground.compliance
+        mu = unit_lame_constants(nu)[0]
+
+        def law(gradient: Tensors) -> Tensors:
+            grown = strain_energy(gradient, poisson_ratio=nu) / mu
+            return np.asarray(grown[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
+
+        more = -state.response(FleshPieces.whole(ground.points).forces(s * state.linear, law))
+        fields = [Field(markers=own) for own in state.at_markers(more)]
+        return [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, fields=fields),))]
+
+    def start(
+        self,
+        ground: Ground,  # noqa: ARG002
+        signature: Signature,  # noqa: ARG002
+        amounts: Float[np.ndarray, " k"],
+    ) -> dict[str, float]:
+        """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
+        return {B: float(np.clip(amounts[0], 1.0, 200.0))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+        """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
+        b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        pieces = FleshPieces.whole(ground.points)
+        shrunk, steepest = _shrunk(pieces, state, b, s, nu)
+
+        def law(gradient: Tensors) -> Tensors:
+            return np.asarray(
+                fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
+            )
+
+        more = settled(
+            state,
+            lambda moved: pieces.forces(moved, law),
+            compliance=s,
+            stiffer=steepest,
+            start=(shrunk - 1)[:, None, None] * state.linear,
+        )
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement + own
+                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+            ]
+        )
+
+
+def fung_neo_hookean(gradient: Tensors, b: float, *, poisson_ratio: float) -> Tensors:
+    """First Piola stress for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    F = on_diagonal(gradient.copy(), np.ones_like(gradient[:, :, 0, 0]))
+    cofactor = np.empty_like(F)
+    for j in range(3):
+        for i in range(3):
+            p, q, r, s = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            cofactor[:, :, j, i] = F[:, :, p, r] * F[:, :, q, s] - F[:, :, p, s] * F[:, :, q, r]
+    J = np.maximum((F[:, :, 0] * cofactor[:, :, 0]).sum(axis=2), 1e-2)
+    log_J = np.log(J)
+    # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
+    energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
+    factor = _exponential(b * energy)
+    F *= (mu * factor)[:, :, None, None]
+    F += (factor * (lame * log_J - mu) / J)[:, :, None, None] * cofactor
+    return F
+
+
+def _exponential(x: Float[np.ndarray, "*x"]) -> Float[np.ndarray, "*x"]:
+    """exp(x), beyond STEEPEST as its tangent there."""
+    near = np.minimum(x, STEEPEST)
+    return np.asarray(np.exp(near) * (1 + x - near))
+
+
+def _shrunk(
+    pieces: FleshPieces, state: PathState, b: float, compliance: float, nu: float
+) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
+    """By how much the linear field shrinks as a whole, and the stiffness then at all but 1 % of the points.
+
+    a + sum over points of a W expm1(b a^2 W/mu) over that of W = 1, small strain.
+    """
+    mu = unit_lame_constants(nu)[0]
+    energy = pieces.measured(
+        compliance * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu)
+    )
+    x, v = b / mu * energy.reshape(-1, len(state.linear)).T, pieces.volume_mm3.ravel()
+    whole = np.maximum(x @ v, 1e-300)
+    low, high = np.zeros(len(x)), np.ones(len(x))
+    for _ in range(12):
+        a = (low + high) / 2
+        over = a * ((x * _exponential(a[:, None] ** 2 * x)) @ v) / whole > 1
+        low, high = np.where(over, low, a), np.where(over, a, high)
+    top = np.quantile(x, 0.99, axis=1) * a**2
+    return a, _exponential(top) * (1 + 2 * top)
+
+
+EFFECT = Stiffening()

@@ -1,0 +1,109 @@
+"""How fruit moves under measured forces when its stress is not the linear one: found with one factor.
+
+    K0 v + B' d(s v, history) / s = L f,        v = u / s = E u
+
+d: what the law's stress (for E = 1 MPa) has beyond the linear one, a function of the strain of all frames up
+to now. With v0 the linear answer, every round asks
+
+    v <- v + (v0 - K0^-1 B' d(s v) / s - v) / k
+
+for all frames of all recordings at once, the whole history being that of the round before. k, per frame, is
+half of the largest stiffness over the linear one (1 for a law that softens): below that the round would
+overshoot. Rounds are accelerated by mixing the last few (Anderson 1965, "Iterative procedures for nonlinear
+integral equations", Journal of the ACM 12), each frame on its own.
+Source of the scheme: Kachanov's method of variable elasticity parameters, with the initial stiffness.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Baseline, Seen
+from fem.mismatch.path_frames import PathFrames
+
+ROUNDS, MEMORY = 12, 4
+CLOSE_MM = 1e-3
+"""Rounds end when no node of the skin moves more than this from one to the next."""
+
+Departure = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
+"""Displacement (mm) in all frames in order of time to nodal forces B' d of unit modulus."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathState:
+    """The chosen frames of all recordings one after the other. `linear`: v0; `first` of each recording."""
+
+    base: Baseline
+    frames: tuple[PathFrames, ...]
+    linear: Float[np.ndarray, "f n 3"]
+
+    @classmethod
+    def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
+        """Under the recordings' forces."""
+        fields = [_combined(seen, own) for seen, own in zip(base.grasps, frames, strict=True)]
+        return cls(base=base, frames=frames, linear=np.concatenate(fields))
+
+    @property
+    def first(self) -> list[int]:
+        """Where each recording begins among the frames, and the end."""
+        return [0, *np.cumsum([len(own.chosen) for own in self.frames]).tolist()]
+
+    def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """K0^-1 of nodal forces, each recording with its own support."""
+        found = np.empty_like(force)
+        for seen, a, b in zip(self.base.grasps, self.first, self.first[1:], strict=False):
+            found[a:b] = self.base.solid_of(seen).displacement(force[a:b])
+        return found
+
+    def at_markers(self, field: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
+        """Of every recording, in all frames used."""
+        found = []
+        for seen, own, a, b in zip(self.base.grasps, self.frames, self.first, self.first[1:], strict=False):
+            seen_at = seen.at_markers(field[a:b][:, self.base.solid_of(seen).contact_nodes])
+            found.append(np.tensordot(own.mix, seen_at, axes=1))
+        return found
+
+
+def _combined(seen: Seen, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
+    return np.asarray(np.tensordot(seen.shares[own.chosen], seen.moved, axes=1))
+
+
+def settled(
+    state: PathState,
+    departure: Departure,
+    *,
+    compliance: float,
+    stiffer: Float[np.ndarray, " f"],
+    start: Float[np.ndarray, "f n 3"],
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess."""
+    skin = state.base.mesh.outer_nodes
+    slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
+    more, tried, steps = start, [], []
+    for _ in range(ROUNDS):
+        answer = -state.response(departure(compliance * (state.linear + more))) / compliance
+        step = (answer - more) / slower
+        if compliance * np.abs((step * slower)[:, skin]).max() < CLOSE_MM:
+            return np.asarray(more + step)
+        tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
+        more = _mixed(tried, steps, skin)
+    return more
+
+
+def _mixed(
+    tried: Sequence[Float[np.ndarray, "f n 3"]], steps: Sequence[Float[np.ndarray, "f n 3"]], skin: np.ndarray
+) -> Float[np.ndarray, "f n 3"]:
+    """The next try: each frame's mix of those so far whose step is least at the skin, and that step."""
+    more = tried[-1] + steps[-1]
+    if len(steps) == 1:
+        return np.asarray(more)
+    last = steps[-1][:, skin].reshape(len(more), -1)
+    changes = np.stack([step[:, skin].reshape(len(more), -1) - last for step in steps[:-1]], axis=1)
+    gram = changes @ np.swapaxes(changes, 1, 2)
+    size = np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-30
+    shares = np.linalg.solve(gram + 1e-8 * size * np.eye(len(gram[0])), changes @ last[..., None])[..., 0]
+    for k, (one, step) in enumerate(zip(tried[:-1], steps[:-1], strict=True)):
+        more = more - shares[:, k, None, None] * (one + step - tried[-1] - steps[-1])
+    return np.asarray(more)
