@@ -19,11 +19,14 @@ from fem.forward import Support, UnitModulusSolid
 from fem.mesh import FleshMesh
 from fem.mismatch.case import GraspCase, MismatchCase
 from fem.modulus_fit import MarkerTracks
+from fem.modulus_noise import variance_inflation
 from fem.modulus_response import SMALLEST_SD_MM
 from fem.modulus_thinning import loaded_frames, spacing
 from fem.pad_link import PadLink, pad_link
 
-MOST_PATTERNS = 10
+MOST_PATTERNS, ABOVE_NOISE = 10, 1.5
+PROBES = 8
+"""Random draws of errors of single markers' forces, from which the unevenness that they bring is taken."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +35,9 @@ class Seen:
 
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces as
     recorded, `patterns` and `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm
-    MPa. `pose`: of each pad in these frames.
+    MPa, `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame;
+    `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from
+    errors of single markers' forces: their scales, and what noise is left in the patterns.
     """
 
     case: GraspCase
@@ -43,7 +48,10 @@ class Seen:
     patterns: Float[np.ndarray, "r n 3"]
     shares: Float[np.ndarray, "f r"]
     moved: Float[np.ndarray, "r m 3"]
+    response: Float[np.ndarray, "r n 3"]
     pose: Float[np.ndarray, "p f 4 4"]
+    load: Float[np.ndarray, " f"]
+    uneven: Float[np.ndarray, "n 3"]
 
     @property
     def time_s(self) -> Float[np.ndarray, " f"]:
@@ -60,10 +68,9 @@ class Seen:
         """Names of the pads in order."""
         return tuple(pad.name for pad in self.case.history.pads)
 
-    @property
-    def nodal_N(self) -> Float[np.ndarray, "r c 3"]:
-        """The patterns' forces on the skin's nodes."""
-        return _nodal(self.links, self.case, self.patterns)
+    def nodal_of(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r c 3"]:
+        """Forces on the markers as forces on the skin's nodes."""
+        return _nodal(self.links, self.case, force_N)
 
     def at_markers(self, moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers where the skin's nodes move so."""
@@ -109,19 +116,31 @@ def baseline(case: MismatchCase) -> Baseline:
             # No compliance of contact nodes is condensed here: the skin only gives places their numbers.
             solids[grasp.support] = replace(solid, contact_nodes=np.sort(case.mesh.outer_nodes))
     return Baseline(
-        case=case, solids=solids, grasps=tuple(_seen(grasp, solids[grasp.support]) for grasp in case.grasps)
+        case=case,
+        solids=solids,
+        grasps=tuple(
+            _seen(grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd)
+            for grasp in case.grasps
+        ),
     )
 
 
-def _seen(case: GraspCase, solid: UnitModulusSolid) -> Seen:
+def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
     history = case.history
     used = loaded_frames(history)
     force = np.concatenate([pad.force_N[used] for pad in history.pads], axis=1)
-    patterns, shares = _patterns(force, max(pad.force_sd_N for pad in history.pads))
+    sd_N = max(pad.force_sd_N for pad in history.pads)
+    sd_N *= float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
+    patterns, shares = _patterns(force, sd_N)
     links = tuple(pad_link(pad, solid) for pad in history.pads)
-    loads = np.zeros((len(patterns), len(solid.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = _nodal(links, case, patterns)
-    moved = solid.displacement(loads)
+    size = np.linalg.norm(force, axis=2).sum(axis=1)
+    rng = np.random.default_rng(0)
+    uneven = force_scale_sd * rng.normal(size=(PROBES, force.shape[1], 1))
+    uneven = uneven * np.tensordot(shares[size.argmax()], patterns, axes=1)
+    uneven += sd_N * _left_of_noise(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
+    moved, probed = np.split(solid.displacement(loads), [len(patterns)])
     on_skin = moved[:, solid.contact_nodes]
     response = np.concatenate([link.seen(on_skin) for link in links], axis=1)
     counts = [len(pad.rest_mm) for pad in history.pads]
@@ -147,8 +166,29 @@ def _seen(case: GraspCase, solid: UnitModulusSolid) -> Seen:
         patterns=patterns,
         shares=shares,
         moved=moved,
+        response=response,
         pose=np.stack([pad.pose[used] for pad in case.pads]),
+        load=size / size.max(),
+        uneven=_spread(links, probed[:, solid.contact_nodes]),
     )
+
+
+def _left_of_noise(shares: Float[np.ndarray, "f r"], frame: int) -> float:
+    """Noise of one marker's force in one frame of the patterns, over its noise as recorded.
+
+    A pattern's own noise is that of a mean over the frames in which it acts.
+    """
+    return float(np.linalg.norm(shares[frame] / np.linalg.norm(shares, axis=0)))
+
+
+def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "n 3"]:
+    """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
+    found = []
+    for link in links:
+        seen = link.seen(moved)
+        own = seen - seen.mean(axis=1, keepdims=True)
+        found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
+    return np.concatenate(found)
 
 
 def _patterns(
@@ -157,7 +197,7 @@ def _patterns(
     """The leading patterns that exceed what noise alone would make (Marchenko and Pastur 1967)."""
     flat = force_N.reshape(len(force_N), -1)
     left, size, right = np.linalg.svd(flat, full_matrices=False)
-    above = size[:MOST_PATTERNS] > sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
+    above = size[:MOST_PATTERNS] > ABOVE_NOISE * sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
     count = max(1, int(above.sum()))
     return right[:count].reshape(count, -1, 3), left[:, :count] * size[:count]
 

@@ -1,23 +1,41 @@
 """What effects build their signatures from: the plain model's fit, and strains of the whole flesh."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from jaxtyping import Float
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.sight import Sight
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Ground:
-    """`compliance` is s = 1/E (1/MPa) of the plain model."""
+    """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once."""
 
     base: Baseline
     compliance: float
+    memory: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    def kept(self, key: object, compute: Callable[[], T]) -> T:
+        """What `compute` gives, computed once for each key."""
+        if key not in self.memory:
+            self.memory[key] = compute()
+        found: T = self.memory[key]
+        return found
+
+    @property
+    def stiffness(self) -> csr_array:
+        """K0 of the flesh, all nodes."""
+        return next(iter(self.base.solids.values())).stiffness
 
     @property
     def poisson_ratio(self) -> float:

@@ -69,6 +69,21 @@ def ball_stiffness(
     return csr_array(coo_array((stiffness.ravel(), (row, column)), shape=(size, size)).tocsr())
 
 
+def drop_of(ratio: float, poisson_ratio: float) -> float:
+    """The amount x of the first-order field K0^-1 K1 U that a ball of this ratio comes to.
+
+    Inside a soft ball the flesh strains more. In an unbounded body under a constant strain
+
+        x = (1 - ratio) / (1 - beta (1 - ratio)),      beta = 2 (4 - 5 nu) / (15 (1 - nu))
+
+    for strains that change shape, not volume, as flesh does. Source: Eshelby, "The determination of the
+    elastic field of an ellipsoidal inclusion, and related problems", Proceedings of the Royal Society A 241,
+    1957.
+    """
+    beta = 2 * (4 - 5 * poisson_ratio) / (15 * (1 - poisson_ratio))
+    return (1 - ratio) / (1 - beta * (1 - ratio))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Softened:
     """The reduced space of a ball: V1 and V2 for each of r loads, and the moments U0' K1 V_p, p = 0 to 4.

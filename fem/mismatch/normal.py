@@ -27,57 +27,78 @@ from fem.modulus_fit import (
 )
 from fem.modulus_noise import variance_inflation
 
-MARKER_EXCESS = 1.6
+MARKER_EXCESS = 3.0
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
 
 
 @dataclass(frozen=True)
 class MarkerEquations:
-    """W of one recording's markers, in the form in which it is applied."""
+    """W of one recording's markers, in the form in which it is applied.
+
+    `every_frame`: fields that each frame has any amount of: the fruit's rigid motion, where it moves, and the
+    response to what noise adds to each force pattern. `own`: four fields that each marker may have any amount of, with their priors' weight in `inverse`: its gel
+    displacement (a scale error), and a shift along x, y, z that grows with the load (what scale errors of the
+    forces around it bring). `inverse`: (own' V own + L)^-1; `along`: own' V times `every_frame`.
+    """
 
     tracks: MarkerTracks
     weight: Float[np.ndarray, " n"]
-    rigid: Float[np.ndarray, "n 3 6"]
-    stiffness: Float[np.ndarray, " n"]
-    gel: Float[np.ndarray, "f n 3"]
-    along: Float[np.ndarray, "n m"]
+    every_frame: Float[np.ndarray, "n 3 k"]
+    own: Float[np.ndarray, "f n 3 4"]
+    inverse: Float[np.ndarray, "n 4 4"]
+    along: Float[np.ndarray, "n 4 m"]
     motions: tuple[np.ndarray, bool]
-    fruit_moves: bool
 
     @classmethod
-    def of(cls, tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) -> "MarkerEquations":
-        """`scale_sd`: relative scale errors of markers; `fruit_moves`: nothing holds the fruit."""
+    def of(cls, seen: Seen, *, compliance: float, gel_scale_sd: float) -> "MarkerEquations":
+        """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement."""
+        tracks = seen.tracks
         weight = marker_weight(tracks) / MARKER_EXCESS
-        rigid = rigid_motion(tracks.place_mm)
-        gel = about_episode_mean(tracks.gel_displacement_mm, tracks.episode)
-        stiffness = np.einsum("n,tnx,tnx->n", weight, gel, gel, optimize=True) + 1 / scale_sd**2
-        turned = np.einsum("n,nxl,tnx->ntl", weight, rigid, gel, optimize=True).reshape(len(weight), -1)
-        normal = motion_equations(rigid, weight, tracks.episode)
-        normal -= turned.T @ (turned / stiffness[:, None])
-        normal[np.diag_indices_from(normal)] += 1 / GAUGE_SD_MM**2
-        return cls(tracks, weight, rigid, stiffness, gel, turned, cho_factor(normal), fruit_moves)
+        noise_N = max(pad.force_sd_N for pad in seen.case.history.pads)
+        noise_N *= float(np.sqrt(variance_inflation(tracks.lag1).mean()))
+        felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
+        free = seen.case.support == "free"
+        every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
+        load = np.broadcast_to(seen.load[:, None, None], tracks.position_mm.shape)
+        grows = about_episode_mean(load, tracks.episode)
+        own = np.concatenate(
+            [
+                about_episode_mean(tracks.gel_displacement_mm, tracks.episode)[..., None],
+                grows[..., None] * np.eye(3),
+            ],
+            axis=3,
+        )
+        scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * seen.uneven])
+        normal = np.einsum("n,tnxa,tnxb->nab", weight, own, own, optimize=True)
+        normal[:, np.arange(4), np.arange(4)] += scale**-2
+        inverse = np.linalg.inv(normal)
+        along = np.einsum("n,tnxa,nxl->natl", weight, own, every_frame, optimize=True).reshape(
+            len(weight), 4, -1
+        )
+        equations = motion_equations(every_frame, weight, tracks.episode)
+        equations -= np.einsum("nak,nal->kl", along, inverse @ along, optimize=True)
+        prior = np.ones(every_frame.shape[2])
+        if free:
+            prior[:6] = GAUGE_SD_MM**-2
+        equations[np.diag_indices_from(equations)] += np.tile(prior, len(tracks.position_mm))
+        return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations))
 
     def weighed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """W phi, 1/mm for a field in mm; its sum with another field is their product."""
-        own = about_episode_mean(field, self.tracks.episode)
-        return np.asarray(self.weight[:, None] * (own - self._explained(own)))
+        return np.asarray(self.weight[:, None] * self.left(field))
 
     def left(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """What motions, scales and places leave of a field, mm."""
-        own = about_episode_mean(field, self.tracks.episode)
-        return np.asarray(own - self._explained(own))
-
-    def _explained(self, own: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """What motions and scales explain of a field whose contacts' means are zero."""
-        weighted = self.weight[:, None] * own
-        seen = np.einsum("tnx,tnx->n", weighted, self.gel)
-        if not self.fruit_moves:
-            return np.asarray((seen / self.stiffness)[:, None] * self.gel)
-        right = np.einsum("nxl,tnx->tl", self.rigid, weighted, optimize=True).ravel()
-        motion = cho_solve(self.motions, right - self.along.T @ (seen / self.stiffness))
-        scale = (seen - self.along @ motion) / self.stiffness
-        moved = np.einsum("nxl,tl->tnx", self.rigid, motion.reshape(-1, 6), optimize=True)
-        return about_episode_mean(moved, self.tracks.episode) + scale[:, None] * self.gel
+        """What motions, scales and places leave of a field, mm; zero out of contact."""
+        mine = about_episode_mean(field, self.tracks.episode)
+        weighted = self.weight[:, None] * mine
+        seen = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
+        amounts = (self.inverse @ seen[..., None])[..., 0]
+        right = np.einsum("nxl,tnx->tl", self.every_frame, weighted, optimize=True)
+        motion = cho_solve(self.motions, right.ravel() - np.einsum("nam,na->m", self.along, amounts))
+        amounts -= (self.inverse @ (self.along @ motion)[..., None])[..., 0]
+        moved = np.einsum("nxl,tl->tnx", self.every_frame, motion.reshape(right.shape), optimize=True)
+        mine = mine - about_episode_mean(moved, self.tracks.episode)
+        return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
 
 
 SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3

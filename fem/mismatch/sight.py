@@ -92,7 +92,6 @@ def _grasp_sight(base: Baseline, seen: Seen, points: FleshStrain, compliance: fl
         seen,
         compliance=compliance,
         gel_scale_sd=budget.gel_scale_sd,
-        force_scale_sd=budget.force_scale_sd,
     )
     shapes, share = _polynomials(seen), seen.shares[:, 0]
     waves = share[:, None, None] * shapes[:, None]

@@ -81,7 +81,9 @@ def settled(
     """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess."""
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
-    more, tried, steps = start, [], []
+    more = start
+    tried: list[Float[np.ndarray, "f n 3"]] = []
+    steps: list[Float[np.ndarray, "f n 3"]] = []
     for _ in range(ROUNDS):
         answer = -state.response(departure(compliance * (state.linear + more))) / compliance
         step = (answer - more) / slower

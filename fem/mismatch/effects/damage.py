@@ -45,7 +45,7 @@ class Damage:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
         nu, s = ground.poisson_ratio, ground.compliance
         pieces = FleshPieces.whole(ground.points)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
@@ -73,7 +73,7 @@ class Damage:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """The law in the field that it itself brings."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
         pieces = FleshPieces.whole(ground.points)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
         more = settled(

@@ -49,7 +49,7 @@ class PlasticSet:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each Y, its amount 1 where the law holds."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
         stress, level = _stress_seen(ground, state)
         found = []
         for relative in RELATIVE:
@@ -75,7 +75,7 @@ class PlasticSet:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """The law in the field that it itself brings."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
         Y = parameters[YIELD]
         pieces = FleshPieces.of(ground.points, _stress_seen(ground, state)[0] > MARGIN * Y)
         law = _set(Y, ground.poisson_ratio)

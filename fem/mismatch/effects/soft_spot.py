@@ -3,14 +3,7 @@
     K = K0 - (1 - ratio) K1,      K1 the stiffness of the flesh inside
 
 Signature: K0^-1 K1 U0, at the few places where it explains best what the plain model leaves (fem.mismatch.
-spot_search). Its amount is not 1 - ratio: inside a soft ball the flesh strains more. In an unbounded body
-under a constant strain the amount is
-
-    x = (1 - ratio) / (1 - beta (1 - ratio)),      beta = 2 (4 - 5 nu) / (15 (1 - nu))
-
-(Eshelby 1957, "The determination of the elastic field of an ellipsoidal inclusion, and related problems",
-Proceedings of the Royal Society A 241: the part that changes shape, which is what flesh does); this is where
-the search with the nonlinear model (fem.mismatch.inclusion) starts.
+spot_search). Its amount is not 1 - ratio (drop_of).
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +16,7 @@ from scipy.sparse import csr_array
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
-from fem.mismatch.inclusion import ball_stiffness
+from fem.mismatch.inclusion import ball_stiffness, drop_of
 from fem.mismatch.spot_response import softened, to_first_order
 from fem.mismatch.spot_search import Spot, best_spots
 
@@ -87,12 +80,6 @@ class SoftSpot:
 
 
 EFFECT = SoftSpot()
-
-
-def drop_of(ratio: float, poisson_ratio: float) -> float:
-    """x of the module's docstring."""
-    beta = 2 * (4 - 5 * poisson_ratio) / (15 * (1 - poisson_ratio))
-    return (1 - ratio) / (1 - beta * (1 - ratio))
 
 
 def label_of(spot: Spot) -> str:

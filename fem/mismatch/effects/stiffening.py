@@ -45,7 +45,7 @@ class Stiffening:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One, its amount b."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=False))
         nu, s = ground.poisson_ratio, ground.compliance
         mu = unit_lame_constants(nu)[0]
 
@@ -69,7 +69,7 @@ class Stiffening:
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES))
+        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=False))
         pieces = FleshPieces.whole(ground.points)
         shrunk, steepest = _shrunk(pieces, state, b, s, nu)
 

@@ -1,26 +1,81 @@
 """`viscoelastic`: the flesh relaxes.  E(t) = E (1 - g + g exp(-t / tau))
 
 With Poisson's ratio constant every displacement under given forces is the elastic one, crept (correspondence
-principle; Christensen 1982, Theory of Viscoelasticity, chapter 2): for one arm
+principle; Christensen 1982, Theory of Viscoelasticity, chapter 2):
 
     u(t) = s [c(t) + g / (1 - g) (c(t) - h(t))],      h' = (c - h) (1 - g) / tau
 
-h lags behind c with the retardation time tau / (1 - g). Signature: the same for g -> 0.
+s = 1/E of the first instant. Signature: the same for g -> 0, for a row of tau.
 """
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground, over_all_frames
+from fem.mismatch.lagging import lagging
 
-def lagging(
-    values: Float[np.ndarray, "t n 3"], time_s: Float[np.ndarray, " t"], retardation_s: float
-) -> Float[np.ndarray, "t n 3"]:
-    """h with h' = (c - h) / retardation, exact where c runs in straight lines between frames; h = c at first."""
-    lag = np.empty_like(values)
-    lag[0] = values[0]
-    for k in range(1, len(values)):
-        x = (time_s[k] - time_s[k - 1]) / retardation_s
-        fade = np.exp(-x)
-        mean = -np.expm1(-x) / x
-        lag[k] = fade * lag[k - 1] + (mean - fade) * values[k - 1] + (1 - mean) * values[k]
-    return lag
+TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
+
+
+@dataclass(frozen=True)
+class Viscoelastic:
+    """One relaxing arm."""
+
+    name: str = "viscoelastic"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name="g", unit="1", low=0.01, high=0.95),
+        ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """g / (1 - g) (c - h), one for each tau."""
+        return [
+            Signature(
+                label=f"tau {tau:g} s",
+                columns=(
+                    Column(
+                        name=f"g, tau {tau:g} s",
+                        sd=0.5,
+                        fields=[Field(markers=ground.compliance * crept) for crept in _crept(ground, tau)],
+                    ),
+                ),
+            )
+            for tau in TAUS_S
+        ]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """From the retarded share and time to those of relaxation."""
+        ratio = float(np.clip(amounts[0], 0.02, 5.0))
+        g = ratio / (1 + ratio)
+        return {"g": g, "tau_s": float(signature.label.split()[1]) * (1 - g)}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """Exact for force histories that run straight between frames."""
+        g, tau_s = parameters["g"], parameters["tau_s"]
+        crept = _crept(ground, tau_s / (1 - g))
+        grasps = ground.base.grasps
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement + g / (1 - g) * own
+                for seen, own in zip(grasps, crept, strict=True)
+            ]
+        )
+
+
+def _crept(ground: Ground, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
+    found = []
+    for seen in ground.base.grasps:
+        whole = over_all_frames(seen, seen.tracks.unit_displacement)
+        found.append((whole - lagging(whole, seen.case.history.time_s, retardation_s))[seen.used])
+    return found
+
+
+EFFECT = Viscoelastic()

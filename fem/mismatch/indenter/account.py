@@ -74,7 +74,7 @@ def account_for(
     found = detect(fits[0], trace, air, log_odds=log_odds_of_any(fits), rng=rng)
     verdict = verdict_of(candidates, best, p_value=found.p_value)
     named = fits[0] if verdict == NONE else best[candidates[0].effect]
-    end, blocks = foretell(fits[0], best[candidates[0].effect], trace, air)
+    end, blocks = foretell(fits[0], named, trace, air)
     rms = end.rms(trace.force_N)
     out = np.isfinite(end.before_N)
     noise = air.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
@@ -99,7 +99,7 @@ def account_for(
     return Account(
         explanation=explanation,
         linear=fits[0],
-        named=best[candidates[0].effect],
+        named=named,
         end=end,
         blocks=blocks,
         air=air,

@@ -13,35 +13,35 @@ from fem.mismatch.indenter.trace import IndenterTrace
 
 #: frames of a press that is only thought of
 FRAMES = 240
-Path = Callable[[float, float, float], tuple[list[float], list[float]]]
+Path = Callable[[float, float], tuple[list[float], list[float]]]
 
-#: words of each press, and its corners: times (s) and travels over the deepest, from ramp, hold and depth
+#: words of each press, and its corners: times (s) and travels over the deepest, from ramp and hold
 PRESSES: dict[str, Path] = {
     "the same press, then draw the ball back as fast as it went in and record two more minutes": (
-        lambda ramp, hold, _: (
+        lambda ramp, hold: (
             [0, ramp, ramp + hold, 2 * ramp + hold, 2 * ramp + hold + 120],
             [0, 1, 1, 0, 0],
         )
     ),
     "press twice at the same spot to the same depth, one minute apart": (
-        lambda ramp, hold, _: (
+        lambda ramp, hold: (
             [0, ramp, ramp + hold, 2 * ramp + hold, 2 * ramp + hold + 60, 3 * ramp + hold + 60],
             [0, 1, 1, 0, 0, 1],
         )
     ),
     "press in five steps, holding each as long as the last hold": (
-        lambda ramp, hold, _: (
+        lambda ramp, hold: (
             [x for k in range(5) for x in (k * (ramp / 5 + hold), k * (ramp / 5 + hold) + ramp / 5)],
             [x for k in range(5) for x in (k / 5, (k + 1) / 5)],
         )
     ),
-    "the same press ten times slower": lambda ramp, hold, _: ([0, 10 * ramp, 10 * ramp + hold], [0, 1, 1]),
-    "the same press ten times faster": lambda ramp, hold, _: ([0, ramp / 10, ramp / 10 + hold], [0, 1, 1]),
+    "the same press ten times slower": lambda ramp, hold: ([0, 10 * ramp, 10 * ramp + hold], [0, 1, 1]),
+    "the same press ten times faster": lambda ramp, hold: ([0, ramp / 10, ramp / 10 + hold], [0, 1, 1]),
     "the same press with a hold ten times as long": (
-        lambda ramp, hold, _: ([0, ramp, ramp + 10 * hold], [0, 1, 1])
+        lambda ramp, hold: ([0, ramp, ramp + 10 * hold], [0, 1, 1])
     ),
     "leave the ball in the air for a minute before the same press": (
-        lambda ramp, hold, _: ([0, 60, 60 + ramp, 60 + ramp + hold], [-0.01, 0, 1, 1])
+        lambda ramp, hold: ([0, 60, 60 + ramp, 60 + ramp + hold], [-0.01, 0, 1, 1])
     ),
 }
 
@@ -60,7 +60,7 @@ def next_press(remaining: list[Fit], trace: IndenterTrace, air: AirNoise) -> str
     ramp, deepest = max(last - first, 0.1), float(np.ptp(trace.travel_mm))
     worst: dict[str, float] = {}
     for words, corners in PRESSES.items():
-        times, shares = corners(ramp, max(hold, ramp), deepest)
+        times, shares = corners(ramp, max(hold, ramp))
         press = _press(times, shares, trace, deepest)
         worst[words] = min(
             min(_distance(a, b, press, air), _distance(b, a, press, air))

@@ -14,8 +14,8 @@ NAME = "stiffening"
 EFFECT = Effect(
     name=NAME, unknowns=(Unknown(name="b", unit="1", scale="log", mean=float(np.log(3.0)), sd=1.2),)
 )
-#: how much of the excess the field escapes by spreading, measured with finite elements
-ESCAPE = 1.7
+#: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
+ESCAPE = 0.19
 #: largest b depth/R of the table
 LARGEST = 100.0
 
@@ -27,7 +27,7 @@ def stiffening_share(
     on a half-space, BallOnSlab.energy_strain in general.
 
     In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound; the true field
-    spreads from where flesh stiffens: 1 + e/(1 + 1.7 e) follows finite elements (the tests say how closely).
+    spreads from where flesh stiffens: (1 + e/0.19)^0.19 follows finite elements (the tests say how closely).
     Source: Fung, "Elasticity of soft tissues in simple elongation", Am. J. Physiol. 213, 1967; its spreading:
     energy_share.
     """
@@ -41,4 +41,4 @@ def _log_share(poisson_ratio: float) -> CubicSpline:
     s = LARGEST * np.linspace(0, 1, 200)[1:] ** 2
     grown = s[:, None] * w
     excess = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio) - 1
-    return CubicSpline(np.r_[0, s], np.r_[0, np.log1p(excess / (1 + ESCAPE * excess))])
+    return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])

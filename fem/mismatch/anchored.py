@@ -1,0 +1,53 @@
+"""A response that is dear to compute: exact where it was computed, curved in between.
+
+    c(theta) = c0 + J theta + k^2 (c(theta_a) - c0 - J theta_a),      k = theta . theta_a / |theta_a|^2
+
+J is the first-order change, theta_a the anchor: the first parameters asked for, in units of their spreads.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.ground import Ground
+
+NEAR = 0.1
+"""Anchors this near to none, in units of the spreads, add nothing to J."""
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """`anchor` and, for each recording and quantity, what it adds to the first order there."""
+
+    anchor: Float[np.ndarray, " p"]
+    beyond: list[list[np.ndarray]]
+
+    def share(self, theta: Float[np.ndarray, " p"]) -> float:
+        """k^2."""
+        return float((theta @ self.anchor / max(self.anchor @ self.anchor, 1e-12)) ** 2)
+
+
+def anchored(
+    ground: Ground,
+    key: object,
+    theta: Float[np.ndarray, " p"],
+    *,
+    first_order: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
+    exact: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
+) -> list[list[np.ndarray]]:
+    """The quantities at theta (in spreads); `exact` is called once for each key."""
+
+    def compute() -> Anchored:
+        if np.linalg.norm(theta) < NEAR:
+            return Anchored(theta, [[np.zeros_like(q) for q in own] for own in first_order(theta)])
+        pairs = zip(exact(theta), first_order(theta), strict=True)
+        return Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
+
+    known = ground.kept(("anchored", key), compute)
+    share = known.share(theta)
+    return [
+        [q + share * more for q, more in zip(own, beyond, strict=True)]
+        for own, beyond in zip(first_order(theta), known.beyond, strict=True)
+    ]

@@ -1,0 +1,28 @@
+"""`anisotropy`: the flesh is stiffer (or softer) along the stem axis, C_zzzz greater by axial times mu."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem.assembly import unit_lame_constants
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.ground import Ground
+from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
+from fem.mismatch.reduced_law import Operator
+
+ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+
+def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+    mu, _ = unit_lame_constants(ground.poisson_ratio)
+    axial = stress_operator(ground, lambda strain: mu * strain * ALONG_STEM)
+    return axial, (plain_stiffness(ground), axial)
+
+
+EFFECT = LinearLaw(
+    name="anisotropy",
+    parameter=ParameterSpec(name="axial", unit="1", low=-1.5, high=6.0),
+    sd=0.8,
+    operators=_operators,
+    amounts=lambda ground, theta: (1.0, theta),
+)

@@ -1,0 +1,59 @@
+"""`clock_lag`: displacement and force are late against pose and aperture by lag_s.
+
+y_recorded(t) = pose(t) (rest + d(t - lag)), what happened is pose(t - lag) (rest + d(t - lag)): every marker of
+a pad is off by what the pad moved in between. Poses are read between frames in straight lines.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Seen
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+
+STEP_S = 0.05
+
+
+@dataclass(frozen=True)
+class ClockLag:
+    """One lag for all recordings."""
+
+    name: str = "clock_lag"
+    family: Family = "measurement"
+    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0),)
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """The pads' velocity."""
+        fields = [Field(markers=_gone(seen, STEP_S) / STEP_S) for seen in ground.base.grasps]
+        return [Signature(label="", columns=(Column(name="lag_s", sd=0.15, fields=fields),))]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount is the lag."""
+        return {"lag_s": float(np.clip(amounts[0], -0.8, 0.8))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """Positions as recorded less those of the earlier pose."""
+        return Response(
+            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
+            shift_mm=[_gone(seen, parameters["lag_s"]) for seen in ground.base.grasps],
+        )
+
+
+def _gone(seen: Seen, lag_s: float) -> Float[np.ndarray, "f n 3"]:
+    """How far each marker's pad has moved in the last lag_s."""
+    gone = np.empty_like(seen.tracks.position_mm)
+    time = seen.case.history.time_s
+    for k, pad in enumerate(seen.case.pads):
+        way = pad.pose[:, :3, 3]
+        before = np.stack([np.interp(seen.time_s - lag_s, time, way[:, i]) for i in range(3)], axis=1)
+        gone[:, seen.pad_of_marker == k] = (way[seen.used] - before)[:, None]
+    return gone
+
+
+EFFECT = ClockLag()

@@ -1,0 +1,29 @@
+"""`graded_modulus`: E (1 + gamma (2 d - 1)), d the relative depth, 0 at the skin and 1 at the pit.
+
+E is that halfway. d by the distances to both (fem.mismatch.ground).
+"""
+
+from collections.abc import Sequence
+
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.flesh_strain import elastic_stress
+from fem.mismatch.ground import Ground
+from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
+from fem.mismatch.reduced_law import Operator
+
+
+def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+    grade = (2 * ground.depth - 1)[..., None]
+    graded = stress_operator(
+        ground, lambda strain: grade * elastic_stress(strain, poisson_ratio=ground.poisson_ratio)
+    )
+    return graded, (plain_stiffness(ground), graded)
+
+
+EFFECT = LinearLaw(
+    name="graded_modulus",
+    parameter=ParameterSpec(name="gamma", unit="1", low=-0.9, high=0.9),
+    sd=0.4,
+    operators=_operators,
+    amounts=lambda ground, theta: (1.0, theta),
+)

@@ -1,0 +1,56 @@
+"""`gripper_compliance`: the jaws give way, so that each travels less than recorded, by mm_per_N times its force.
+
+A marker's recorded position lies ahead of the true one along its pad's normal. Exact and linear.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Seen
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.pads import pad_force
+
+
+@dataclass(frozen=True)
+class GripperCompliance:
+    """One compliance for all jaws."""
+
+    name: str = "gripper_compliance"
+    family: Family = "measurement"
+    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5),)
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """Each pad's force along its own normal."""
+        fields = [Field(markers=_ahead(seen)) for seen in ground.base.grasps]
+        return [Signature(label="", columns=(Column(name="mm_per_N", sd=0.03, fields=fields),))]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount is the compliance."""
+        return {"mm_per_N": float(np.clip(amounts[0], 0.0, 0.4))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """Positions too far ahead by the jaw's own giving way."""
+        return Response(
+            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
+            shift_mm=[parameters["mm_per_N"] * _ahead(seen) for seen in ground.base.grasps],
+        )
+
+
+def _ahead(seen: Seen) -> Float[np.ndarray, "f n 3"]:
+    """Normal force of each marker's pad along the pad's normal, N."""
+    ahead = np.empty_like(seen.tracks.position_mm)
+    for k in range(len(seen.links)):
+        normal = seen.pose[k][:, :3, 2]
+        force = np.einsum("fx,fx->f", pad_force(seen, k), normal)
+        ahead[:, seen.pad_of_marker == k] = (force[:, None] * normal)[:, None]
+    return ahead
+
+
+EFFECT = GripperCompliance()

@@ -1,0 +1,54 @@
+"""`pit_offset`: the pit sits elsewhere than the category's, by `offset_mm` (true centre less the prior's)."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.grasp_sensitivity import PIT_OFFSET
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.inner_changes import inner_changes
+from fem.mismatch.moved_pit_response import pit_responses
+
+NAMES = ("offset_mm.0", "offset_mm.1", "offset_mm.2")
+
+
+@dataclass(frozen=True)
+class PitOffset:
+    """Three components, mm, fruit frame."""
+
+    name: str = "pit_offset"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = tuple(
+        ParameterSpec(name=name, unit="mm", low=-6.0, high=6.0) for name in NAMES
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """The first order in x, y and z; none for a fruit without a pit."""
+        changes = [inner_changes(ground, seen) for seen in ground.base.grasps]
+        if any(PIT_OFFSET[0] not in change for change in changes):
+            return []
+        columns = tuple(
+            Column(
+                name=cause, sd=2.0, fields=[Field(markers=ground.compliance * own[cause]) for own in changes]
+            )
+            for cause in PIT_OFFSET
+        )
+        return [Signature(label="", columns=columns)]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amounts are the offset."""
+        return dict(zip(NAMES, np.clip(amounts, -5.0, 5.0).tolist(), strict=True))
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The fruit meshed with the pit there."""
+        pit = np.array([*(parameters[name] for name in NAMES), 0.0])
+        return Response(unit=pit_responses(ground, self.name, pit))
+
+
+EFFECT = PitOffset()

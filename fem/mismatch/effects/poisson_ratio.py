@@ -1,0 +1,41 @@
+"""`poisson_ratio`: Poisson's ratio is not the one assumed.  K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1 MPa."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.assembly import unit_lame_constants
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.ground import Ground
+from fem.mismatch.linear_law import LinearLaw
+from fem.mismatch.reduced_law import Operator
+
+
+def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+    parts = next(iter(ground.base.solids.values())).parts
+
+    def operator(matrix: object) -> Operator:
+        def times(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+            flat = moved.reshape(len(moved), -1).T
+            return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)  # type: ignore[operator]
+
+        return times
+
+    def derivative(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        change = parts.change_with_poisson_ratio(
+            moved.reshape(len(moved), -1).T, poisson_ratio=ground.poisson_ratio
+        )
+        return np.ascontiguousarray(change.T).reshape(moved.shape)
+
+    return derivative, (operator(parts.k_mu), operator(parts.k_lambda))
+
+
+EFFECT = LinearLaw(
+    name="poisson_ratio",
+    parameter=ParameterSpec(name="nu", unit="1", low=0.05, high=0.4995),
+    sd=0.06,
+    operators=_operators,
+    amounts=lambda ground, theta: unit_lame_constants(theta),
+    null=lambda ground: ground.poisson_ratio,
+)

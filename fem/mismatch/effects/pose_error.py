@@ -1,0 +1,160 @@
+"""`pose_error`: one pad is not where its pose says: moved in the gel's plane and tilted about its own x axis.
+
+recorded pose = true pose . shift . tilt. Its markers truly sit, move and push at
+
+    p_true = pose tilt^-1 shift^-1 (rest + d),        f_true = R tilt^-1 f
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.anchored import anchored
+from fem.mismatch.baseline import Seen
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import ARM_MM, Column, Field, wrench
+from fem.mismatch.ground import Ground
+from fem.mismatch.pads import own_markers, pads_of, response_to, slid_response, turn_of
+from fem.pad_link import pad_link
+
+NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
+SPREAD = np.array([1.0, 1.0, 1.0])
+
+
+@dataclass(frozen=True)
+class PoseError:
+    """One pad; which is the signature's label."""
+
+    name: str = "pose_error"
+    family: Family = "interaction"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name=NAMES[0], unit="mm", low=-7.0, high=7.0),
+        ParameterSpec(name=NAMES[1], unit="mm", low=-7.0, high=7.0),
+        ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """The pad slid along its x and y, and tilted by a degree."""
+        found = []
+        for pad in pads_of(ground):
+            own = [_first_order(ground, seen, pad) for seen in ground.base.grasps]
+            columns = tuple(
+                Column(
+                    name=f"{pad} {name}",
+                    sd=2.5,
+                    fields=[
+                        Field(
+                            markers=shift[k] - ground.compliance * -unit[k],
+                            balance=balance[k],
+                        )
+                        for unit, shift, balance in own
+                    ],
+                )
+                for k, name in enumerate(NAMES)
+            )
+            found.append(Signature(label=pad, columns=columns))
+        return found
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amounts are the parameters."""
+        return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The pad linked to the skin where it truly was."""
+        theta = np.array([parameters[name] for name in NAMES])
+        grasps = ground.base.grasps
+
+        def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
+            found = []
+            for seen in grasps:
+                unit, shift, balance = _first_order(ground, seen, choice)
+                found.append(
+                    [
+                        seen.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
+                        np.tensordot(at, shift, axes=1),
+                        np.tensordot(at, balance, axes=1),
+                    ]
+                )
+            return found
+
+        found = anchored(
+            ground,
+            (self.name, choice),
+            theta,
+            first_order=first_order,
+            exact=lambda at: [_exact(ground, seen, choice, at) for seen in grasps],
+        )
+        return Response(
+            unit=[own[0] for own in found],
+            shift_mm=[own[1] for own in found],
+            balance=[own[2] for own in found],
+        )
+
+
+def _first_order(
+    ground: Ground, seen: Seen, pad: str
+) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
+    """d(unit displacement), d(shift of positions), d(imbalance) per mm, mm and degree."""
+
+    def compute() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        force, position = seen.force_N, seen.tracks.position_mm
+        unit, shift = np.zeros((3, *force.shape)), np.zeros((3, *force.shape))
+        balance = np.zeros((3, len(force), 6))
+        if pad not in seen.pad_names:
+            return unit, shift, balance
+        number = seen.pad_names.index(pad)
+        axes, own = turn_of(seen, number), own_markers(seen, number)
+        mine = np.where(own, force, 0.0)
+        origin = seen.pose[number][:, None, :3, 3]
+        for k in range(2):
+            unit[k] = -slid_response(ground, seen, number, axes[:, k])
+            shift[k] = np.where(own, axes[:, k], 0.0)
+            balance[k, :, 3:] = np.cross(axes[:, k], mine.sum(axis=1)) / ARM_MM
+        degree = np.pi / 180
+        turned = np.where(own, np.cross(axes[:, 0], seen.patterns), 0.0)
+        unit[2] = -degree * seen.over_time(response_to(ground, seen, turned))
+        arm = np.where(own, np.cross(axes[:, 0], position - origin), 0.0)
+        shift[2] = degree * arm
+        centre = position.mean(axis=(0, 1))
+        balance[2] = degree * wrench(np.cross(axes[:, 0], mine), position, centre_mm=centre)
+        balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
+        return unit, shift, balance
+
+    return ground.kept(("pose", seen.case.name, pad), compute)
+
+
+def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) -> list[np.ndarray]:
+    """Unit displacement, shift of positions and imbalance with the pad where it truly was."""
+    position, force = seen.tracks.position_mm, seen.force_N
+    zero = [seen.tracks.unit_displacement, np.zeros_like(position), np.zeros((len(position), 6))]
+    if pad not in seen.pad_names:
+        return zero
+    number = seen.pad_names.index(pad)
+    own = seen.pad_of_marker == number
+    cos, sin = np.cos(np.radians(theta[2])), np.sin(np.radians(theta[2]))
+    back = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
+    axes = turn_of(seen, number)
+    turn = axes @ back @ axes.T
+    origin = seen.pose[number][:, None, :3, 3]
+    truly = position.copy()
+    truly[:, own] = (position[:, own] - origin) @ turn.T + origin - axes[:, :2] @ theta[:2]
+    pushed = force.copy()
+    pushed[:, own] = force[:, own] @ turn.T
+    history = seen.case.history.pads[number]
+    where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - axes[:, :2] @ theta[:2]
+    link = pad_link(replace(history, surface_mm=where), ground.base.solid_of(seen))
+    links = tuple(link if k == number else other for k, other in enumerate(seen.links))
+    patterns = seen.patterns.copy()
+    patterns[:, own] = seen.patterns[:, own] @ turn.T
+    there = replace(seen, links=links, patterns=patterns)
+    unit = seen.over_time(response_to(ground, there, patterns))
+    centre = position.mean(axis=(0, 1))
+    balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
+    return [unit, position - truly, balance]
+
+
+EFFECT = PoseError()

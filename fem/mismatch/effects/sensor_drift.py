@@ -1,0 +1,85 @@
+"""`sensor_drift`: the normal force that one pad records grows by newton_per_s, whether it touches or not.
+
+Counted from the frames in the air in which the pad's offset was taken, evenly over its markers. The true force
+is the recorded one less the drift.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field, wrench
+from fem.mismatch.ground import Ground
+from fem.mismatch.pads import own_markers, pads_of, response_to
+
+
+@dataclass(frozen=True)
+class SensorDrift:
+    """One pad's drift; which pad is the signature's label."""
+
+    name: str = "sensor_drift"
+    family: Family = "measurement"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name="newton_per_s", unit="N/s", low=-3.0, high=3.0),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """Minus the response to a growing pressure, and the imbalance that it brings."""
+        found = []
+        for pad in pads_of(ground):
+            fields = [
+                Field(markers=-ground.compliance * alone, balance=balance)
+                for alone, balance in _of_pad(ground, pad)
+            ]
+            columns = (Column(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
+            found.append(Signature(label=pad, columns=columns))
+        return found
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount is the drift."""
+        return {"newton_per_s": float(np.clip(amounts[0], -2.5, 2.5))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The forces of that pad less the drift: exact and linear."""
+        rate = parameters["newton_per_s"]
+        parts = _of_pad(ground, choice)
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement - rate * alone
+                for seen, (alone, _) in zip(ground.base.grasps, parts, strict=True)
+            ],
+            balance=[rate * balance for _, balance in parts],
+        )
+
+
+def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+    """Response (mm MPa) and imbalance (N) per N/s of drift; zero where the pad takes no part."""
+    found = []
+    for seen in ground.base.grasps:
+        if pad not in seen.pad_names:
+            found.append((np.zeros_like(seen.force_N), np.zeros((len(seen.force_N), 6))))
+            continue
+        number = seen.pad_names.index(pad)
+        history = seen.case.history
+        air = [at for at, phase in zip(history.time_s, history.phase, strict=True) if phase == "air"]
+        since = seen.time_s - np.mean([at for at in air if at < seen.time_s[0]] or [history.time_s[0]])
+        normal = seen.pose[number][0, :3, 2]
+        pressed = np.where(own_markers(seen, number), normal / seen.case.pads[number].markers, 0.0)
+        pressed = np.broadcast_to(pressed, (1, *seen.patterns.shape[1:]))
+        moved = ground.kept(
+            ("drift", seen.case.name, pad),
+            lambda seen=seen, pressed=pressed: response_to(ground, seen, pressed)[0],
+        )
+        position = seen.tracks.position_mm
+        force = since[:, None, None] * pressed
+        balance = wrench(force, position, centre_mm=position.mean(axis=(0, 1)))
+        found.append((since[:, None, None] * moved, balance))
+    return found
+
+
+EFFECT = SensorDrift()

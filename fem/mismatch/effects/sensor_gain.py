@@ -1,0 +1,78 @@
+"""`sensor_gain`: one pad records its force times a gain.
+
+The true force is the recorded one over the gain, on that pad alone; the pads' recorded forces no longer
+balance. A gain common to both pads is Young's modulus, and cannot be told from it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field, wrench
+from fem.mismatch.ground import Ground
+from fem.mismatch.pads import own_markers, pads_of, response_to
+
+
+@dataclass(frozen=True)
+class SensorGain:
+    """One pad's gain; which pad is the signature's label."""
+
+    name: str = "sensor_gain"
+    family: Family = "measurement"
+    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="gain", unit="1", low=0.5, high=2.0),)
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """Minus the response to that pad's forces, and the imbalance that they leave."""
+        found = []
+        for pad in pads_of(ground):
+            fields = [
+                Field(markers=-ground.compliance * alone, balance=balance)
+                for alone, balance in _of_pad(ground, pad)
+            ]
+            columns = (Column(name=f"{pad} gain", sd=0.15, fields=fields),)
+            found.append(Signature(label=pad, columns=columns))
+        return found
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount is the gain less one, as 1 - 1/gain."""
+        return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The forces of that pad divided by the gain."""
+        share = 1 - 1 / parameters["gain"]
+        parts = _of_pad(ground, choice)
+        return Response(
+            unit=[
+                seen.tracks.unit_displacement - share * alone
+                for seen, (alone, _) in zip(ground.base.grasps, parts, strict=True)
+            ],
+            balance=[share * balance for _, balance in parts],
+        )
+
+
+def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+    """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
+    found = []
+    for seen in ground.base.grasps:
+        if pad not in seen.pad_names:
+            found.append((np.zeros_like(seen.force_N), np.zeros((len(seen.force_N), 6))))
+            continue
+        own = own_markers(seen, seen.pad_names.index(pad))
+        alone = ground.kept(
+            ("alone", seen.case.name, pad),
+            lambda seen=seen, own=own: seen.over_time(
+                response_to(ground, seen, np.where(own, seen.patterns, 0.0))
+            ),
+        )
+        position = seen.tracks.position_mm
+        balance = wrench(np.where(own, seen.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1)))
+        found.append((alone, balance))
+    return found
+
+
+EFFECT = SensorGain()

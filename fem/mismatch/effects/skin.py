@@ -1,0 +1,36 @@
+"""`skin`: a membrane on the flesh carries part of the load.
+
+Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio the flesh's; K = E K0 + Et Km
+(fem.mismatch.membrane). What counts is theta = Et / E; the parameter is Et.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.ground import Ground
+from fem.mismatch.linear_law import LinearLaw, plain_stiffness
+from fem.mismatch.membrane import membrane_stiffness
+from fem.mismatch.reduced_law import Operator
+
+
+def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+    matrix = ground.kept(
+        "membrane", lambda: membrane_stiffness(ground.base.mesh, poisson_ratio=ground.poisson_ratio)
+    )
+
+    def stretched(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        return np.ascontiguousarray((matrix @ moved.reshape(len(moved), -1).T).T).reshape(moved.shape)
+
+    return stretched, (plain_stiffness(ground), stretched)
+
+
+EFFECT = LinearLaw(
+    name="skin",
+    parameter=ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0),
+    sd=4.0,
+    operators=_operators,
+    amounts=lambda ground, theta: (1.0, theta),
+)

@@ -1,0 +1,158 @@
+"""The friction cone: how the markers' shear lies to their pressure, which no model of the fruit is needed for.
+
+Coulomb's law allows |f_t| <= mu f_n at every marker in every frame. Two things can be seen of it. A marker
+beyond the cone of some mu, by more than noise and scale errors, refutes that mu: what remains is a smallest
+mu. And markers that slip lie on the cone: so many of them just at mu as there are in no smooth distribution,
+and none above.
+
+Where the gel is a bed of springs (its forces are its displacements times two stiffnesses, within the forces'
+noise) the displacements tell the ratio many times better than the forces; elsewhere the forces do.
+
+    ln ratio(mu) = n1 ln(n1 / m) + n2 ln(n2 / m) - ln(tried) - sum over markers of (z^2 - 16) / 2,   n1 > n2
+
+n1, n2: markers within two standard deviations of mu, and in a window as wide just below it, m their mean (the
+likelihood ratio of two Poisson counts, one-sided); z: by how many standard deviations a marker exceeds mu at
+most, where that is more than 4. A marker's frames count together as one: they are not independent.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.mismatch.baseline import Seen
+from fem.mismatch.ground import Ground
+
+FIRM = 4.0
+"""A marker's pressure counts from so many standard deviations of its noise."""
+BEYOND = 4.0
+"""So many standard deviations above the cone refute it."""
+MOST_PER_MARKER = 20.0
+"""No single marker says more than this against a cone."""
+TRIED = np.geomspace(0.05, 1.2, 65)
+LEAST_LOSS = 6.0
+"""Markers that refute a mu by more than this together: it is too small."""
+LOCAL = 2.0
+"""Variance of the forces about their springs, over their noise, up to which the gel is a bed of springs."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConeEvidence:
+    """What the cone says of slip.
+
+    `mu`, `mu_sd`: where markers pile up most. `log_ratio`: ln of the likelihood with a pile-up there over that
+    of a smooth distribution. `least_mu`: smaller ones are refuted.
+    """
+
+    mu: float
+    mu_sd: float
+    log_ratio: float
+    least_mu: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShearRatios:
+    """|f_t| / f_n of m markers in frames in which they press well above noise: values, spreads, whose they are."""
+
+    ratio: Float[np.ndarray, " m"]
+    sd: Float[np.ndarray, " m"]
+    marker: Int[np.ndarray, " m"]
+
+    def loss(self, mu: float) -> float:
+        """What the markers beyond this cone say against it, in ln likelihood."""
+        z = (self.ratio - mu) / self.sd
+        most = np.zeros(int(self.marker.max(initial=-1)) + 1)
+        np.maximum.at(most, self.marker, z)
+        beyond = (most**2 - BEYOND**2) / 2
+        return float(np.minimum(beyond[most > BEYOND], MOST_PER_MARKER).sum())
+
+    def pile_up(self, mu: float) -> float:
+        """How much more likely so many markers at mu are with a pile-up than with none, in ln likelihood."""
+        z = (self.ratio - mu) / self.sd
+        frames = np.maximum(np.bincount(self.marker, minlength=1), 1)
+        at = float((1 / frames[self.marker[np.abs(z) < 2]]).sum())
+        below = float((1 / frames[self.marker[(z <= -2) & (z > -6)]]).sum())
+        mean = (at + below) / 2
+        if at <= below or mean < 1:
+            return 0.0
+        return float(at * np.log(at / mean) + (below * np.log(below / mean) if below > 0 else 0.0))
+
+    def log_ratio(self, mu: float) -> float:
+        """ln ratio of the module's docstring."""
+        return self.pile_up(mu) - self.loss(mu) - float(np.log(len(TRIED)))
+
+
+def shear_ratios(ground: Ground) -> ShearRatios:
+    """Of all markers of all recordings."""
+    scale = np.sqrt(2) * ground.base.case.budget.force_scale_sd
+    ratio, sd, marker, before = [], [], [], 0
+    for seen in ground.base.grasps:
+        for pad in range(len(seen.links)):
+            normal, shear, normal_sd, shear_sd = _pressed(seen, pad)
+            frame, who = np.nonzero(normal > FIRM * normal_sd)
+            size = np.linalg.norm(shear[frame, who], axis=1) / normal[frame, who]
+            ratio.append(size)
+            sd.append(np.hypot(np.hypot(shear_sd, size * normal_sd) / normal[frame, who], scale * size))
+            marker.append(before + who)
+            before += normal.shape[1]
+    return ShearRatios(ratio=np.concatenate(ratio), sd=np.concatenate(sd), marker=np.concatenate(marker))
+
+
+def cone_evidence(ground: Ground) -> ConeEvidence:
+    """The best mu of those tried, none of which the markers beyond its cone refute."""
+    ratios = shear_ratios(ground)
+    allowed = [float(mu) for mu in TRIED if ratios.loss(mu) < LEAST_LOSS]
+    if not len(ratios.ratio) or not allowed:
+        return ConeEvidence(mu=float(TRIED[-1]), mu_sd=np.inf, log_ratio=0.0, least_mu=float(TRIED[-1]))
+    found = np.array([ratios.log_ratio(mu) for mu in allowed])
+    best = allowed[int(found.argmax())]
+    weight = np.exp(found - found.max())
+    weight /= weight.sum()
+    mean = float(weight @ np.array(allowed))
+    spread = float(np.sqrt(weight @ (np.array(allowed) - mean) ** 2))
+    return ConeEvidence(
+        mu=best, mu_sd=max(spread, 0.02 * best), log_ratio=float(found.max()), least_mu=allowed[0]
+    )
+
+
+def in_pad_frame(seen: Seen, pad: int, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 3"]:
+    """Vectors of the fruit frame, of one pad's markers, in that pad's axes."""
+    turn = seen.pose[pad][:, :3, :3]
+    return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, seen.pad_of_marker == pad]))
+
+
+def spring_ratio(seen: Seen, pad: int) -> float | None:
+    """k_t / k_n of a gel whose markers are springs of their own; None where it is not such a bed."""
+    springs = _springs(seen, pad)
+    return None if springs is None else springs[1] / springs[0]
+
+
+def _springs(seen: Seen, pad: int) -> tuple[float, float] | None:
+    """Forces per displacement along the normal and across, N/mm, noise in the displacements taken out."""
+    force = in_pad_frame(seen, pad, seen.force_N)
+    moved = in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
+    own = seen.pad_of_marker == pad
+    variance, force_sd = float(seen.tracks.sd_mm[own][0]) ** 2, seen.case.history.pads[pad].force_sd_N
+    found = []
+    for part in (slice(2, 3), slice(0, 2)):
+        f, d = force[..., part], moved[..., part]
+        stiffness = -float((f * d).sum()) / max(float((d**2).sum()) - d.size * variance, 1e-12)
+        noise = force_sd**2 + stiffness**2 * variance
+        if stiffness <= 0 or float(np.mean((f + stiffness * d) ** 2)) > LOCAL * noise:
+            return None
+        found.append(stiffness)
+    return found[0], found[1]
+
+
+def _pressed(
+    seen: Seen, pad: int
+) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m 2"], float, float]:
+    """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such a bed."""
+    springs = _springs(seen, pad)
+    if springs is None:
+        force = in_pad_frame(seen, pad, seen.force_N)
+        sd = seen.case.history.pads[pad].force_sd_N
+        return force[..., 2], force[..., :2], sd, sd
+    moved = in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
+    sd = float(seen.tracks.sd_mm[seen.pad_of_marker == pad][0])
+    return -springs[0] * moved[..., 2], springs[1] * moved[..., :2], springs[0] * sd, springs[1] * sd

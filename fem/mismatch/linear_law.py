@@ -1,0 +1,77 @@
+"""An effect that makes the flesh's law another linear one: one parameter, stiffness sum_i a_i(theta) K_i."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_law
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearLaw:
+    """`operators(ground)`: dK/dtheta, and the K_i; `amounts(ground, theta)`: a_i.
+
+    `sd`: prior spread of theta about `null(ground)`, where the law is the plain one.
+    """
+
+    name: str
+    parameter: ParameterSpec
+    sd: float
+    operators: Callable[[Ground], tuple[Operator, Sequence[Operator]]]
+    amounts: Callable[[Ground, float], Sequence[float]]
+    null: Callable[[Ground], float] = lambda ground: 0.0
+    family: Family = "object"
+
+    @property
+    def parameters(self) -> tuple[ParameterSpec, ...]:
+        """The one parameter."""
+        return (self.parameter,)
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """dc/dtheta at the plain law."""
+        fields = [Field(markers=ground.compliance * law.first) for law in self._laws(ground)]
+        return [Signature(label="", columns=(Column(name=self.parameter.name, sd=self.sd, fields=fields),))]
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount counts from the plain law."""
+        spec = self.parameter
+        return {spec.name: float(np.clip(self.null(ground) + amounts[0], spec.low, spec.high))}
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        """The law of this parameter, in the reduced space."""
+        amounts = self.amounts(ground, parameters[self.parameter.name])
+        return Response(unit=[law.response(amounts) for law in self._laws(ground)])
+
+    def _laws(self, ground: Ground) -> list[ReducedLaw]:
+        def law(seen: object) -> ReducedLaw:
+            derivative, parts = self.operators(ground)
+            return reduced_law(ground, seen, derivative=derivative, parts=parts)  # type: ignore[arg-type]
+
+        return [
+            ground.kept((self.name, seen.case.name), lambda seen=seen: law(seen))
+            for seen in ground.base.grasps
+        ]
+
+
+def plain_stiffness(ground: Ground) -> Operator:
+    """K0."""
+    return lambda moved: _times(ground.stiffness, moved)
+
+
+def stress_operator(
+    ground: Ground, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
+) -> Operator:
+    """B' sigma(eps) of a law of stress that is linear in the strain."""
+    return lambda moved: ground.points.forces(stress(ground.points.strain(moved)))
+
+
+def _times(matrix: object, moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+    flat = moved.reshape(len(moved), -1).T
+    return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)  # type: ignore[operator]
