@@ -5,7 +5,8 @@
 FOLDER holds one CSV file per trace: time_s, force_N, indentation_mm, tool_gap_mm; the gap in the first frame
 is the specimen's thickness. No truth is known but that flesh and silicone relax in a hold. Held-out errors
 are root mean squares over that of the force left out: `end` foretells the second half of the hold (or all of
-unloading and recovery) from what came before, `blocks` every second tenth of the trace from the others.
+unloading and recovery) from what came before, `blocks` every second tenth of the trace from the others. The
+law is named on the whole trace; its parameters know nothing of the frames left out.
 """
 
 import argparse

@@ -38,11 +38,11 @@ def test_classes_keep_the_whole_energy():
 
 
 @pytest.mark.parametrize("b", [2, 8])
-def test_stiffening_follows_finite_elements_within_a_fiftieth(b):
+def test_stiffening_follows_finite_elements_within_a_hundredth(b):
     depth, force = curve(f"stiffening b={b}")
     linear = curve("linear")[1]
     share = stiffening_share(np.array([[float(b)]]), SLAB.energy_strain(depth)[None], poisson_ratio=NU)[0]
-    assert share[4:20] == pytest.approx(force[4:20] / linear[4:20], rel=0.02)
+    assert share[4:20] == pytest.approx(force[4:20] / linear[4:20], rel=0.012)
 
 
 @pytest.mark.parametrize(("dmax", "W0"), [(0.5, 0.01), (0.4, 0.03)])
@@ -104,4 +104,4 @@ def test_shares_and_times_carry_the_unknowns_scatter():
     tau = np.exp(np.cumsum(draws[:, 2:], axis=1))
     for name, sample in {"g": g[:, 0], "g_2": g[:, 1], "tau_s": tau[:, 0], "tau_2_s": tau[:, 1]}.items():
         assert found[name].sd == pytest.approx(sample.std(), rel=0.1)
-        assert found[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.02)
+        assert found[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.012)

@@ -101,8 +101,9 @@ def fit(
     starts: Float[np.ndarray, "s k"],
     *,
     frames: Bool[np.ndarray, " t"] | None = None,
+    follow: int = FOLLOWED,
 ) -> Fit:
-    """Best of the starts: damped Gauss-Newton under the priors, the unexplained share chosen in turn.
+    """Damped Gauss-Newton from the `follow` likeliest starts, the unexplained share chosen in turn.
 
     Only the chosen `frames` are fitted; history runs through all. Evidence by Laplace:
     log L + log prior + k/2 log 2 pi - 1/2 log det H at the mode; the unexplained share is set where it makes
@@ -121,9 +122,10 @@ def fit(
         return Posterior(law=law, trace=trace, frames=frames, noise=noise, mean=mean, precision=precision)
 
     target = posterior(share)
-    order = np.argsort(target.misfit(starts, law.force_N(trace, starts)))[:FOLLOWED]
-    followed = [_descend(target, starts[k], steps=FEW) for k in order]
-    scaled = min(followed, key=lambda one: one[0])[1]
+    order = np.argsort(target.misfit(starts, law.force_N(trace, starts)))[:follow]
+    scaled = starts[order[0]]
+    if follow > 1:
+        scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda one: one[0])[1]
     for _ in range(ROUNDS):
         _, scaled, force, slope = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]

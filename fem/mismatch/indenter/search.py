@@ -16,7 +16,7 @@ from fem.mismatch.indenter.noise import AirNoise
 from fem.mismatch.indenter.trace import IndenterTrace
 
 #: starts drawn from the prior beside those that simpler laws suggest
-DRAWS = 24
+DRAWS = 16
 #: a single effect this far (natural logarithm) behind the best is tried in pairs with the best alone
 BEHIND = 30.0
 
@@ -68,7 +68,7 @@ def candidate_fits(
                 law = Law(
                     ball=linear.ball, baseline=linear.baseline, effects=one.law.effects + other.law.effects
                 )
-                fits.append(fit(law, trace, air, _starts(law, [one, other], rng)))
+                fits.append(fit(law, trace, air, _starts(law, [one, other], rng), follow=1))
     return fits
 
 
