@@ -98,8 +98,8 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
     is_pit[bricks.pit_nodes] = True
     free = np.flatnonzero(~is_pit)
     centre = bricks.nodes_mm[bricks.pit_nodes].mean(axis=0)
-    full = _assembled(bricks.cells, slopes, volumes, mu, lam, count)
-    tie = _rigid_tie(bricks, free, centre)
+    full = assembled(bricks.cells, slopes, volumes, mu, lam, count)
+    tie = rigid_tie(bricks, free, centre)
     stiffness = csr_array(tie.T @ full @ tie)
     diagonal = np.zeros(stiffness.shape[0])
     diagonal[-6:] = _holding()
@@ -138,9 +138,10 @@ def _integrated(
     return np.matmul(local[None], np.linalg.inv(jacobian)), volumes
 
 
-def _assembled(
+def assembled(
     cells: Int[np.ndarray, "m 27"], slopes: np.ndarray, volumes: np.ndarray, mu: float, lam: float, count: int
 ) -> csr_array:
+    """Stiffness of all nodes' displacements; linear in `volumes`, the integration points' weights."""
     m = len(cells)
     total = csr_array((3 * count, 3 * count))
     for part in np.array_split(np.arange(m), max(1, m // 600)):
@@ -157,7 +158,7 @@ def _assembled(
     return total
 
 
-def _rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:
+def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:
     """Nodal displacement of small unknowns: pit nodes follow shift + rotation x arm."""
     f, pit = len(free), bricks.pit_nodes
     axes = np.arange(3)

@@ -1,0 +1,1 @@
+"""Mismatch cases with known answers: what recordings look like when one piece of physics is left out."""

@@ -1,0 +1,89 @@
+"""Linear flesh with something of its own: uneven modulus, extra stiffness along the stem, a skin.
+
+Each returns stiffness to add to that of plain flesh, on the same unknowns (free nodes and the rigid pit).
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import coo_array, csr_array
+
+from samples.flesh import Flesh, assembled, rigid_tie
+from samples.hexahedra import lagrange
+from samples.mismatch.cell_places import integration_points_mm, relative_depths
+
+
+def graded(flesh: Flesh, *, gamma: float) -> csr_array:
+    """E (1 + gamma (2 d - 1)), d the relative depth: 0 at the skin, 1 at the pit."""
+    return uneven(flesh, 1 + gamma * (2 * relative_depths(flesh.bricks) - 1))
+
+
+def with_soft_spot(
+    flesh: Flesh, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
+) -> csr_array:
+    """E times `ratio` inside a ball."""
+    away = np.linalg.norm(integration_points_mm(flesh.bricks) - centre_mm, axis=-1)
+    return uneven(flesh, np.where(away < radius_mm, ratio, 1.0))
+
+
+def uneven(flesh: Flesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
+    """E times `ratio` at every integration point."""
+    bricks = flesh.bricks
+    extra = assembled(
+        bricks.cells, flesh.slopes, flesh.volumes * (ratio - 1), flesh.mu_MPa, flesh.lam_MPa,
+        len(bricks.nodes_mm),
+    )  # fmt: skip
+    return _tied(flesh, extra)
+
+
+def stiffer_along_stem(flesh: Flesh, *, axial: float) -> csr_array:
+    """C_zzzz grows by `axial` times mu, z the stem's axis: energy density axial mu eps_zz^2 / 2 on top."""
+    bricks = flesh.bricks
+    along = flesh.slopes[..., 2]
+    block = np.einsum("mga,mgb,mg->mab", along, along, flesh.volumes) * axial * flesh.mu_MPa
+    dofs = 3 * bricks.cells + 2
+    rows, columns = np.repeat(dofs, 27, axis=1).ravel(), np.tile(dofs, (1, 27)).ravel()
+    size = 3 * len(bricks.nodes_mm)
+    return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
+
+
+def with_skin(flesh: Flesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_array:
+    """A membrane on the outer surface: plane stress, Young's modulus times thickness Et.
+
+    Membrane strain is the symmetric surface gradient of the displacement in the tangent plane; a flat
+    membrane's law D = Et / (1 - nu^2) [[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]] acts on it.
+    """
+    bricks = flesh.bricks
+    cells = bricks.skin_cells.reshape(-1, 9)
+    at, weight = np.polynomial.legendre.leggauss(3)
+    value, slope = lagrange(at)
+    first = np.einsum("ai,bj->abij", slope, value).reshape(9, 9)
+    second = np.einsum("ai,bj->abij", value, slope).reshape(9, 9)
+    local = np.stack([first, second], axis=-1)
+    tangents = np.einsum("gnk,mni->mgki", local, bricks.nodes_mm[cells])
+    metric = np.einsum("mgki,mgli->mgkl", tangents, tangents)
+    area = np.sqrt(np.linalg.det(metric)) * np.einsum("a,b->ab", weight, weight).ravel()
+    gradient = np.einsum("gnk,mgkl,mgli->mgni", local, np.linalg.inv(metric), tangents)
+    e1 = tangents[..., 0, :] / np.linalg.norm(tangents[..., 0, :], axis=-1, keepdims=True)
+    normal = np.cross(tangents[..., 0, :], tangents[..., 1, :])
+    e2 = np.cross(normal / np.linalg.norm(normal, axis=-1, keepdims=True), e1)
+    d1, d2 = (np.einsum("mgni,mgi->mgn", gradient, e) for e in (e1, e2))
+    strain = np.stack(
+        [
+            np.einsum("mgn,mgi->mgni", d1, e1),
+            np.einsum("mgn,mgi->mgni", d2, e2),
+            np.einsum("mgn,mgi->mgni", d2, e1) + np.einsum("mgn,mgi->mgni", d1, e2),
+        ],
+        axis=2,
+    ).reshape(len(cells), 9, 3, 27)
+    nu = poisson_ratio
+    law = Et_N_per_mm / (1 - nu**2) * np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
+    block = np.einsum("mgax,ab,mgby,mg->mxy", strain, law, strain, area, optimize=True)
+    dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, 27)
+    rows, columns = np.repeat(dofs, 27, axis=1).ravel(), np.tile(dofs, (1, 27)).ravel()
+    size = 3 * len(bricks.nodes_mm)
+    return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
+
+
+def _tied(flesh: Flesh, full: csr_array) -> csr_array:
+    tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
+    return csr_array(tie.T @ full @ tie)

@@ -1,0 +1,62 @@
+"""The bank of cases: which effects, how strong, in which order; everything follows from one seed."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from samples.mismatch.case import write_first_that_balances
+from samples.mismatch.outside import OUTSIDE
+from samples.mismatch.planted import EFFECTS
+
+SEED = 2026
+
+_MORE_SINGLES = (
+    ("viscoelastic", 1), ("soft_spot", 2), ("pit_offset", 1), ("damage", 1), ("skin", 1),
+    ("graded_modulus", 1),
+)  # fmt: skip
+_PAIRS = (
+    ("pit_offset", "viscoelastic"), ("clock_lag", "skin"), ("graded_modulus", "sensor_gain"),
+    ("pose_error", "viscoelastic"), ("slip", "soft_spot"), ("gripper_compliance", "pit_size"),
+    ("damage", "sensor_drift"), ("anisotropy", "viscoelastic"), ("plastic_set", "sensor_gain"),
+    ("skin", "soft_spot"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class BankCase:
+    """One case of the bank: its name, which says nothing, and its effects with their levels."""
+
+    case_id: str
+    effects: tuple[tuple[str, int], ...]
+    seed: tuple[int, ...]
+    outside: str | None = None
+
+
+def singles() -> tuple[BankCase, ...]:
+    """Every effect at three levels, then some again with other fruits."""
+    wanted = [(effect, level) for level in (1, 2, 0) for effect in EFFECTS]
+    wanted += list(_MORE_SINGLES)
+    return tuple(
+        BankCase(case_id=f"single-{k + 1:02d}", effects=(one,), seed=(SEED, 1, k))
+        for k, one in enumerate(wanted)
+    )
+
+
+def pairs() -> tuple[BankCase, ...]:
+    """Two effects at work together, both at the middle level or above."""
+    return tuple(
+        BankCase(case_id=f"pair-{k + 1:02d}", effects=((a, 2), (b, 1)), seed=(SEED, 2, k))
+        for k, (a, b) in enumerate(_PAIRS)
+    )
+
+
+def outsiders() -> tuple[BankCase, ...]:
+    """One case of each physics that the catalogue does not have."""
+    return tuple(
+        BankCase(case_id=f"outside-{k + 1:02d}", effects=(), seed=(SEED, 3, k), outside=name)
+        for k, name in enumerate(OUTSIDE)
+    )
+
+
+def write_bank_case(folder: Path, case: BankCase) -> None:
+    """Write one case below `folder` with the first draw that balances."""
+    write_first_that_balances(folder, case.case_id, case.effects, seed=case.seed, outside=case.outside)

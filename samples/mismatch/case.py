@@ -1,0 +1,225 @@
+"""One mismatch case from its plan: the truth simulated, the machine's faults added, the files written."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from samples.failure import NotInEquilibrium, SampleFailure
+from samples.mismatch.bodies import Body, ElasticBody, RelaxingBody
+from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
+from samples.mismatch.catalogue import drawn_parameters
+from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, CATEGORIES, Category, DrawnFruit, drawn_fruit
+from samples.mismatch.four_grasps import CaseGrasp, four_grasps
+from samples.mismatch.grip import InnerContact
+from samples.mismatch.lagged_motion import recorded_late, with_instants
+from samples.mismatch.loose_pit import LoosePitBody, loose_stiffness, pit_contact
+from samples.mismatch.machine_effects import (
+    with_drift,
+    with_gain,
+    with_gripper_compliance,
+    with_pose_error,
+)
+from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.outside import Outside, drawn_outside, outside_body, outside_recorded
+from samples.mismatch.planted import (
+    MATERIAL_LAWS,
+    Planted,
+    altered_stiffness,
+    flesh_law,
+    gel_of,
+    joined_name,
+    joined_parameters,
+    named,
+    spot_under_pad,
+)
+from samples.mismatch.schur import schur_complement
+from samples.mismatch.standing import CASE, Standing, standing
+from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
+from samples.mismatch.whole_fruit import whole_fruit
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CasePlan:
+    """Everything that is decided before anything is computed."""
+
+    case_id: str
+    drawn: DrawnFruit
+    grasps: tuple[CaseGrasp, ...]
+    planted: tuple[Planted, ...]
+    outside: Outside | None = None
+
+
+def planned(
+    case_id: str,
+    effects: tuple[tuple[str, int], ...],
+    *,
+    seed: tuple[int, ...],
+    category: Category | None = None,
+    outside: str | None = None,
+) -> CasePlan:
+    """A case with the given effects, each at its level; the fruit and all the rest from the seed.
+
+    `outside` names a physics that is not in the catalogue, instead of effects.
+    """
+    rng = np.random.default_rng(list(seed))
+    kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
+    planted = tuple(
+        Planted(effect=effect, parameters=drawn_parameters(effect, level, rng)) for effect, level in effects
+    )
+    offset, size, ratio = (named(planted, e) for e in ("pit_offset", "pit_size", "poisson_ratio"))
+    drawn = drawn_fruit(
+        case_id,
+        category=kind,
+        rng=rng,
+        pit_shift_mm=None if offset is None else np.array(offset.parameters["offset_mm"]),
+        pit_scale=1.0 if size is None else size.number("scale"),
+        poisson_ratio=ASSUMED_POISSON_RATIO if ratio is None else ratio.number("nu"),
+    )
+    grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
+    planted = tuple(_placed(p, drawn, grasps, rng) for p in planted)
+    foreign = None if outside is None else drawn_outside(outside, rng)
+    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, planted=planted, outside=foreign)
+
+
+def _placed(
+    one: Planted, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
+) -> Planted:
+    if one.effect != "soft_spot":
+        return one
+    number, pad = int(rng.integers(3)), str(rng.choice(["left", "right"]))
+    depth = float(rng.uniform(2.5, 5.5))
+    centre = spot_under_pad(
+        drawn, grasps[number], pad=pad, depth_mm=depth, aside_deg=float(rng.uniform(0, 18)), rng=rng
+    )
+    where = {"grasp": number + 1, "pad": pad, "depth_mm": depth, "centre_mm": centre.tolist()}
+    return replace(one, parameters={**one.parameters, **where})
+
+
+def write_case(
+    folder: Path, plan: CasePlan, *, seed: tuple[int, ...], progress: Progress | None = None
+) -> None:
+    """Seal the label, simulate, write the case below `folder`, reveal the answer.
+
+    Raises NotInEquilibrium where a grasp finds no balance.
+    """
+    rng = np.random.default_rng([*seed, 99])
+    salt = rng.bytes(16).hex()
+    truths = true_recordings(plan, progress=progress)
+    peaks = tuple(t.peak_force_N for t in truths)
+    settled = tuple(_with_amount(p, max(peaks)) for p in plan.planted)
+    label = _label(plan, settled)
+    entry = answer(plan.drawn, label)
+    seal(folder, plan.case_id, entry, salt=salt)
+    recordings = tuple(as_recorded(t, settled, plan.outside) for t in truths)
+    write_case_files(folder / plan.case_id, plan.drawn, recordings, peaks_N=peaks, rng=rng)
+    reveal(folder, plan.case_id, entry, salt=salt)
+
+
+def _label(plan: CasePlan, settled: tuple[Planted, ...]) -> Label:
+    if plan.outside is not None:
+        parameters = {"physics": plan.outside.name, **plan.outside.parameters}
+        return Label(effect="unknown", parameters=parameters, others={})
+    return Label(effect=joined_name(settled), parameters=joined_parameters(settled), others={})
+
+
+def _with_amount(one: Planted, peak_N: float) -> Planted:
+    """A drift is planned as a share of the peak force per second; its label is in newtons."""
+    if one.effect != "sensor_drift":
+        return one
+    amount = one.number("share_per_s") * peak_N
+    return replace(one, parameters={"pad": one.parameters["pad"], "newton_per_s": amount})
+
+
+def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tuple[TrueRecording, ...]:
+    """The four grasps, mesh by mesh; what grasp 1 did to the flesh is there in grasp 4."""
+    lag = named(plan.planted, "clock_lag")
+    found: dict[str, TrueRecording] = {}
+    for mesh in sorted({g.mesh for g in plan.grasps}):
+        here = [g for g in plan.grasps if g.mesh == mesh]
+        stands = standing(plan.drawn, here[0], fineness=CASE)
+        body, inner = body_of(stands, plan.planted, plan.outside)
+        for grasp in here:
+            grip = grip_of(stands, gel=gel_of(plan.planted), inner=inner)
+            if lag is None:
+                found[grasp.name] = grasped(grasp, grip, body, progress)
+                continue
+            lag_s = lag.number("lag_s")
+            frames = grasp.motion.time_s[grasp.motion.recorded]
+            everything = grasped(with_instants(grasp, frames - lag_s), grip, body, progress)
+            found[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
+    return tuple(found[g.name] for g in plan.grasps)
+
+
+def body_of(
+    stands: Standing, planted: tuple[Planted, ...], outside: Outside | None = None
+) -> tuple[Body, InnerContact | None]:
+    """The flesh of one mesh with everything planted in it, and the pit's contact where the pit is loose.
+
+    Raises SampleFailure for two effects that are not simulated together.
+    """
+    if outside is not None:
+        return outside_body(stands, outside), None
+    flesh = stands.flesh
+    stiffness = altered_stiffness(flesh, planted)
+    laws = [p for p in planted if p.effect in (*MATERIAL_LAWS, "viscoelastic", "loose_pit")]
+    if len(laws) > 1:
+        names = " and ".join(p.effect for p in laws)
+        raise SampleFailure(f"{names} cannot be planted together: each needs a flesh of its own.")
+    if laws and laws[0].effect == "loose_pit":
+        dense = loose_stiffness(flesh, stands.dofs, extra=csr_array(stiffness - flesh.stiffness))
+        return LoosePitBody(dense), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
+    dense = schur_complement(stiffness, stands.dofs)
+    if not laws:
+        return ElasticBody(dense), None
+    if laws[0].effect == "viscoelastic":
+        return RelaxingBody(dense, arms=((laws[0].number("g"), laws[0].number("tau_s")),)), None
+    law, firmer = flesh_law(laws[0], flesh)
+    return NonlinearBody(whole_fruit(flesh, stiffness, stands.dofs), dense, law, firmer=firmer), None
+
+
+def as_recorded(
+    truth: TrueRecording, planted: tuple[Planted, ...], outside: Outside | None = None
+) -> TrueRecording:
+    """What the machine's faults make of a true recording; a late clock is in it already."""
+    if outside is not None:
+        return outside_recorded(truth, outside)
+    for one in planted:
+        p: dict[str, Any] = one.parameters
+        if one.effect == "sensor_gain":
+            truth = with_gain(truth, pad=p["pad"], gain=p["gain"])
+        elif one.effect == "sensor_drift":
+            truth = with_drift(truth, pad=p["pad"], newton_per_s=p["newton_per_s"])
+        elif one.effect == "gripper_compliance":
+            truth = with_gripper_compliance(truth, mm_per_N=p["mm_per_N"])
+        elif one.effect == "pose_error":
+            shift = (p["shift_mm"][0], p["shift_mm"][1])
+            truth = with_pose_error(truth, pad=p["pad"], shift_mm=shift, tilt_deg=p["tilt_deg"])
+    return truth
+
+
+def write_first_that_balances(
+    folder: Path,
+    case_id: str,
+    effects: tuple[tuple[str, int], ...],
+    *,
+    seed: tuple[int, ...],
+    outside: str | None = None,
+    attempts: int = 4,
+) -> CasePlan:
+    """Write the case of the first draw whose grasps all find their balance."""
+    for attempt in range(attempts):
+        plan = planned(case_id, effects, seed=(*seed, attempt), outside=outside)
+        try:
+            write_case(folder, plan, seed=(*seed, attempt))
+        except NotInEquilibrium:
+            if attempt == attempts - 1:
+                raise
+        else:
+            return plan
+    raise ValueError("attempts must be positive")

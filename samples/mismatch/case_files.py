@@ -1,0 +1,153 @@
+"""A mismatch case on disk: mesh, pit prior, settings, recordings; labels sealed first, answers after."""
+
+import hashlib
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.mesh_file import write_mesh
+from samples.cubed_sphere import even_sphere
+from samples.grasp import SENSOR
+from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, MESH_ERROR_MM, DrawnFruit, scanned_skin
+from samples.mismatch.machine_effects import PAD_NAMES
+from samples.mismatch.true_recording import TrueRecording
+from samples.sensor_noise import SensorNoise, measured
+from tactile.recording import GelPad, Recording, write_recording
+
+MESH_CELLS = 33
+FORCE_NOISE_SHARE = 2e-4
+"""Noise of one marker's force over the pad's peak force."""
+
+_SETTINGS = """\
+category = "{category}"
+poisson_ratio = {nu}   # assumed
+offset_sd_mm = 0.5        # expected spread of the pit prior
+size_sd = 0.03
+mesh_sd_mm = 0.1
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Label:
+    """What is true of a case; `others` are facts beside the effect's own parameters."""
+
+    effect: str
+    parameters: dict[str, Any]
+    others: dict[str, Any]
+
+
+def write_case_files(
+    folder: Path,
+    drawn: DrawnFruit,
+    recordings: tuple[TrueRecording, ...],
+    *,
+    peaks_N: tuple[float, ...],
+    rng: np.random.Generator,
+) -> None:
+    """The case's folder, whole or not at all; noise and the scan's error come from `rng`.
+
+    The case's frame has the prior's pit at its origin. `peaks_N`: true peak force of each recording.
+    """
+    partial = folder.with_name(f".{folder.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    partial.mkdir(parents=True)
+    origin = np.array(drawn.prior.centre_mm)
+    vertices, triangles = scanned_skin(drawn.fruit.skin, cells=MESH_CELLS, error_mm=MESH_ERROR_MM, rng=rng)
+    write_mesh(partial / "fruit.ply", vertices - origin, triangles)
+    sphere = even_sphere(MESH_CELLS)
+    write_mesh(partial / "pit.ply", drawn.prior.points_mm(sphere.directions) - origin, sphere.triangles())
+    settings = _SETTINGS.format(category=drawn.category, nu=ASSUMED_POISSON_RATIO)
+    (partial / "case.toml").write_text(settings, encoding="utf-8")
+    for truth, peak in zip(recordings, peaks_N, strict=True):
+        recording = sensed(truth, drawn, fruit_id=folder.name, origin_mm=origin, peak_N=peak, rng=rng)
+        write_recording(partial / f"{truth.name}.h5", recording)
+    shutil.rmtree(folder, ignore_errors=True)
+    partial.rename(folder)
+
+
+def sensed(
+    truth: TrueRecording,
+    drawn: DrawnFruit,
+    *,
+    fruit_id: str,
+    origin_mm: Float[np.ndarray, " 3"],
+    peak_N: float,
+    rng: np.random.Generator,
+) -> Recording:
+    """The recording as the sensor gives it, in the frame whose origin is at `origin_mm`."""
+    size = FORCE_NOISE_SHARE * peak_N
+    noise = SensorNoise(force_N=size, reference_N=size / 2, force_step_N=2.0**-17)
+    pads = []
+    for name, pad in zip(PAD_NAMES, truth.pads, strict=True):
+        felt, pushed = measured(pad.displacement_mm, pad.force_N, noise, rng)
+        pose = pad.pose.copy()
+        pose[:, :3, 3] -= origin_mm
+        pads.append(
+            GelPad(
+                name=name,
+                pose=pose,
+                rest_mm=truth.rest_mm,
+                displacement_mm=felt,
+                force_N=pushed,
+                gel_kn_MPa_per_mm=truth.gel.kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=truth.gel.kt_MPa_per_mm,
+            )
+        )
+    return Recording(
+        fruit_id=fruit_id,
+        category=drawn.category,
+        loading="grasp",
+        support="free",
+        sensor=SENSOR,
+        time_s=np.round(truth.time_s, 3),
+        aperture_mm=np.round(truth.aperture_mm, 4),
+        pads=tuple(pads),
+    )
+
+
+def answer(drawn: DrawnFruit, label: Label) -> dict[str, Any]:
+    """One entry of answers.json, in the case's frame."""
+    centre = np.array(drawn.fruit.pit.centre_mm) - np.array(drawn.prior.centre_mm)
+    return {
+        "effect": label.effect,
+        "parameters": label.parameters,
+        "E_MPa": drawn.fruit.E_MPa,
+        "nu": drawn.fruit.poisson_ratio,
+        "pit_semi_axes_mm": list(drawn.fruit.pit.semi_axes_mm),
+        "pit_centre_mm": centre.tolist(),
+        "category": drawn.category,
+        **label.others,
+    }
+
+
+def seal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
+    """Write SHA-256(salt + label) of a case to manifest.json; the label is effect and parameters."""
+    _update(folder / "manifest.json", case_id, hashlib.sha256((salt + _text(entry)).encode()).hexdigest())
+
+
+def reveal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
+    """Write one case's answer, with the salt that its seal was made with."""
+    _update(folder / "answers.json", case_id, {**entry, "salt": salt})
+
+
+def sealed_as(entry: dict[str, Any]) -> str:
+    """The seal that an entry of answers.json must have."""
+    return hashlib.sha256((entry["salt"] + _text(entry)).encode()).hexdigest()
+
+
+def _text(entry: dict[str, Any]) -> str:
+    return json.dumps({k: entry[k] for k in ("effect", "parameters")}, sort_keys=True)
+
+
+def _update(path: Path, key: str, value: Any) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    known[key] = value
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+    partial.replace(path)

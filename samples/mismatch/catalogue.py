@@ -1,0 +1,74 @@
+"""How strong each effect is planted: three levels, from just to be seen to plain."""
+
+from typing import Any
+
+import numpy as np
+
+from samples.failure import SampleFailure
+from samples.mismatch.machine_effects import PAD_NAMES
+
+Range = tuple[float, float]
+LEVELS = (0, 1, 2)
+
+_RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
+    "viscoelastic": {"g": ((0.1, 0.18), (0.22, 0.34), (0.4, 0.58))},
+    "stiffening": {"b": ((15.0, 22.0), (28.0, 40.0), (48.0, 65.0))},
+    "skin": {"Et_N_per_mm": ((0.3, 0.6), (0.9, 1.8), (2.4, 4.5))},
+    "graded_modulus": {"gamma": ((0.1, 0.2), (0.25, 0.4), (0.45, 0.6))},
+    "soft_spot": {"ratio": ((0.5, 0.6), (0.3, 0.45), (0.1, 0.22))},
+    "anisotropy": {"axial": ((0.2, 0.4), (0.6, 1.1), (1.5, 2.5))},
+    "poisson_ratio": {"nu": ((0.405, 0.425), (0.35, 0.38), (0.28, 0.33))},
+    "pit_offset": {"length_mm": ((1.1, 1.6), (1.9, 2.6), (3.0, 3.8))},
+    "pit_size": {"change": ((0.1, 0.14), (0.16, 0.21), (0.24, 0.3))},
+    "loose_pit": {"gap_mm": ((0.04, 0.08), (0.12, 0.2), (0.3, 0.45))},
+    "slip": {"mu": ((0.15, 0.18), (0.1, 0.13), (0.05, 0.08))},
+    "plastic_set": {"yield_over_E": ((0.085, 0.095), (0.065, 0.078), (0.045, 0.057))},
+    "damage": {"dmax": ((0.2, 0.3), (0.4, 0.5), (0.6, 0.75))},
+    "sensor_gain": {"change": ((0.04, 0.06), (0.08, 0.12), (0.15, 0.2))},
+    "sensor_drift": {"share_per_s": ((0.002, 0.004), (0.006, 0.01), (0.015, 0.025))},
+    "gripper_compliance": {"mm_per_N": ((0.003, 0.006), (0.009, 0.014), (0.02, 0.035))},
+    "clock_lag": {"lag_s": ((0.04, 0.06), (0.09, 0.13), (0.17, 0.25))},
+    "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
+}
+
+
+def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[str, Any]:
+    """Parameters of an effect at a level, but for what only the fruit can say (where a soft spot is)."""
+    if effect not in _RANGES:
+        raise SampleFailure(f"There is no effect {effect!r} in the catalogue.")
+    (name, ranges), *_ = _RANGES[effect].items()
+    size = float(rng.uniform(*ranges[level]))
+    sign = float(rng.choice([-1.0, 1.0]))
+    pad = str(rng.choice(PAD_NAMES))
+    if effect == "viscoelastic":
+        return {"g": size, "tau_s": float(np.exp(rng.uniform(np.log(0.4), np.log(12.0))))}
+    if effect == "graded_modulus":
+        return {"gamma": sign * size}
+    if effect == "soft_spot":
+        return {"ratio": size, "radius_mm": float(rng.uniform(4.5, 8.5))}
+    if effect == "poisson_ratio":
+        return {"nu": size if level or sign < 0 else min(0.488, 0.9 - size)}
+    if effect == "pit_offset":
+        direction = rng.normal(size=3)
+        return {"offset_mm": (size * direction / np.linalg.norm(direction)).tolist()}
+    if effect == "pit_size":
+        return {"scale": 1 + sign * size}
+    if effect == "damage":
+        return {"dmax": size, "W0_over_E": float(np.exp(rng.uniform(np.log(5e-4), np.log(4e-3))))}
+    if effect == "plastic_set":
+        return {"yield_over_E": size, "hardening": 0.05}
+    if effect == "sensor_gain":
+        return {"pad": pad, "gain": 1 + sign * size}
+    if effect == "sensor_drift":
+        return {"pad": pad, "share_per_s": sign * size}
+    if effect == "clock_lag":
+        return {"lag_s": sign * size}
+    if effect == "pose_error":
+        angle = rng.uniform(0, 2 * np.pi)
+        shift = 4.0 * size * np.array([np.cos(angle), np.sin(angle)])
+        return {
+            "pad": pad,
+            "shift_mm": shift.tolist(),
+            "tilt_deg": sign * 5.0 * size * float(rng.uniform(0.3, 1)),
+        }
+    return {name: size}

@@ -1,0 +1,126 @@
+"""Fruits of three categories drawn at random, each with a true pit near the category's prior."""
+
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from samples.cubed_sphere import even_sphere
+from samples.fruit import Pit, SampleFruit, Skin
+
+Category = Literal["nectarine", "plum", "pdms_ball"]
+CATEGORIES: tuple[Category, ...] = ("nectarine", "plum", "pdms_ball")
+PIT_OFFSET_SD_MM, PIT_SIZE_SD, MESH_ERROR_MM = 0.3, 0.02, 0.1
+SOFTEST_MPA, FIRMEST_MPA = 0.15, 1.4
+ASSUMED_POISSON_RATIO = 0.45
+
+
+@dataclass(frozen=True, kw_only=True)
+class DrawnFruit:
+    """The truth of one fruit, the pit that its category would have, and how deep its first grasp goes."""
+
+    category: Category
+    fruit: SampleFruit
+    prior: Pit
+    depth_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Kind:
+    half_axes_mm: tuple[float, float, float]
+    spread: float
+    stem_mm: tuple[float, float]
+    groove_mm: tuple[float, float]
+    pit_share: tuple[float, float, float]
+
+
+_KINDS = {
+    "nectarine": _Kind(
+        half_axes_mm=(30.6, 30.4, 29.0), spread=0.06, stem_mm=(2.0, 4.0), groove_mm=(0.4, 0.9),
+        pit_share=(0.445, 0.327, 0.568),
+    ),
+    "plum": _Kind(
+        half_axes_mm=(21.4, 20.6, 23.0), spread=0.06, stem_mm=(0.6, 1.4), groove_mm=(0.1, 0.4),
+        pit_share=(0.389, 0.262, 0.493),
+    ),
+    "pdms_ball": _Kind(
+        half_axes_mm=(25.0, 25.0, 25.0), spread=0.06, stem_mm=(0.0, 0.0), groove_mm=(0.0, 0.0),
+        pit_share=(0.4, 0.4, 0.4),
+    ),
+}  # fmt: skip
+
+
+def drawn_fruit(
+    fruit_id: str,
+    *,
+    category: Category,
+    rng: np.random.Generator,
+    pit_shift_mm: Float[np.ndarray, " 3"] | None = None,
+    pit_scale: float = 1.0,
+    poisson_ratio: float = ASSUMED_POISSON_RATIO,
+) -> DrawnFruit:
+    """A fruit about the origin; its pit is the prior's, 0.3 mm (per axis) and 2 % off, then moved or scaled.
+
+    E is log-uniform in 0.15 to 1.4 MPa; the deepest travel is 6 to 8 % of the radius.
+    """
+    kind = _KINDS[category]
+    half = np.array(kind.half_axes_mm) * np.clip(rng.normal(1.0, kind.spread), 0.88, 1.12)
+    half = half * np.clip(rng.normal(1.0, 0.012, 3), 0.975, 1.025)
+    skin = Skin(
+        centre_mm=(0.0, 0.0, 0.0),
+        half_axes_mm=(float(half[0]), float(half[1]), float(half[2])),
+        stem_depth_mm=float(rng.uniform(*kind.stem_mm)),
+        stem_width=float(rng.uniform(0.27, 0.33)),
+        blossom_depth_mm=float(rng.uniform(0.0, 0.5)) if kind.stem_mm[1] else 0.0,
+        groove_depth_mm=float(rng.uniform(*kind.groove_mm)),
+        groove_width=float(rng.uniform(0.12, 0.18)),
+        cubic=rng.normal(0.0, 0.005, (3, 3, 3)),
+    )
+    prior = Pit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=_triple(np.array(kind.pit_share) * half))
+    pit = _true_pit(prior, rng, pit_shift_mm, pit_scale)
+    modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
+    fruit = SampleFruit(
+        fruit_id=fruit_id, seed=0, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio,
+        ripeness=0.5,
+    )  # fmt: skip
+    depth = float(half.mean() * rng.uniform(0.06, 0.076))
+    return DrawnFruit(category=category, fruit=fruit, prior=prior, depth_mm=depth)
+
+
+def _true_pit(
+    prior: Pit, rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
+) -> Pit:
+    """Off the prior by the category's spread; a planted shift or scale takes the place of that spread."""
+    centre = rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
+    sizes = rng.normal(1.0, PIT_SIZE_SD, 3)
+    if shift_mm is not None:
+        centre = np.asarray(shift_mm, dtype=float)
+    if scale != 1.0:
+        sizes = np.full(3, scale)
+    return Pit(
+        centre_mm=_triple(np.array(prior.centre_mm) + centre),
+        semi_axes_mm=_triple(np.array(prior.semi_axes_mm) * sizes),
+    )
+
+
+def with_new_prior(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
+    """The same truth seen with another draw of the prior's error (for fruits without a planted pit)."""
+    centre = np.array(drawn.fruit.pit.centre_mm) - rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
+    sizes = np.array(drawn.fruit.pit.semi_axes_mm) / rng.normal(1.0, PIT_SIZE_SD, 3)
+    return replace(drawn, prior=Pit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))
+
+
+def scanned_skin(
+    skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
+    sphere = even_sphere(cells)
+    waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)
+    wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)
+    wobble *= error_mm / np.sqrt(np.mean(wobble**2))
+    return skin.points_mm(sphere.directions) + wobble[:, None] * sphere.directions, sphere.triangles()
+
+
+def _triple(values: Float[np.ndarray, " 3"]) -> tuple[float, float, float]:
+    return float(values[0]), float(values[1]), float(values[2])

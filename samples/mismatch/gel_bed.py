@@ -1,0 +1,149 @@
+"""A gel pad as a bed of springs, each held by the skin point it met: contact followed from the gel's side.
+
+Every gel point X carries the traction of samples.contact: pressure kn times depth, shear kt times how far the
+skin point x that it met has moved aside, and no more shear than friction times pressure. A gel point that is
+free looks straight up at the skin; what it sees when the skin comes through the gel's face, it keeps.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from samples.contact import Gel, traction
+from samples.failure import NotInEquilibrium
+from samples.mismatch.skin_points import seen_from_above, settle_in_cell, weights
+
+HALF_WIDTH_MM, PER_MM = 10.0, 2
+CLOSE_MM, SPACE_MM = 0.1, 1.0
+"""Only gel points this near to skin this low look up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bed:
+    """Gel points of one pad (pad frame), the gel area of each (mm^2); the markers come last, with none."""
+
+    points_mm: Float[np.ndarray, "g 2"]
+    areas_mm2: Float[np.ndarray, " g"]
+    markers: int
+
+
+def bed_of(rest_mm: Float[np.ndarray, "m 3"]) -> Bed:
+    """Points every half millimetre over the pad's face, then the markers."""
+    count = int(2 * HALF_WIDTH_MM * PER_MM)
+    line = (np.arange(count) + 0.5) / PER_MM - HALF_WIDTH_MM
+    x, y = np.meshgrid(line, line, indexing="ij")
+    grid = np.stack([x.ravel(), y.ravel()], axis=1)
+    areas = np.concatenate([np.full(len(grid), 1.0 / PER_MM**2), np.zeros(len(rest_mm))])
+    return Bed(points_mm=np.concatenate([grid, rest_mm[:, :2]]), areas_mm2=areas, markers=len(rest_mm))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Held:
+    """Where on the skin each gel point is: cell (-1: no skin above), coordinates, and whether it touches."""
+
+    cell: Int[np.ndarray, " g"]
+    at: Float[np.ndarray, "g 2"]
+    touching: Bool[np.ndarray, " g"]
+
+
+def nothing_held(bed: Bed) -> Held:
+    """Before the first touch."""
+    count = len(bed.points_mm)
+    return Held(cell=np.full(count, -1), at=np.zeros((count, 2)), touching=np.zeros(count, dtype=bool))
+
+
+def looked_up(
+    bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], was: Float[np.ndarray, "n 3"],
+    now: Float[np.ndarray, "n 3"],
+) -> Held:  # fmt: skip
+    """Free points find the skin above them; one that the skin came through since `was`, where it did so.
+
+    `was`, `now`: the skin's nodes in the pad frame then and now.
+    """
+    close = np.linalg.norm(now[now[:, 2] < CLOSE_MM, :2], axis=1).max(initial=0.0) + SPACE_MM
+    if close == SPACE_MM:
+        return held
+    free = np.flatnonzero(~held.touching & (np.linalg.norm(bed.points_mm, axis=1) < close))
+    target = bed.points_mm[free]
+    cell, at = seen_from_above(now[:, :2], cells, target, held.cell[free], held.at[free])
+    seen = np.flatnonzero(cell >= 0)
+    shares = weights(at[seen])
+    below = np.einsum("na,na->n", shares, now[cells[cell[seen]], 2])
+    above = np.einsum("na,na->n", shares, was[cells[cell[seen]], 2])
+    through = np.flatnonzero(below < 0)
+    if len(through):
+        who = seen[through]
+        share = np.clip(above[through] / np.maximum(above[through] - below[through], 1e-12), 0.0, 1.0)
+        corners = cells[cell[who]]
+        crossing = was[corners, :2] + share[:, None, None] * (now[corners, :2] - was[corners, :2])
+        at[who] = settle_in_cell(crossing, target[who], at[who])
+    all_cell, all_at = held.cell.copy(), held.at.copy()
+    all_cell[free], all_at[free] = cell, at
+    return Held(cell=all_cell, at=all_at, touching=held.touching)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """Gel points tied to skin nodes: `shares` (points x nodes), and the points that have skin above them."""
+
+    points: Int[np.ndarray, " s"]
+    shares: csr_array
+    anchors_mm: Float[np.ndarray, "s 2"]
+    areas_mm2: Float[np.ndarray, " s"]
+
+
+def link_of(bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes: int) -> Link:
+    """The interpolation from skin nodes to gel points for the places that `held` says."""
+    points = np.flatnonzero(held.cell >= 0)
+    columns = cells[held.cell[points]]
+    rows = np.repeat(np.arange(len(points)), 9)
+    shares = csr_array(
+        (weights(held.at[points]).ravel(), (rows, columns.ravel())), shape=(len(points), nodes)
+    )
+    return Link(
+        points=points,
+        shares=shares,
+        anchors_mm=bed.points_mm[points],
+        areas_mm2=bed.areas_mm2[points],
+    )
+
+
+def after_step(
+    gel: Gel, bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], now: Float[np.ndarray, "n 3"], link: Link
+) -> Held:
+    """What stays held after a converged step; points past the friction cone are drawn along the skin.
+
+    Raises NotInEquilibrium when skin that no cell of the patch covers would touch.
+    """
+    position = np.asarray(link.shares @ now)
+    touching = np.zeros(len(bed.points_mm), dtype=bool)
+    touching[link.points] = position[:, 2] < 0
+    force, _ = traction(gel, position, link.anchors_mm)
+    asked = gel.kt_MPa_per_mm * np.linalg.norm(position[:, :2] - link.anchors_mm, axis=1)
+    slips = (position[:, 2] < 0) & (asked > gel.friction * force[:, 2] * (1 + 1e-9))
+    after = replace(held, touching=touching)
+    if not np.any(slips):
+        return after
+    who = link.points[slips]
+    target = bed.points_mm[who] - force[slips, :2] / gel.kt_MPa_per_mm
+    cell, at = seen_from_above(now[:, :2], cells, target, held.cell[who], held.at[who])
+    if np.any(cell < 0):
+        raise NotInEquilibrium("the contact patch slid past the skin that was meshed for it: press less")
+    new_cell, new_at = held.cell.copy(), held.at.copy()
+    new_cell[who], new_at[who] = cell, at
+    return Held(cell=new_cell, at=new_at, touching=touching)
+
+
+def marker_values(
+    gel: Gel, bed: Bed, link: Link, now: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
+    """Shift of every marker (mm) and traction there (MPa), pad frame; zero where nothing touches."""
+    position = np.asarray(link.shares @ now)
+    force, _ = traction(gel, position, link.anchors_mm)
+    load = np.zeros((len(bed.points_mm), 3))
+    load[link.points] = force
+    load = load[-bed.markers :]
+    stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
+    return -load / stiffness, load

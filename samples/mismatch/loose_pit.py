@@ -1,0 +1,114 @@
+"""Freestone: a pit with an even gap all round, which the flesh closes by being pressed."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array, diags_array, hstack
+
+from samples.flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.mismatch.grip import Grip, InnerContact, Instant, next_instant
+from samples.mismatch.schur import schur_complement
+
+THREADS_N_PER_MM = 0.05
+"""All round, hair-fine threads hold the flesh to the pit; they keep it from floating off."""
+PENALTY_PER_MM = 25.0
+"""Closed, the pit's surface gives way by the pressure over this many times E."""
+
+
+class LoosePitBody:
+    """Linear flesh round a pit that it touches without friction once a gap has closed.
+
+    Unknowns beside the skin's: how far the flesh stands off each pit node, along the pit's normal there.
+    """
+
+    still = True
+
+    def __init__(self, stiffness: Float[np.ndarray, "d d"]) -> None:
+        self._stiffness = stiffness
+
+    def begin(self) -> Float[np.ndarray, " d"]:
+        """Centred, open all round."""
+        return np.zeros(len(self._stiffness))
+
+    def advance(
+        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
+    ) -> Instant:  # fmt: skip
+        """Equilibrium with the pads and the pit."""
+        return next_instant(grip, before, origins, self._stiffness, np.zeros(len(self._stiffness)))
+
+
+def loose_stiffness(
+    flesh: Flesh, skin_dofs: Int[np.ndarray, " d"], *, extra: csr_array | None = None
+) -> Float[np.ndarray, "e e"]:
+    """Dense stiffness on the skin's unknowns, then the opening of every pit node.
+
+    `extra`: stiffness on the flesh's own unknowns to add, with the pit's nodes bonded (a skin).
+    """
+    bricks = flesh.bricks
+    full = assembled(
+        bricks.cells, flesh.slopes, flesh.volumes, flesh.mu_MPa, flesh.lam_MPa, len(bricks.nodes_mm)
+    )
+    bonded = rigid_tie(bricks, flesh.free_nodes, flesh.pit_centre_mm)
+    own = _own_motion(flesh)
+    tie = csr_array(coo_array(_beside(bonded, own)))
+    stiffness = csr_array(tie.T @ full @ tie)
+    count, nodes = flesh.unknowns, len(bricks.pit_nodes)
+    diagonal = np.zeros(stiffness.shape[0])
+    diagonal[count - 6 : count] = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+    diagonal[count:] = THREADS_N_PER_MM / nodes
+    stiffness = csr_array(stiffness + diags_array(diagonal))
+    if extra is not None:
+        padded = coo_array(extra)
+        padded = coo_array((padded.data, padded.coords), shape=stiffness.shape)
+        stiffness = csr_array(stiffness + padded.tocsr())
+    openings = count + 3 * np.arange(nodes)
+    return schur_complement(stiffness, np.concatenate([skin_dofs, openings]))
+
+
+def pit_contact(flesh: Flesh, *, gap_mm: float) -> InnerContact:
+    """The pit's surface as a stiff frictionless bed at `gap_mm`."""
+    modulus = flesh.mu_MPa * (3 * flesh.lam_MPa + 2 * flesh.mu_MPa) / (flesh.lam_MPa + flesh.mu_MPa)
+    _, areas = _normals(flesh)
+    return InnerContact(gap_mm=gap_mm, N_per_mm=PENALTY_PER_MM * modulus * areas)
+
+
+def _normals(flesh: Flesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+    """Outward unit normals of the pit's nodes, and the area that each stands for."""
+    bricks = flesh.bricks
+    quads = _pit_quads(flesh)
+    x = bricks.nodes_mm
+    cross = np.cross(x[quads[:, 2]] - x[quads[:, 0]], x[quads[:, 3]] - x[quads[:, 1]]) / 2
+    total = np.zeros((len(bricks.pit_nodes), 3))
+    for corner in quads.T:
+        np.add.at(total, corner, cross / 4)
+    size = np.linalg.norm(total, axis=1)
+    return total / size[:, None], size
+
+
+def _pit_quads(flesh: Flesh) -> Int[np.ndarray, "k 4"]:
+    """Four small quadrilaterals per innermost cell, outward, in pit node numbers."""
+    bricks = flesh.bricks
+    inner = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9].reshape(-1, 3, 3)
+    found = [
+        np.stack([inner[:, i, j], inner[:, i + 1, j], inner[:, i + 1, j + 1], inner[:, i, j + 1]], axis=1)
+        for i in (0, 1)
+        for j in (0, 1)
+    ]
+    return np.concatenate(found)
+
+
+def _own_motion(flesh: Flesh) -> coo_array:
+    """The pit nodes' motion of their own: normal, two tangents, per node."""
+    bricks = flesh.bricks
+    normal, _ = _normals(flesh)
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(normal, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    frames = np.stack([normal, first, np.cross(normal, first)], axis=2)
+    nodes = len(bricks.pit_nodes)
+    rows = np.repeat(3 * bricks.pit_nodes[:, None] + np.arange(3), 3, axis=1).ravel()
+    columns = np.tile(3 * np.arange(nodes)[:, None] + np.arange(3), (1, 3)).ravel()
+    return coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
+
+
+def _beside(a: csr_array, b: coo_array) -> coo_array:
+    return coo_array(hstack([a, b]))

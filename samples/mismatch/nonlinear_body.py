@@ -1,0 +1,90 @@
+"""A fruit whose flesh follows a law of its own: equilibrium by alternating contact and flesh.
+
+The contact is solved on the dense linear stiffness, the skin's free standing shifted by what excess stress
+does: p = K^-1 excess. Rounds are sped up by Anderson mixing (Walker and Ni 2011, type II) until p no longer
+changes.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.failure import NotInEquilibrium
+from samples.mismatch.flesh_laws import FleshLaw, State
+from samples.mismatch.grip import Grip, Instant, next_instant
+from samples.mismatch.whole_fruit import WholeFruit
+
+SETTLED_MM = 2e-4
+REST_S = 1e4
+"""Between two grasps."""
+ROUNDS, DEPTH = 60, 8
+
+
+class NonlinearBody:
+    """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
+
+    def __init__(
+        self, whole: WholeFruit, stiffness: Float[np.ndarray, "d d"], law: FleshLaw, *, firmer: float = 1.0
+    ) -> None:
+        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
+        self._whole, self._stiffness, self._law = whole, firmer * stiffness, law
+        self._firmer = firmer
+        self.still = law.still
+        self._state: State = law.at_first(whole.flesh.volumes.shape)
+        self._shift = np.zeros(whole.flesh.unknowns)
+        self._trend = np.zeros(whole.flesh.unknowns)
+
+    def begin(self) -> Float[np.ndarray, " d"]:
+        """Unloaded, where the flesh's own stress has brought the skin."""
+        whole = self._whole
+        shift, mixing = self._shift, Mixing(DEPTH)
+        for _ in range(ROUNDS):
+            mapped, state = self._mapped(-shift, REST_S)
+            if np.abs(mapped - shift).max() < SETTLED_MM / 10:
+                break
+            shift = mixing.mixed(shift, mapped)
+        self._state, self._shift, self._trend = state, mapped, np.zeros_like(mapped)
+        return np.asarray(-mapped[whole.dofs])
+
+    def advance(
+        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
+    ) -> Instant:
+        """Equilibrium of contact and flesh."""
+        whole = self._whole
+        shift, start = self._shift + self._trend, before.u
+        mixing = Mixing(DEPTH)
+        for _ in range(ROUNDS):
+            instant = next_instant(grip, before, origins, self._stiffness, -shift[whole.dofs], start=start)
+            q = whole.solve(whole.spread(instant.force_N)) / self._firmer - shift
+            mapped, state = self._mapped(q, pause_s)
+            start = instant.u
+            if np.abs((mapped - shift)[whole.dofs]).max() < SETTLED_MM:
+                self._trend = (mapped - self._shift) if np.any(instant.force_N) else np.zeros_like(mapped)
+                self._state, self._shift = state, mapped
+                return instant
+            shift = mixing.mixed(shift, mapped)
+        raise NotInEquilibrium(f"flesh and contact found no balance in {ROUNDS} rounds: press less")
+
+    def _mapped(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
+        excess, state = self._law.excess(self._whole.gradients(q), self._state, pause_s)
+        shift = self._whole.solve(self._whole.forces(excess))
+        return (shift + (1 - self._firmer) * q) / self._firmer, state
+
+
+class Mixing:
+    """Anderson mixing over the last few rounds."""
+
+    def __init__(self, depth: int) -> None:
+        self._depth = depth
+        self._mapped: list[np.ndarray] = []
+        self._change: list[np.ndarray] = []
+
+    def mixed(self, q: Float[np.ndarray, " u"], mapped: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+        """The next guess."""
+        self._mapped = [*self._mapped[-self._depth :], mapped]
+        self._change = [*self._change[-self._depth :], mapped - q]
+        if len(self._change) == 1:
+            return mapped
+        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
+        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
+        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
+        return np.asarray(mapped - moves @ share)

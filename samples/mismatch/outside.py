@@ -1,0 +1,164 @@
+"""Physics that the catalogue does not have; the right answer to each of these cases is "unknown".
+
+split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
+palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp
+gel_hysteresis   the gel's force falls behind its displacement while it is let go
+thermal_drift    both gels swell and their forces wander, fast at first, with the square root of time
+gel_creep        both gels soften while they are held; the sensor goes on believing their nominal stiffness
+drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from samples.contact import Gel
+from samples.failure import SampleFailure
+from samples.flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.mismatch.bodies import Body, ElasticBody
+from samples.mismatch.creeping_gel import CreepingGelBody
+from samples.mismatch.draining import Draining
+from samples.mismatch.flesh_laws import Lame
+from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.schur import schur_complement
+from samples.mismatch.standing import Standing
+from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.mismatch.whole_fruit import whole_fruit
+
+OUTSIDE = ("split_pit", "palm", "gel_hysteresis", "thermal_drift", "gel_creep", "drainage")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outside:
+    """One of the physics above with what it takes."""
+
+    name: str
+    parameters: dict[str, Any]
+
+
+def drawn_outside(name: str, rng: np.random.Generator) -> Outside:
+    """At a strength that is plain to be seen. Raises SampleFailure for a name that is not in the list."""
+    if name not in OUTSIDE:
+        raise SampleFailure(
+            f"There is no physics {name!r} outside the catalogue; there are: {', '.join(OUTSIDE)}."
+        )
+    return Outside(name=name, parameters=_strength(name, rng))
+
+
+def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
+    if name == "palm":
+        return {"N_per_mm": float(rng.uniform(4.0, 8.0)), "area_radius_mm": 6.0}
+    if name == "gel_hysteresis":
+        return {"share": float(rng.uniform(0.06, 0.12))}
+    if name == "thermal_drift":
+        swell, force = rng.uniform(0.01, 0.02), rng.uniform(0.02, 0.04)
+        return {"swell_mm_per_root_s": float(swell), "peak_share_per_root_s": float(force)}
+    if name == "gel_creep":
+        return {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
+    if name == "drainage":
+        return {"volume_share": float(rng.uniform(0.6, 0.9)), "tau_s": float(rng.uniform(0.5, 2.5))}
+    return {}
+
+
+def outside_body(stands: Standing, outside: Outside) -> Body:
+    """The fruit of one mesh, with what is not in the catalogue."""
+    flesh, p = stands.flesh, outside.parameters
+    if outside.name == "split_pit":
+        return ElasticBody(schur_complement(split_pit_stiffness(flesh), stands.dofs))
+    if outside.name == "palm":
+        return ElasticBody(schur_complement(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
+    dense = schur_complement(flesh.stiffness, stands.dofs)
+    if outside.name == "gel_creep":
+        return CreepingGelBody(dense, g=p["g"], tau_s=p["tau_s"])
+    if outside.name == "drainage":
+        lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
+        law = Draining(lame=lame, volume_share=p["volume_share"], tau_s=p["tau_s"])
+        return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), dense, law)
+    return ElasticBody(dense)
+
+
+def outside_recorded(truth: TrueRecording, outside: Outside) -> TrueRecording:
+    """What the sensor makes of it."""
+    if outside.name == "gel_hysteresis":
+        return with_hysteresis(truth, **outside.parameters)
+    if outside.name == "thermal_drift":
+        return with_thermal_drift(truth, **outside.parameters)
+    if outside.name == "gel_creep":
+        return believed(truth, Gel())
+    return truth
+
+
+def split_pit_stiffness(flesh: Flesh) -> csr_array:
+    """Stiffness with two rigid half pits; the second half's six unknowns come last."""
+    bricks = flesh.bricks
+    full = assembled(
+        bricks.cells, flesh.slopes, flesh.volumes, flesh.mu_MPa, flesh.lam_MPa, len(bricks.nodes_mm)
+    )
+    tie = coo_array(rigid_tie(bricks, flesh.free_nodes, flesh.pit_centre_mm))
+    is_second = np.zeros(len(bricks.nodes_mm), dtype=bool)
+    pit = bricks.pit_nodes
+    is_second[pit[bricks.nodes_mm[pit, 1] > flesh.pit_centre_mm[1]]] = True
+    rows, columns = tie.coords
+    moved = is_second[rows // 3] & (columns >= flesh.unknowns - 6)
+    halves = csr_array(
+        coo_array(
+            (tie.data, (rows, np.where(moved, columns + 6, columns))),
+            shape=(tie.shape[0], flesh.unknowns + 6),
+        )
+    )
+    holding = np.zeros(flesh.unknowns + 6)
+    weights = HOLDING_N_PER_MM / 2 * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
+    holding[-12:] = np.concatenate([weights, weights])
+    at = np.arange(len(holding))
+    return csr_array(halves.T @ full @ halves + coo_array((holding, (at, at))).tocsr())
+
+
+def on_a_palm(flesh: Flesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
+    """Stiffness to add: springs along z under the lowest part of the skin."""
+    bricks = flesh.bricks
+    skin = np.unique(bricks.skin_cells)
+    places = bricks.nodes_mm[skin]
+    lowest = places[np.argmin(places[:, 2])]
+    near = skin[(np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)]
+    number = np.full(len(bricks.nodes_mm), -1)
+    number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
+    at = 3 * number[near] + 2
+    values = np.full(len(at), N_per_mm / len(at))
+    return csr_array(coo_array((values, (at, at)), shape=(flesh.unknowns, flesh.unknowns)))
+
+
+def with_hysteresis(truth: TrueRecording, *, share: float) -> TrueRecording:
+    """While a pad's force is below its peak so far, the recorded force falls short by up to `share` of it."""
+    pads = []
+    for pad in truth.pads:
+        total = pad.force_N.sum(axis=1)[:, 2]
+        peak = np.maximum.accumulate(np.maximum(total, 1e-9))
+        short = 1 - share * 4 * (total / peak) * (1 - total / peak)
+        pads.append(replace(pad, force_N=pad.force_N * short[:, None, None]))
+    return replace(truth, pads=(pads[0], pads[1]))
+
+
+def with_thermal_drift(
+    truth: TrueRecording, *, swell_mm_per_root_s: float, peak_share_per_root_s: float
+) -> TrueRecording:
+    """Markers move away from the gel's middle and the normal force grows, both with the root of time."""
+    root = np.sqrt(truth.time_s - truth.time_s[0])
+    outward = np.zeros_like(truth.rest_mm)
+    outward[:, :2] = truth.rest_mm[:, :2] / np.abs(truth.rest_mm[:, :2]).max()
+    swell = swell_mm_per_root_s * root[:, None, None] * outward
+    growth = peak_share_per_root_s * truth.peak_force_N / len(truth.rest_mm) * root
+    pads = []
+    for pad in truth.pads:
+        force = pad.force_N.copy()
+        force[..., 2] += growth[:, None]
+        pads.append(PadTruth(pose=pad.pose, displacement_mm=pad.displacement_mm + swell, force_N=force))
+    return replace(truth, pads=(pads[0], pads[1]))
+
+
+def believed(truth: TrueRecording, gel: Gel) -> TrueRecording:
+    """The force that a sensor computes from the markers' displacement with the gel's nominal stiffness."""
+    stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
+    pads = [replace(p, force_N=-stiffness * p.displacement_mm) for p in truth.pads]
+    return replace(truth, gel=gel, pads=(pads[0], pads[1]))

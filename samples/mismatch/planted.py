@@ -1,0 +1,107 @@
+"""What is planted in a case: effects of the catalogue by name, with the parameters that labels carry."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.contact import Gel
+from samples.failure import SampleFailure
+from samples.flesh import Flesh
+from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
+from samples.mismatch.drawn_fruit import DrawnFruit
+from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, Stiffening, Yielding
+from samples.mismatch.four_grasps import CaseGrasp
+
+EFFECTS = (
+    "viscoelastic", "stiffening", "skin", "graded_modulus", "soft_spot", "anisotropy", "poisson_ratio",
+    "pit_offset", "pit_size", "loose_pit", "slip", "plastic_set", "damage", "sensor_gain", "sensor_drift",
+    "gripper_compliance", "clock_lag", "pose_error",
+)  # fmt: skip
+MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
+STIFFENING_IS_FIRMER = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class Planted:
+    """One effect; `parameters` are those of its label."""
+
+    effect: str
+    parameters: dict[str, Any]
+
+    def __post_init__(self) -> None:
+        if self.effect not in EFFECTS:
+            raise SampleFailure(f"There is no effect {self.effect!r}; there are: {', '.join(EFFECTS)}.")
+
+    def number(self, name: str) -> float:
+        """One parameter that is a number."""
+        return float(self.parameters[name])
+
+
+def named(planted: tuple[Planted, ...], effect: str) -> Planted | None:
+    """The planted effect of that name, if any."""
+    return next((p for p in planted if p.effect == effect), None)
+
+
+def joined_name(planted: tuple[Planted, ...]) -> str:
+    """The label's effect: names sorted and joined by +, or none."""
+    return "+".join(sorted(p.effect for p in planted)) or "none"
+
+
+def joined_parameters(planted: tuple[Planted, ...]) -> dict[str, Any]:
+    """The parameters of a single effect; of several, one group per effect."""
+    if len(planted) == 1:
+        return dict(planted[0].parameters)
+    return {p.effect: dict(p.parameters) for p in planted}
+
+
+def gel_of(planted: tuple[Planted, ...]) -> Gel:
+    """The pads' gel; with slip its friction is low, else high enough never to matter."""
+    slip = named(planted, "slip")
+    return Gel() if slip is None else Gel(friction=slip.number("mu"))
+
+
+def altered_stiffness(flesh: Flesh, planted: tuple[Planted, ...]) -> Any:
+    """The flesh's stiffness with every planted effect that is linear in it."""
+    total = flesh.stiffness
+    for one in planted:
+        if one.effect == "graded_modulus":
+            total = total + graded(flesh, gamma=one.number("gamma"))
+        elif one.effect == "soft_spot":
+            total = total + with_soft_spot(
+                flesh, centre_mm=np.array(one.parameters["centre_mm"]), radius_mm=one.number("radius_mm"),
+                ratio=one.number("ratio"),
+            )  # fmt: skip
+        elif one.effect == "anisotropy":
+            total = total + stiffer_along_stem(flesh, axial=one.number("axial"))
+        elif one.effect == "skin":
+            nu = flesh.lam_MPa / (2 * (flesh.lam_MPa + flesh.mu_MPa))
+            total = total + with_skin(flesh, Et_N_per_mm=one.number("Et_N_per_mm"), poisson_ratio=nu)
+    return total
+
+
+def flesh_law(one: Planted, flesh: Flesh) -> tuple[FleshLaw, float]:
+    """The law of a planted effect, and how much firmer than linear the solver had better take the flesh."""
+    lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
+    modulus = lame.mu * (3 * lame.lam + 2 * lame.mu) / (lame.lam + lame.mu)
+    if one.effect == "stiffening":
+        return Stiffening(lame=lame, b=one.number("b")), STIFFENING_IS_FIRMER
+    if one.effect == "plastic_set":
+        limit, hardening = one.number("yield_over_E") * modulus, one.number("hardening") * modulus
+        return Yielding(lame=lame, yield_MPa=limit, hardening_MPa=hardening), 1.0
+    return Damaged(lame=lame, dmax=one.number("dmax"), W0_MPa=one.number("W0_over_E") * modulus), 1.0
+
+
+def spot_under_pad(
+    drawn: DrawnFruit, grasp: CaseGrasp, *, pad: str, depth_mm: float, aside_deg: float,
+    rng: np.random.Generator,
+) -> Float[np.ndarray, " 3"]:  # fmt: skip
+    """A place `depth_mm` below the skin, seen from the centre `aside_deg` off the pad."""
+    towards = -grasp.hold.turns[0 if pad == "left" else 1][:, 2]
+    sideways = np.cross(towards, rng.normal(size=3))
+    sideways /= np.linalg.norm(sideways)
+    angle = np.radians(aside_deg)
+    direction = np.cos(angle) * towards + np.sin(angle) * sideways
+    radius = float(drawn.fruit.skin.radius_mm(direction[None])[0])
+    return np.asarray(np.array(drawn.fruit.skin.centre_mm) + (radius - depth_mm) * direction)

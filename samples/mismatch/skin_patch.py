@@ -1,0 +1,52 @@
+"""The skin in front of the two pads: its nodes, its cells, its unknowns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+from samples.hexahedra import Bricks
+
+
+@dataclass(frozen=True, kw_only=True)
+class Patch:
+    """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
+
+    `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
+    """
+
+    turn: Float[np.ndarray, "3 3"]
+    nodes: Int[np.ndarray, " n"]
+    cells: Int[np.ndarray, "k 9"]
+    rim: Int[np.ndarray, " r"]
+
+
+def patch_of(
+    bricks: Bricks, turn: Float[np.ndarray, "3 3"], *, touch_mm: Float[np.ndarray, " 3"], overlap_mm: float
+) -> Patch:
+    """Cells that face the pad and come within `overlap_mm` of its face where it first touches."""
+    local = (bricks.nodes_mm - touch_mm) @ turn
+    corners = local[bricks.skin_cells]
+    normal = np.cross(corners[:, 2, 1] - corners[:, 0, 1], corners[:, 1, 2] - corners[:, 1, 0])
+    faces_it = normal[:, 2] < -0.3 * np.linalg.norm(normal, axis=1)
+    near = faces_it & (corners[..., 2].min(axis=(1, 2)) < overlap_mm)
+    nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
+    rim = np.isin(nodes, bricks.skin_cells[~near])
+    return Patch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))
+
+
+def degrees_of_freedom(
+    patches: tuple[Patch, ...], free_nodes: Int[np.ndarray, " f"], count: int
+) -> Int[np.ndarray, " d"]:
+    """The unknowns of the patches' nodes, three each, pad after pad; all must be free nodes."""
+    number = np.full(count, -1)
+    number[free_nodes] = np.arange(len(free_nodes))
+    touched = np.concatenate([number[p.nodes] for p in patches])
+    return np.asarray((3 * touched[:, None] + np.arange(3)).ravel())
+
+
+def inverse(matrix: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
+    """Inverse of a symmetric positive definite matrix, symmetric to the last digit."""
+    found = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
+    return np.asarray((found + found.T) / 2)

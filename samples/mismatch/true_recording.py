@@ -1,0 +1,106 @@
+"""The recording of one grasp before any sensor: instants at the frames, and what the machine knows."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.contact import Gel
+from samples.grasp import marker_grid
+from samples.grasp_plan import Hold
+from samples.mismatch.bodies import Body
+from samples.mismatch.four_grasps import CaseGrasp
+from samples.mismatch.gel_bed import bed_of
+from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
+from samples.mismatch.programme import Motion
+from samples.mismatch.standing import Standing, nodes_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadTruth:
+    """One pad: poses (pad to fruit), marker displacement (mm) and force (N), pad frame."""
+
+    pose: Float[np.ndarray, "t 4 4"]
+    displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrueRecording:
+    """What happened at the frames; pads are left, right."""
+
+    name: str
+    time_s: Float[np.ndarray, " t"]
+    aperture_mm: Float[np.ndarray, " t"]
+    rest_mm: Float[np.ndarray, "n 3"]
+    gel: Gel
+    pads: tuple[PadTruth, PadTruth]
+
+    @property
+    def peak_force_N(self) -> float:
+        """Largest total normal force of a pad over the recording."""
+        return max(float(p.force_N.sum(axis=1)[:, 2].max()) for p in self.pads)
+
+
+def grip_of(stands: Standing, *, gel: Gel, inner: InnerContact | None = None) -> Grip:
+    """The grip on a fruit as it was meshed, with both pads of the given gel."""
+    nodes = nodes_of(stands)
+    return Grip(
+        patches=stands.patches,
+        rest_mm=tuple(nodes[p.nodes] for p in stands.patches),
+        bed=bed_of(marker_grid()),
+        gel=gel,
+        inner=inner,
+    )
+
+
+def grasped(
+    grasp: CaseGrasp, grip: Grip, body: Body, progress: Callable[[str], None] | None = None
+) -> TrueRecording:
+    """Go through the motion, corner by corner, with the given body; keep the recorded corners.
+
+    Raises NotInEquilibrium where a step finds no balance.
+    """
+    hold, motion = grasp.hold, grasp.motion
+    instant = before_touch(grip, _origins(hold, motion, 0), body.begin())
+    frames = [instant]
+    for k in range(1, len(motion.time_s)):
+        pause = float(motion.time_s[k] - motion.time_s[k - 1])
+        origins = _origins(hold, motion, k)
+        unmoved = np.array_equal(origins, instant.origins)
+        if not (unmoved and body.still):
+            instant = body.advance(grip, instant, origins, pause)
+        if motion.recorded[k]:
+            frames.append(instant)
+        if progress is not None:
+            progress(f"{grasp.name}: {k + 1} of {len(motion.time_s)}")
+    return _at_frames(grasp, grip, frames)
+
+
+def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
+    origins = hold.origins(float(motion.travel_mm[k]))
+    return np.asarray(origins + np.stack([motion.shear_mm[k] * hold.turns[0][:, 0], np.zeros(3)]))
+
+
+def _at_frames(grasp: CaseGrasp, grip: Grip, frames: list[Instant]) -> TrueRecording:
+    hold, motion = grasp.hold, grasp.motion
+    shown = motion.recorded
+    travel = motion.travel_mm[shown]
+    gap = float(np.linalg.norm(hold.touch_mm[1] - hold.touch_mm[0]))
+    pads = []
+    for side in (1, 0) if grasp.turned else (0, 1):
+        pose = np.broadcast_to(np.eye(4), (len(frames), 4, 4)).copy()
+        pose[:, :3, :3] = hold.turns[side]
+        pose[:, :3, 3] = [f.origins[side] for f in frames]
+        pads.append(
+            PadTruth(
+                pose=pose,
+                displacement_mm=np.stack([f.marker_shift_mm[side] for f in frames]),
+                force_N=np.stack([f.marker_force_N[side] for f in frames]),
+            )
+        )
+    return TrueRecording(
+        name=grasp.name, time_s=motion.time_s[shown], aperture_mm=gap - 2 * travel, rest_mm=marker_grid(),
+        gel=grip.gel, pads=(pads[0], pads[1]),
+    )  # fmt: skip

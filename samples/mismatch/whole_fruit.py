@@ -1,0 +1,51 @@
+"""Every node of a fruit, not its skin alone: gradients in the flesh, forces back from stress there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+
+from samples.factors import Solve, factorise
+from samples.flesh import Flesh, rigid_tie
+
+
+@dataclass(frozen=True, kw_only=True)
+class WholeFruit:
+    """Flesh with its factorised stiffness; small rotations of the pit (`tie`)."""
+
+    flesh: Flesh
+    solve: Solve
+    tie: csr_array
+    dofs: Int[np.ndarray, " d"]
+
+    def gradients(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "m 27 3 3"]:
+        """Displacement gradient du_i/dx_k at the integration points for the unknowns q."""
+        u = np.asarray(self.tie @ q).reshape(-1, 3)
+        cells = self.flesh.bricks.cells
+        m = len(cells)
+        found = np.matmul(self.flesh.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), u[cells])
+        return np.asarray(found.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2))
+
+    def forces(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, " u"]:
+        """Internal forces on the unknowns of a stress field P_ik (first index the force's)."""
+        cells = self.flesh.bricks.cells
+        m = len(cells)
+        weighted = stress * self.flesh.volumes[..., None, None]
+        stacked = weighted.transpose(0, 1, 3, 2).reshape(m, 81, 3)
+        local = np.matmul(self.flesh.slopes.transpose(0, 2, 1, 3).reshape(m, 27, 81), stacked)
+        count = len(self.flesh.bricks.nodes_mm)
+        nodal = [np.bincount(cells.ravel(), local[..., i].ravel(), minlength=count) for i in range(3)]
+        return np.asarray(self.tie.T @ np.stack(nodal, axis=1).ravel())
+
+    def spread(self, force_N: Float[np.ndarray, " d"]) -> Float[np.ndarray, " u"]:
+        """Forces on the patches' unknowns as forces on all."""
+        full = np.zeros(self.flesh.unknowns)
+        full[self.dofs] = force_N
+        return full
+
+
+def whole_fruit(flesh: Flesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
+    """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
+    tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
+    return WholeFruit(flesh=flesh, solve=factorise(stiffness), tie=tie, dofs=dofs)
