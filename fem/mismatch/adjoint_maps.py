@@ -3,7 +3,8 @@
 All from the waves' adjoint fields (fem.mismatch.sight), the flesh below a place being a ball of BALL_MM whose
 middle lies BELOW_MM under the skin; y are the whitened numbers of what is left, of unit variance in noise.
 
-modulus score       -(d.y) / |d|, d of that ball: negative where softer flesh would explain y
+modulus score       -(d.y) / |d|, d of that ball: negative where softer flesh would explain y; where that
+                    takes more than all of the modulus, what all of it explains (fem.mismatch.spot_search)
 eigenstrain score   six components of a strain that nothing presses on, growing with the load: with
                     g = sum over the ball of D eps(Lambda), chi2 = (g y)'(g g')^-1 (g y) of six degrees of
                     freedom, brought to a standard score (Wilson and Hilferty 1931, "The distribution of
@@ -26,11 +27,11 @@ from fem.mismatch.explanation import FruitMap
 from fem.mismatch.flesh_strain import COLUMN, COUNT, ROW, FleshStrain, elastic_stress
 from fem.mismatch.ground import Ground
 from fem.mismatch.inclusion import drop_of, fading
+from fem.mismatch.spot_search import bounded_score
 
 BALL_MM, BELOW_MM = 6.0, 4.0
 STANDARD_RATIO = 0.4
 SIX = 6
-_WEAKEST = 1e-9
 
 
 def fruit_map(ground: Ground, numbers: Float[np.ndarray, " k"]) -> FruitMap:
@@ -43,7 +44,6 @@ def fruit_map(ground: Ground, numbers: Float[np.ndarray, " k"]) -> FruitMap:
     within = _within(vertices + BELOW_MM * inward, middle)
     cells = sight.cells.reshape(len(volume), 4, -1).sum(axis=1)
     drop = sight.without_modulus(within @ cells)
-    size = np.maximum(np.linalg.norm(drop, axis=1), _WEAKEST)
     stress, density, expected = _adjoint_fields(ground, numbers)
     by_volume = csr_array(within * volume)
     pushed = (by_volume @ stress.reshape(len(volume), -1)).reshape(len(vertices), SIX, -1)
@@ -52,10 +52,10 @@ def fruit_map(ground: Ground, numbers: Float[np.ndarray, " k"]) -> FruitMap:
     return FruitMap(
         vertices_mm=vertices,
         triangles=triangles,
-        modulus_score=-(drop @ numbers) / size,
+        modulus_score=-bounded_score(drop, numbers)[0],
         eigenstrain_score=_standard(pushed, numbers),
         law_error=np.sqrt(law),
-        visible=size * drop_of(STANDARD_RATIO, ground.poisson_ratio),
+        visible=np.linalg.norm(drop, axis=1) * drop_of(STANDARD_RATIO, ground.poisson_ratio),
     )
 
 

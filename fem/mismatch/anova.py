@@ -54,7 +54,7 @@ def modulus_cells(ground: Ground, fits: Sequence[CompliantFit]) -> tuple[Modulus
 
 
 def analysis_of_variance(ground: Ground, fits: Sequence[CompliantFit]) -> tuple[Variance, ...]:
-    """Load, time, rate, grasp, pad, cycle and phase, the largest share first; what never varies is left out."""
+    """Load, time, rate, grasp, pad, cycle and phase, the largest share first; what never varies left out."""
     cells = _cells(ground, _tables(ground, fits))
     return explained(cells) if len(cells.ln_modulus) > 2 else ()
 

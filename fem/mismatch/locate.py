@@ -1,29 +1,30 @@
 """Where, when and in which component a mismatch sits: from what a fit leaves beyond noise.
 
 What is left of every marker, frame and component is squared and counted in units of its noise. What exceeds
-MARKER_EXCESS, which sound recordings leave too, is added up by pad, by place on the fruit, by phase and by
-component. A fault of a jaw stays with its pad whatever place it touches; a fault of the flesh stays with its
-place whichever pad touches it.
+MARKER_EXCESS, which sound recordings leave too, is added up by pad, phase and component. Each pad's own rigid
+motion is taken out first, else what one pad shows is shared with the other by the fruit's. One place in the
+flesh is named where a single softer ball explains most of what is left (fem.mismatch.spot_search).
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float
 
 from fem.mismatch.adjoint_maps import fruit_map
 from fem.mismatch.explanation import FruitMap, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.normal import MARKER_EXCESS
-from fem.mismatch.spot_search import RADIUS_MM, best_spots, patch_centres
+from fem.mismatch.spot_search import best_spots
+from fem.modulus_fit import rigid_motion
 
-SAME_PLACE_MM = 10.0
-"""Patches whose middles are closer than this touch the same place."""
 MOST = 0.7
 """A share of the excess above which one pad, place, phase or component has it."""
 SURE = 20.0
-"""Standard score of the best soft spot above which its centre is given."""
+"""Least standard score of a place in the flesh that is named."""
+LEAST = 0.05
+"""Excess, as a share of noise, below which none of pads, phases and components is told from the others."""
 PHASES = ("load", "hold", "unload")
 
 
@@ -47,6 +48,12 @@ class Excess:
     amount: Float[np.ndarray, "g p 3 2"]
     count: Float[np.ndarray, "g p 3 2"]
 
+    def most(self, share: Float[np.ndarray, " k"]) -> int | None:
+        """Which of several parts has MOST of the excess, if one has."""
+        enough = self.amount.sum() > LEAST * self.count.sum()
+        total = float(share.sum())
+        return int(share.argmax()) if enough and share.max() > MOST * total and len(share) > 1 else None
+
 
 def located(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
     """`residual`: what a fit leaves of the markers' positions per recording, mm; motions may be in it."""
@@ -66,8 +73,12 @@ def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) ->
     shape = (len(grasps), max(len(seen.links) for seen in grasps), len(PHASES), 2)
     amount, count = np.zeros(shape), np.zeros(shape)
     for k, (seen, sight, field) in enumerate(zip(grasps, ground.sight.grasps, residual, strict=True)):
-        left = sight.equations.left(field) / seen.tracks.sd_mm[:, None]
         touching = seen.tracks.episode >= 0
+        left = sight.equations.left(field)
+        for pad in range(len(seen.links)):
+            own = np.flatnonzero(seen.pad_of_marker == pad)
+            left[:, own] -= _rigid(left[:, own], seen.tracks.place_mm[own], touching[:, own])
+        left /= seen.tracks.sd_mm[:, None]
         normal = np.einsum("tnx,nx->tn", left, seen.tracks.normal) ** 2
         shear = (left**2).sum(axis=2) - normal
         phase = np.array(seen.case.history.phase)[seen.used]
@@ -83,48 +94,35 @@ def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) ->
     return Excess(amount=np.maximum(amount, 0.0), count=count)
 
 
+def _rigid(
+    field: Float[np.ndarray, "f n 3"], place_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, "f n"]
+) -> Float[np.ndarray, "f n 3"]:
+    """The rigid motion in each frame's field that fits its touching markers best."""
+    modes = rigid_motion(place_mm)
+    weight = touching.astype(float)
+    normal = np.einsum("fn,nxk,nxl->fkl", weight, modes, modes, optimize=True) + 1e-6 * np.eye(6)
+    right = np.einsum("fn,nxk,fnx->fk", weight, modes, field, optimize=True)
+    motion = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.einsum("nxk,fk->fnx", modes, motion) * weight[..., None])
+
+
 def _where(ground: Ground, excess: Excess, numbers: Float[np.ndarray, " k"]) -> Where:
-    by_pad = excess.amount.sum(axis=(2, 3))
-    total = max(float(by_pad.sum()), np.finfo(float).tiny)
-    place = _places(ground)
-    by_place = np.bincount(place.ravel(), by_pad.ravel()) / total
-    pad = by_pad.sum(axis=0) / total
-    if by_place.max() > max(MOST, pad.max() - 0.1) and len(by_place) > 2:
-        spots = best_spots(ground, numbers)
-        best = max(spots, key=lambda spot: spot.score, default=None)
-        if best is not None and best.score > SURE:
-            x, y, z = map(float, best.centre_mm)
-            return Where(region="flesh", centre_mm=(x, y, z), radius_mm=RADIUS_MM)
-        return Where(region="flesh")
-    if pad.max() > MOST and len(pad) > 1:
-        return Where(region=f"pad {ground.base.grasps[0].pad_names[int(pad.argmax())]}")
-    return Where(region="both")
-
-
-def _places(ground: Ground) -> Int[np.ndarray, "g p"]:
-    """A number for each place on the fruit that the pads of the recordings touch."""
-    known: list[np.ndarray] = []
-    numbers = []
-    for seen in ground.base.grasps:
-        for middle in patch_centres(seen):
-            near = [k for k, other in enumerate(known) if np.linalg.norm(middle - other) < SAME_PLACE_MM]
-            if not near:
-                known.append(middle)
-            numbers.append(near[0] if near else len(known) - 1)
-    return np.array(numbers).reshape(len(ground.base.grasps), -1)
+    spots = best_spots(ground, numbers)
+    best = max(spots, key=lambda spot: spot.score, default=None)
+    if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
+        x, y, z = map(float, best.centre_mm)
+        return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
+    pad = excess.most(excess.amount.sum(axis=(0, 2, 3)))
+    return Where(region="both" if pad is None else f"pad {ground.base.grasps[0].pad_names[pad]}")
 
 
 def _when(excess: Excess) -> str:
     """The phase that has most of the excess, all of them standing equally long."""
     count = excess.count.sum(axis=(0, 1, 3))
-    each = excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0)
-    share = each / max(float(each.sum()), np.finfo(float).tiny)
-    return PHASES[int(share.argmax())] if share.max() > MOST else "all"
+    phase = excess.most(excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0))
+    return "all" if phase is None else PHASES[phase]
 
 
 def _component(excess: Excess) -> str:
-    normal, shear = excess.amount.sum(axis=(0, 1, 2))
-    total = max(normal + shear, np.finfo(float).tiny)
-    if normal / total > MOST:
-        return "normal"
-    return "shear" if shear / total > MOST else "both"
+    part = excess.most(excess.amount.sum(axis=(0, 1, 2)))
+    return "both" if part is None else ("normal", "shear")[part]

@@ -2,7 +2,8 @@
 
 With y the whitened numbers of what is left and d those of a ball per unit drop of its modulus (fem.mismatch.
 sight, the points inside added up), the best drop is d.y / d.d, its standard score d.y / |d|: the adjoint
-score over the root of its Fisher information. Without that root all would seem to lie at the surface.
+score over the root of its Fisher information. Without that root all would seem to lie at the surface. Flesh
+cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then explains.
 """
 
 from dataclasses import dataclass
@@ -25,6 +26,8 @@ CONE_DEG = 38.0
 APART_MM = 5.0
 """Candidates are at least this far from each other."""
 OTHERS = 3
+MOST_DROP = 1.6
+"""What a ball without a modulus comes to (fem.mismatch.inclusion.drop_of)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +48,7 @@ def best_spots(ground: Ground, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, 
     """
     centres = candidate_centres(ground)
     seen = ground.sight.without_modulus(balls(ground, centres, RADIUS_MM) @ ground.sight.cells)
-    score = seen @ numbers / np.maximum(np.linalg.norm(seen, axis=1), 1e-12)
+    score, _ = bounded_score(seen, numbers)
     best = centres[int(score.argmax())]
     found = [polished(ground, numbers, best, radius_mm=radius) for radius in RADII_MM]
     places = [best]
@@ -101,7 +104,7 @@ def polished(
     def lost(place: Float[np.ndarray, "3"]) -> float:
         shown = seen(place)
         away = max(0.0, float(np.linalg.norm(place - centre_mm)) - APART_MM / 2)
-        return -float(shown @ numbers / max(np.linalg.norm(shown), 1e-12)) * float(np.exp(-away))
+        return -float(bounded_score(shown, numbers)[0]) * float(np.exp(-away))
 
     corners = centre_mm + np.vstack([np.zeros(3), 1.5 * np.eye(3)])
     found = minimize(
@@ -111,10 +114,16 @@ def polished(
         options={"initial_simplex": corners, "maxfev": 80, "xatol": 0.05, "fatol": 0.01},
     ).x
     shown = seen(found)
-    length = max(float(np.linalg.norm(shown)), 1e-12)
-    return Spot(
-        centre_mm=found,
-        radius_mm=radius_mm,
-        score=float(shown @ numbers) / length,
-        drop=float(shown @ numbers) / length**2,
-    )
+    score, drop = bounded_score(shown, numbers)
+    return Spot(centre_mm=found, radius_mm=radius_mm, score=float(score), drop=float(drop))
+
+
+def bounded_score(
+    shown: Float[np.ndarray, "*b k"], numbers: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
+    """The signed root of what the best drop within +-MOST_DROP explains, and that drop."""
+    match = shown @ numbers
+    size = np.maximum((shown**2).sum(axis=-1), np.finfo(float).tiny)
+    drop = np.clip(match / size, -MOST_DROP, MOST_DROP)
+    gain = np.maximum(2 * drop * match - drop**2 * size, 0.0)
+    return np.asarray(np.sign(drop) * np.sqrt(gain)), np.asarray(drop)
