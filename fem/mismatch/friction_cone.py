@@ -1,4 +1,4 @@
-"""The friction cone: how the markers' shear lies to their pressure, which no model of the fruit is needed for.
+"""The friction cone: how the markers' shear lies to their pressure, which needs no model of the fruit.
 
 Coulomb's law allows |f_t| <= mu f_n at every marker in every frame. Two things can be seen of it. A marker
 beyond the cone of some mu, by more than noise and scale errors, refutes that mu: what remains is a smallest
@@ -40,8 +40,8 @@ LOCAL = 2.0
 class ConeEvidence:
     """What the cone says of slip.
 
-    `mu`, `mu_sd`: where markers pile up most. `log_ratio`: ln of the likelihood with a pile-up there over that
-    of a smooth distribution. `least_mu`: smaller ones are refuted.
+    `mu`, `mu_sd`: where markers pile up most (infinite: nowhere). `log_ratio`: ln of the likelihood with a
+    pile-up there over that of a smooth distribution. `least_mu`: smaller ones are refuted.
     """
 
     mu: float
@@ -52,7 +52,7 @@ class ConeEvidence:
 
 @dataclass(frozen=True, kw_only=True)
 class ShearRatios:
-    """|f_t| / f_n of m markers in frames in which they press well above noise: values, spreads, whose they are."""
+    """|f_t| / f_n of markers in frames in which they press well above noise; its spread; whose it is."""
 
     ratio: Float[np.ndarray, " m"]
     sd: Float[np.ndarray, " m"]
@@ -85,10 +85,12 @@ class ShearRatios:
 def shear_ratios(ground: Ground) -> ShearRatios:
     """Of all markers of all recordings."""
     scale = np.sqrt(2) * ground.base.case.budget.force_scale_sd
+    names = {name for seen in ground.base.grasps for name in seen.pad_names}
+    springs = {name: _springs(ground, name) for name in names}
     ratio, sd, marker, before = [], [], [], 0
     for seen in ground.base.grasps:
         for pad in range(len(seen.links)):
-            normal, shear, normal_sd, shear_sd = _pressed(seen, pad)
+            normal, shear, normal_sd, shear_sd = _pressed(seen, pad, springs[seen.pad_names[pad]])
             frame, who = np.nonzero(normal > FIRM * normal_sd)
             size = np.linalg.norm(shear[frame, who], axis=1) / normal[frame, who]
             ratio.append(size)
@@ -110,8 +112,12 @@ def cone_evidence(ground: Ground) -> ConeEvidence:
     weight /= weight.sum()
     mean = float(weight @ np.array(allowed))
     spread = float(np.sqrt(weight @ (np.array(allowed) - mean) ** 2))
+    step = best * float(np.log(TRIED[1] / TRIED[0])) / np.sqrt(12)
     return ConeEvidence(
-        mu=best, mu_sd=max(spread, 0.02 * best), log_ratio=float(found.max()), least_mu=allowed[0]
+        mu=best,
+        mu_sd=float(np.hypot(spread, step)) if found.max() > 0 else np.inf,
+        log_ratio=float(found.max()),
+        least_mu=allowed[0],
     )
 
 
@@ -121,38 +127,52 @@ def in_pad_frame(seen: Seen, pad: int, values: Float[np.ndarray, "f n 3"]) -> Fl
     return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, seen.pad_of_marker == pad]))
 
 
-def spring_ratio(seen: Seen, pad: int) -> float | None:
-    """k_t / k_n of a gel whose markers are springs of their own; None where it is not such a bed."""
-    springs = _springs(seen, pad)
-    return None if springs is None else springs[1] / springs[0]
+def spring_ratio(ground: Ground, pad_name: str) -> float:
+    """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
+    normal, shear, _ = _springs(ground, pad_name)
+    return shear / normal
 
 
-def _springs(seen: Seen, pad: int) -> tuple[float, float] | None:
-    """Forces per displacement along the normal and across, N/mm, noise in the displacements taken out."""
-    force = in_pad_frame(seen, pad, seen.force_N)
-    moved = in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
-    own = seen.pad_of_marker == pad
-    variance, force_sd = float(seen.tracks.sd_mm[own][0]) ** 2, seen.case.history.pads[pad].force_sd_N
-    found = []
+def _springs(ground: Ground, pad_name: str) -> tuple[float, float, bool]:
+    """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
+    found, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
-        f, d = force[..., part], moved[..., part]
-        stiffness = -float((f * d).sum()) / max(float((d**2).sum()) - d.size * variance, 1e-12)
-        noise = force_sd**2 + stiffness**2 * variance
-        if stiffness <= 0 or float(np.mean((f + stiffness * d) ** 2)) > LOCAL * noise:
-            return None
-        found.append(stiffness)
-    return found[0], found[1]
+        work = moved = left = noise = 0.0
+        pairs = [
+            (in_pad_frame(seen, pad, seen.force_N)[..., part], _gel(seen, pad)[..., part], _noise(seen, pad))
+            for seen in ground.base.grasps
+            for pad in range(len(seen.links))
+            if seen.pad_names[pad] == pad_name
+        ]
+        for force, gel, (gel_sd, _) in pairs:
+            work -= float((force * gel).sum())
+            moved += float((gel**2).sum()) - gel.size * gel_sd**2
+        stiffness = work / moved if work > 0 and moved > 0 else 0.0
+        for force, gel, (gel_sd, force_sd) in pairs:
+            left += float(((force + stiffness * gel) ** 2).sum())
+            noise += force.size * (force_sd**2 + (stiffness * gel_sd) ** 2)
+        local &= stiffness > 0 and left < LOCAL * noise
+        found.append(max(stiffness, 1e-9))
+    return found[0], found[1], local
+
+
+def _gel(seen: Seen, pad: int) -> Float[np.ndarray, "f m 3"]:
+    return in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
+
+
+def _noise(seen: Seen, pad: int) -> tuple[float, float]:
+    """Standard deviations of one component of displacement, mm, and force, N."""
+    return float(seen.tracks.sd_mm[seen.pad_of_marker == pad][0]), seen.case.history.pads[pad].force_sd_N
 
 
 def _pressed(
-    seen: Seen, pad: int
+    seen: Seen, pad: int, springs: tuple[float, float, bool]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m 2"], float, float]:
-    """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such a bed."""
-    springs = _springs(seen, pad)
-    if springs is None:
+    """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such."""
+    normal, shear, local = springs
+    gel_sd, force_sd = _noise(seen, pad)
+    if not local:
         force = in_pad_frame(seen, pad, seen.force_N)
-        sd = seen.case.history.pads[pad].force_sd_N
-        return force[..., 2], force[..., :2], sd, sd
-    moved = in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
-    sd = float(seen.tracks.sd_mm[seen.pad_of_marker == pad][0])
-    return -springs[0] * moved[..., 2], springs[1] * moved[..., :2], springs[0] * sd, springs[1] * sd
+        return force[..., 2], force[..., :2], force_sd, force_sd
+    gel = _gel(seen, pad)
+    return -normal * gel[..., 2], shear * gel[..., :2], normal * gel_sd, shear * gel_sd

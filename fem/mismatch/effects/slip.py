@@ -1,0 +1,93 @@
+"""`slip`: the skin slides over a pad where the shear would exceed Coulomb's cone, |f_t| <= mu f_n.
+
+The recorded forces are what the friction lets through, so s c is right for the skin; but a marker, which is
+gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.slip_path):
+
+    y(t) = X + s c(t) + R q(t) - w(t; mu) + noise
+
+Signature: -w for a few mu, amount 1. Smaller mu than the markers' own ratios of shear to pressure allow are
+left out (fem.mismatch.friction_cone): whatever else the plain model lacks, no such cone explains it.
+Coulomb's law: Johnson 1985, Contact Mechanics, chapter 7.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.friction_cone import cone_evidence, spring_ratio
+from fem.mismatch.ground import Ground
+from fem.mismatch.slip_path import slip_path
+
+MU = "mu"
+STEPS = (1.05, 1.3, 1.6, 2.0)
+"""The mu looked at, over the smallest that the cone allows."""
+LOWEST, HIGHEST = 0.03, 0.8
+SEEN_MM = 0.002
+"""A path that is nowhere longer than this shows nothing."""
+
+
+@dataclass(frozen=True)
+class Slip:
+    """The effect; see the module."""
+
+    name: str = "slip"
+    family: Family = "interaction"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One for each mu at which something slips."""
+        least = cone_evidence(ground).least_mu
+        found = []
+        for mu in (step * least for step in STEPS if step * least < HIGHEST):
+            paths = _paths(ground, mu)
+            if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
+                fields = [Field(markers=-path) for path in paths]
+                column = Column(name="path", sd=1.0, fields=fields)
+                found.append(Signature(label=f"mu {mu:.4f}", columns=(column,)))
+        return found
+
+    def start(
+        self,
+        ground: Ground,  # noqa: ARG002
+        signature: Signature,
+        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+    ) -> dict[str, float]:
+        """The signature's own mu: its amount is one."""
+        return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
+
+    def respond(
+        self,
+        ground: Ground,
+        parameters: Mapping[str, float],
+        choice: str,  # noqa: ARG002
+    ) -> Response:
+        """The markers behind the skin by the path slid."""
+        return Response(
+            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
+            shift_mm=[-path for path in _paths(ground, parameters[MU])],
+        )
+
+
+EFFECT = Slip()
+
+
+def _paths(ground: Ground, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
+    names = ground.base.grasps[0].pad_names
+    stiffness = {name: spring_ratio(ground, name) for name in names}
+    return [
+        slip_path(
+            seen,
+            Recorded.of(ground, seen).markers,
+            compliance=ground.compliance,
+            mu=mu,
+            spring_ratio=np.array([stiffness[name] for name in seen.pad_names])[seen.pad_of_marker],
+        )
+        for seen in ground.base.grasps
+    ]
