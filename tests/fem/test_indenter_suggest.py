@@ -1,0 +1,41 @@
+import numpy as np
+import pytest
+from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
+
+from fem.mismatch.indenter.air import air_noise, first_touch
+from fem.mismatch.indenter.baseline import linear_law
+from fem.mismatch.indenter.effects.damage import EFFECT as DAMAGE
+from fem.mismatch.indenter.effects.gripper_compliance import gripper_compliance
+from fem.mismatch.indenter.effects.viscoelastic import viscoelastic
+from fem.mismatch.indenter.fit import fit
+from fem.mismatch.indenter.law import Law
+from fem.mismatch.indenter.suggest import PRESSES, next_press
+from fem.mismatch.indenter.trace import IndenterTrace
+
+
+@pytest.fixture(scope="module")
+def short_ramp():
+    """A ramp with hardly a hold, in which relaxing, damaged and compliant look alike; their fits."""
+    rng = np.random.default_rng(3)
+    press = Press(hold_s=0.5, unload=False)
+    time_s, force_N, travel_mm = planted(rng, g=(0.3,), tau_s=(4.0,), press=press)
+    trace = IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
+    air = air_noise(trace, first_touch(trace))
+    linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
+    fits = []
+    for effect in (viscoelastic(1), DAMAGE, gripper_compliance(specimen_mm_per_N=0.5)):
+        law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
+        fits.append(fit(law, trace, air, np.array([[u.mean for u in law.unknowns]])))
+    return trace, air, fits
+
+
+def test_one_explanation_needs_no_further_press(short_ramp):
+    trace, air, fits = short_ramp
+    assert next_press(fits[:1], trace, air) is None
+
+
+def test_relaxing_and_compliant_are_parted_by_time(short_ramp):
+    trace, air, fits = short_ramp
+    words = next_press([fits[0], fits[2]], trace, air)
+    assert words in PRESSES
+    assert "air" not in words
