@@ -26,8 +26,8 @@ from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import PLACE, FleshStrain, elastic_stress
 from fem.mismatch.normal import MarkerEquations
 
-DEGREE = 3
-"""Of the polynomials over a pad: ten, for each of three directions."""
+DEGREE = 2
+"""Of the polynomials over a pad: six, for each of three directions."""
 LEAST_INFORMATION = 1e-5
 """Waves that rigid motions and scales explain to within this share carry nothing."""
 

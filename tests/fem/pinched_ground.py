@@ -1,0 +1,75 @@
+"""The coarse fruit of coarse_fruit pinched at two places, as the mismatch finder is handed it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from coarse_fruit import NU, fruit_mesh, pinch
+
+from fem.mismatch.baseline import Baseline, baseline
+from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.ground import Ground
+from fem.modulus_budget import ErrorBudget
+from fem.modulus_inputs import GraspHistory
+
+COMPLIANCE = 4.0
+FRAMES = 8
+
+
+@cache
+def long_pinch() -> GraspHistory:
+    """The pinch in FRAMES frames of growing, then falling load; the fruit's own motion is nil."""
+    short = pinch()
+    share = np.sin(np.linspace(0.3, 2.9, FRAMES))
+    pads = []
+    for pad in short.pads:
+        force = share[:, None, None] * (
+            4 * pad.force_N[1] + 0.4 * np.sin(np.arange(FRAMES))[:, None, None] * pad.force_N[2]
+        )
+        still = np.zeros_like(force)
+        pads.append(
+            replace(
+                pad,
+                position_mm=pad.surface_mm + still,
+                gel_displacement_mm=still,
+                force_N=force,
+                episode=np.zeros(force.shape[:2], dtype=np.int64),
+            )
+        )
+    phase = ("load",) * 4 + ("unload",) * 4
+    return GraspHistory(time_s=np.arange(FRAMES) * 0.1, phase=phase, pads=tuple(pads))
+
+
+def as_case(history: GraspHistory) -> MismatchCase:
+    """One recording of the coarse fruit."""
+    pads = tuple(
+        PadMotion(
+            name=pad.name,
+            pose=np.repeat(np.eye(4)[None], len(history.time_s), axis=0),
+            normal_N=pad.force_N[:, :, 0].sum(axis=1),
+            markers=len(pad.rest_mm),
+            touch_gap_mm=np.zeros(len(pad.rest_mm)),
+        )
+        for pad in history.pads
+    )
+    grasp = GraspCase(
+        name="grasp-1", history=history, pads=pads, aperture_mm=np.zeros(len(history.time_s)), support="free"
+    )
+    return MismatchCase(mesh=fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget())
+
+
+@cache
+def pinched() -> Baseline:
+    """The plain model; the markers' positions are those of a fruit that nothing moves."""
+    return baseline(as_case(long_pinch()))
+
+
+def ground_of(moved_mm: np.ndarray | None = None) -> Ground:
+    """The ground on which effects stand, where the markers have moved so beyond the plain model."""
+    base = pinched()
+    seen = base.grasps[0]
+    response = COMPLIANCE * seen.tracks.unit_displacement
+    beyond = np.zeros_like(response) if moved_mm is None else moved_mm
+    position = seen.tracks.place_mm + response + beyond
+    tracks = replace(seen.tracks, position_mm=position)
+    return Ground(base=replace(base, grasps=(replace(seen, tracks=tracks),)), compliance=COMPLIANCE)

@@ -1,0 +1,111 @@
+"""A soft ball in the flesh: its stiffness, its response, its signature, and that it is found where it is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from coarse_fruit import HALF_AXES_MM, NU
+from fem_shapes import ball
+from pinched_ground import COMPLIANCE, ground_of, pinched
+
+from fem.assembly import unit_lame_constants
+from fem.forward import UnitModulusSolid
+from fem.mesh import tetrahedralise
+from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, label_of, place_of
+from fem.mismatch.inclusion import Softened, ball_stiffness, drop_of
+from fem.mismatch.spot_search import Spot
+from fem.rigid_core import reduced
+from fem.solver import factorise
+
+SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
+TRUTH = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}
+
+
+def softened_solid(solid: UnitModulusSolid, *, centre_mm, radius_mm, ratio) -> UnitModulusSolid:
+    """The same solid with the ball in its stiffness, factorised anew."""
+    inside = ball_stiffness(
+        solid.mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=solid.poisson_ratio
+    )
+    stiffness = (solid.stiffness - (1 - ratio) * inside).tocsr()
+    return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
+
+
+def responded(ground, **changes: float) -> np.ndarray:
+    return EFFECT.respond(ground, {**TRUTH, **changes}, "").unit[0]
+
+
+def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_uniform_strain(solid_ball):
+    radius, strain = 7.0, np.array([[0.02, 0.01, 0.0], [0.01, -0.015, 0.004], [0.0, 0.004, 0.01]])
+    inside = ball_stiffness(
+        solid_ball, centre_mm=np.array([3.0, -2.0, 1.0]), radius_mm=radius, poisson_ratio=NU
+    )
+    moved = (solid_ball.nodes_mm @ strain).ravel()
+    mu, lame = unit_lame_constants(NU)
+    density = 2 * mu * (strain**2).sum() + lame * np.trace(strain) ** 2
+    assert moved @ (inside @ moved) == pytest.approx(4 / 3 * np.pi * radius**3 * density, rel=0.01)
+
+
+def test_reduced_space_agrees_with_a_solid_factorised_with_the_ball_in_it():
+    base = pinched()
+    seen, solid = base.grasps[0], base.solid_of(base.grasps[0])
+    exact = softened_solid(solid, centre_mm=SPOT_MM, radius_mm=4.5, ratio=0.35)
+    loads = np.zeros_like(seen.moved)
+    loads[:, solid.contact_nodes] = seen.nodal_of(seen.patterns)
+    at_markers = seen.at_markers(exact.displacement(loads)[:, solid.contact_nodes])
+    expected = seen.over_time(at_markers)
+    plain = seen.tracks.unit_displacement
+    more = responded(ground_of()) - plain
+    assert np.linalg.norm(more - (expected - plain)) < 0.02 * np.linalg.norm(expected - plain)
+
+
+def test_soft_ball_in_a_large_body_gives_way_as_eshelby_says():
+    mesh = tetrahedralise(*ball(3000, semi_axes_mm=(12, 12, 12)), None, None, edge_mm=2.4)
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
+    strain = np.diag([0.01, -0.01, 0.0])
+    moved = (mesh.nodes_mm @ strain)[None]
+    load = (solid.stiffness @ moved.ravel()).reshape(moved.shape)
+    inside = ball_stiffness(mesh, centre_mm=np.zeros(3), radius_mm=3.0, poisson_ratio=NU)
+    work = np.array([[moved.ravel() @ load.ravel()]])
+    ratio = 0.3
+    reduced_space = Softened.of(inside, solid.displacement, moved, work)
+    amounts = reduced_space.amounts(ratio)[:, 0, 0]
+    more = (amounts[0] - 1) * work[0, 0] + amounts[1] * reduced_space.moments[0][0, 0]
+    more += amounts[2] * reduced_space.moments[1][0, 0]
+    first_order = reduced_space.moments[0][0, 0]
+    assert more / first_order == pytest.approx(drop_of(ratio, NU), rel=0.05)
+
+
+def test_signature_is_the_slope_of_the_model_at_no_drop():
+    ground = ground_of()
+    small = 1e-3
+    spot = Spot(centre_mm=SPOT_MM, radius_mm=4.5, score=1.0, drop=1.0)
+    planted = ground_of(COMPLIANCE * (responded(ground) - ground.base.grasps[0].tracks.unit_displacement))
+    label = EFFECT.signatures(planted)[1].label
+    centre_mm, radius_mm = place_of(label)
+    place = {**dict(zip(CENTRE, centre_mm, strict=True)), "radius_mm": radius_mm}
+    slope = responded(planted, **place, ratio=1 - small) - responded(planted, **place, ratio=1.0)
+    given = EFFECT.signatures(planted)[1].columns[0].fields[0].markers
+    assert np.linalg.norm(COMPLIANCE * slope / small - given) < 0.01 * np.linalg.norm(given)
+    assert place_of(label_of(spot))[1] == 4.5
+
+
+def test_planted_spot_is_found_where_it_is_and_started_near_its_ratio():
+    plain = ground_of()
+    rng = np.random.default_rng(3)
+    more = COMPLIANCE * (responded(plain) - plain.base.grasps[0].tracks.unit_displacement)
+    ground = ground_of(more + 0.004 * rng.normal(size=more.shape))
+    signatures = EFFECT.signatures(ground)
+    assert len(signatures) <= 6
+    away = [np.linalg.norm(place_of(one.label)[0] - SPOT_MM) for one in signatures]
+    nearest = signatures[int(np.argmin(away))]
+    assert min(away) < 3.0
+    start = EFFECT.start(ground, nearest, np.array([0.9]))
+    assert 0.1 <= start["ratio"] <= 0.6
+
+
+def test_without_a_spot_nothing_stands_out():
+    rng = np.random.default_rng(4)
+    ground = ground_of(0.004 * rng.normal(size=pinched().grasps[0].tracks.unit_displacement.shape))
+    left = [0.004 * rng.normal(size=seen.tracks.position_mm.shape) for seen in ground.base.grasps]
+    numbers = np.array([ground.sight.seen([field * 1.0]) for field in left])
+    assert np.sqrt((numbers**2).mean()) < 1.2
