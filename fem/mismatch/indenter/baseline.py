@@ -8,8 +8,8 @@ from fem.mismatch.indenter.law import Law
 from fem.mismatch.indenter.trace import IndenterTrace
 from fem.mismatch.indenter.unknowns import Unknown
 
-#: prior sd of the exponent that bends the force-depth curve: Hertz's small strains, a ball that is not
-#: quite one. Neo-Hookean flesh at a depth of R is 15 % softer than Hertz has it, 5 % than Sneddon.
+#: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
+#: that are small no more, a ball that is not quite one, friction under it
 BEND_SD = 0.1
 #: prior sd of the onset over the travel, and of the zero over the peak force
 ONSET_SD, ZERO_SD = 0.15, 0.05

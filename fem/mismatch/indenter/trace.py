@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fem.failure import FemFailure, FemProblem
 
@@ -64,12 +64,3 @@ class IndenterTrace:
         rate = np.gradient(self.travel_mm, self.time_s)
         limit = STILL * float(np.max(np.abs(rate)))
         return tuple("load" if v > limit else "unload" if v < -limit else "hold" for v in rate)
-
-    def chosen(self, frames: Bool[np.ndarray, " t"]) -> "IndenterTrace":
-        """The trace of some of the frames."""
-        return IndenterTrace(
-            time_s=self.time_s[frames],
-            force_N=self.force_N[frames],
-            travel_mm=self.travel_mm[frames],
-            radius_mm=self.radius_mm,
-        )
