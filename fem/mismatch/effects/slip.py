@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.evidence import Recorded
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.friction_cone import cone_evidence, spring_ratio
 from fem.mismatch.ground import Ground
+from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.slip_path import slip_path
 
 MU = "mu"
@@ -84,7 +84,7 @@ def _paths(ground: Ground, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
     return [
         slip_path(
             seen,
-            Recorded.of(ground, seen).markers,
+            marker_equations(ground, seen),
             compliance=ground.compliance,
             mu=mu,
             spring_ratio=np.array([stiffness[name] for name in seen.pad_names])[seen.pad_of_marker],

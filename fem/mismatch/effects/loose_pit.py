@@ -1,0 +1,117 @@
+"""`loose_pit`: freestone. An even gap lies between flesh and pit, frictionless, closed by being pressed.
+
+With no pit the flesh answers the measured forces f and pressures p on its inner surface linearly; at every
+patch of that surface, u_n its displacement out of the pit and v_n the rigid pit's,
+
+    gap / s + u_n(f, p) - v_n >= 0,      p >= 0,      p (gap / s + u_n - v_n) = 0,      pit in equilibrium
+
+for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The answer
+depends on the forces of the moment alone. Signature: this less the bonded answer, for a few gaps, amount 1.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Seen
+from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.loose_flesh import loose_flesh
+from fem.mismatch.unilateral import pressures
+
+GAP = "gap_mm"
+GAPS_MM = (0.05, 0.15, 0.35)
+LOWEST_MM, HIGHEST_MM = 0.005, 1.0
+MOST_FRAMES = 30
+"""Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
+ROUNDS = 2
+"""A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it."""
+
+
+@dataclass(frozen=True)
+class LoosePit:
+    """The effect; see the module."""
+
+    name: str = "loose_pit"
+    family: Family = "object"
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True),
+    )
+
+    def signatures(self, ground: Ground) -> Sequence[Signature]:
+        """One for each gap; none where the flesh has no pit."""
+        if not len(ground.base.mesh.pit_nodes):
+            return []
+        found = []
+        for gap_mm in GAPS_MM:
+            fields = [
+                Field(markers=ground.compliance * (loose - seen.tracks.unit_displacement))
+                for seen, loose in zip(ground.base.grasps, self._settled(ground, gap_mm), strict=True)
+            ]
+            found.append(
+                Signature(label=f"gap {gap_mm:g} mm", columns=(Column(name="loose", sd=1.0, fields=fields),))
+            )
+        return found
+
+    def start(
+        self,
+        ground: Ground,  # noqa: ARG002
+        signature: Signature,
+        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+    ) -> dict[str, float]:
+        """The signature's own gap: its amount is one."""
+        return {GAP: float(signature.label.split()[1])}
+
+    def respond(
+        self,
+        ground: Ground,
+        parameters: Mapping[str, float],
+        choice: str,  # noqa: ARG002
+    ) -> Response:
+        """Every recording's markers on flesh that touches its pit where it is pressed on it."""
+        return Response(unit=self._settled(ground, parameters[GAP]))
+
+    @staticmethod
+    def _settled(ground: Ground, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
+        compliance = ground.compliance
+        unit = [loose_response(ground, seen, gap_mm / compliance) for seen in ground.base.grasps]
+        for _ in range(ROUNDS):
+            compliance = _fitted(ground, unit)
+            unit = [loose_response(ground, seen, gap_mm / compliance) for seen in ground.base.grasps]
+        return unit
+
+
+EFFECT = LoosePit()
+
+
+def loose_response(ground: Ground, seen: Seen, gap: float) -> Float[np.ndarray, "f n 3"]:
+    """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
+    flesh = loose_flesh(ground, seen)
+    key = ("loose answer", seen.case.name)
+    free, opening, pushed = ground.kept(key, lambda: flesh.answer(seen))
+    open_by = seen.shares @ opening + gap * flesh.area_mm2
+    frames = _spread(seen.shares)
+    found = pressures(flesh.compliance, open_by[frames])
+    pressed = np.stack([np.interp(np.arange(len(open_by)), frames, own) for own in found.T], axis=1)
+    return np.asarray(seen.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
+
+
+def _spread(shares: Float[np.ndarray, "f r"]) -> np.ndarray:
+    """Frames evenly spaced along the path of the load, the first and the last among them."""
+    step = np.linalg.norm(np.diff(shares, axis=0), axis=1) + 1e-12
+    path = np.concatenate([[0.0], np.cumsum(step)])
+    return np.unique(np.searchsorted(path, np.linspace(0, path[-1], MOST_FRAMES)).clip(max=len(path) - 1))
+
+
+def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+    """1/E where the markers move so under the forces."""
+    normal = right = 0.0
+    for seen, own in zip(ground.base.grasps, unit, strict=True):
+        heavy = marker_equations(ground, seen).weighed(own)
+        normal += float((heavy * own).sum())
+        right += float((heavy * (seen.tracks.position_mm - seen.tracks.place_mm)).sum())
+    return max(right / normal, ground.compliance / 10)

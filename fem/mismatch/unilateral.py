@@ -1,0 +1,43 @@
+"""Contact that only pushes:  p >= 0,  w = G p + q >= 0,  p w = 0,  with G symmetric and positive definite.
+
+The primal-dual active set: where p > 0 or w < 0 the contact is taken as closed, there w = 0, elsewhere p = 0,
+until nothing changes (Hintermueller, Ito, Kunisch 2002, "The primal-dual active set strategy as a semismooth
+Newton method", SIAM Journal on Optimization 13). Should it go round in circles, the same is solved as least
+squares with p >= 0 (Lawson and Hanson 1974), which cannot.
+"""
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
+from scipy.optimize import nnls
+
+MOST_CHANGES = 40
+
+
+def pressures(
+    compliance: Float[np.ndarray, "c c"], opening: Float[np.ndarray, "f c"]
+) -> Float[np.ndarray, "f c"]:
+    """p for each of f openings q; each starts from the contact of the one before."""
+    found = np.zeros_like(opening)
+    closed = np.zeros(len(compliance), dtype=bool)
+    for frame, own in enumerate(opening):
+        found[frame], closed = _one(compliance, own, closed)
+    return found
+
+
+def _one(
+    compliance: Float[np.ndarray, "c c"], opening: Float[np.ndarray, " c"], closed: Bool[np.ndarray, " c"]
+) -> tuple[Float[np.ndarray, " c"], Bool[np.ndarray, " c"]]:
+    for _ in range(MOST_CHANGES):
+        pressure = np.zeros(len(opening))
+        at = np.flatnonzero(closed)
+        if len(at):
+            pressure[at] = -cho_solve(cho_factor(compliance[np.ix_(at, at)]), opening[at])
+        apart = compliance[:, at] @ pressure[at] + opening
+        after = np.where(closed, pressure > 0, apart < 0)
+        if (after == closed).all():
+            return pressure, closed
+        closed = after
+    lower = cholesky(compliance, lower=True)
+    pressure = nnls(lower.T, -solve_triangular(lower, opening, lower=True))[0]
+    return pressure, pressure > 0

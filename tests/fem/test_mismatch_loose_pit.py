@@ -1,0 +1,168 @@
+"""A pit in a gap: Lame's shell, the bonded pit under even pressure, and what looseness must do to work."""
+
+from functools import cache
+
+import coarse_fruit
+import numpy as np
+import pytest
+from scipy.optimize import nnls
+
+from fem.forward import UnitModulusSolid
+from fem.mesh import FleshMesh
+from fem.mismatch.baseline import baseline
+from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.effects.loose_pit import EFFECT, loose_response
+from fem.mismatch.ground import Ground
+from fem.mismatch.loose_flesh import LooseFlesh, inner_faces, loose_flesh
+from fem.mismatch.unilateral import pressures
+from fem.modulus_budget import ErrorBudget
+from fem.surface import skin_quadrature
+
+NU = 0.45
+INNER_MM, OUTER_MM = 10.0, 30.0
+PRESSURE_MPA = 0.1
+
+
+def lame(radius_mm: float, inside_MPa: float) -> float:
+    """Radial displacement (E = 1) of a shell under PRESSURE_MPA from outside; Timoshenko and Goodier, 136."""
+    a, b = INNER_MM**3, OUTER_MM**3
+    stretch = (inside_MPa * a - PRESSURE_MPA * b) * (1 - 2 * NU)
+    shear = (1 + NU) * a * b / (2 * radius_mm**3) * (inside_MPa - PRESSURE_MPA)
+    return radius_mm * (stretch + shear) / (b - a)
+
+
+def inside_pressure(gap: float) -> float:
+    """At which the inner surface stops at the pit."""
+    free, slope = lame(INNER_MM, 0.0), lame(INNER_MM, 1.0) - lame(INNER_MM, 0.0)
+    return max((-gap - free) / slope, 0.0)
+
+
+@pytest.fixture(scope="module")
+def shell(cored_ball: FleshMesh) -> tuple[UnitModulusSolid, LooseFlesh, np.ndarray]:
+    """Bonded and loose, and the load of an even pressure from outside."""
+    nodes = np.sort(cored_ball.outer_nodes)
+    bonded = UnitModulusSolid.factorise(cored_ball, poisson_ratio=NU, support="free", contact_nodes=nodes)
+    points, area = skin_quadrature(cored_ball)
+    push = -PRESSURE_MPA * area[:, None] * points.normal
+    load = np.zeros((1, *cored_ball.nodes_mm.shape))
+    load[0, nodes] = points.among(nodes).interpolation.T @ push
+    return bonded, LooseFlesh.of(bonded), load
+
+
+def pressed(flesh: LooseFlesh, load: np.ndarray, gap: float) -> tuple[np.ndarray, np.ndarray]:
+    """Pressures on the patches, and displacement of the skin."""
+    moved = flesh.solid.displacement(load)
+    opening = (flesh.load.T @ moved.reshape(1, -1).T).T + gap * flesh.area_mm2
+    found = pressures(flesh.compliance, opening)
+    return found[0], moved[0, flesh.solid.contact_nodes] + np.tensordot(found[0], flesh.skin, axes=1)
+
+
+def radial(flesh: LooseFlesh, moved: np.ndarray) -> float:
+    """Mean over the skin's nodes."""
+    x = flesh.solid.mesh.nodes_mm[flesh.solid.contact_nodes]
+    return float(np.mean((moved * x).sum(axis=1) / np.linalg.norm(x, axis=1)))
+
+
+@pytest.mark.parametrize("closed", [0.25, 0.5, 0.9])
+def test_a_shell_closes_its_gap_as_lame_says(shell, closed):
+    _, flesh, load = shell
+    gap = -closed * lame(INNER_MM, 0.0)
+    pressure, moved = pressed(flesh, load, gap)
+    expected = inside_pressure(gap)
+    mean = pressure @ flesh.area_mm2 / flesh.area_mm2.sum()
+    assert mean == pytest.approx(expected, rel=0.02, abs=0.01 * PRESSURE_MPA)
+    assert radial(flesh, moved) == pytest.approx(lame(OUTER_MM, expected), rel=0.01)
+
+
+def test_a_gap_too_wide_to_close_is_an_empty_cavity(shell):
+    _, flesh, load = shell
+    pressure, moved = pressed(flesh, load, -1.2 * lame(INNER_MM, 0.0))
+    assert (pressure == 0).all()
+    assert radial(flesh, moved) == pytest.approx(lame(OUTER_MM, 0.0), rel=0.01)
+
+
+def test_without_a_gap_even_pressure_cannot_tell_loose_from_bonded(shell):
+    bonded, flesh, load = shell
+    moved = pressed(flesh, load, 0.0)[1]
+    held = bonded.displacement(load)[0, bonded.contact_nodes]
+    assert moved == pytest.approx(held, abs=0.01 * np.abs(held).max())
+
+
+def test_the_patches_cover_the_pit(shell, cored_ball):
+    _, flesh, _ = shell
+    assert flesh.area_mm2.sum() == pytest.approx(4 * np.pi * INNER_MM**2, rel=0.01)
+    assert len(inner_faces(cored_ball)) > 50
+    through = np.asarray(flesh.load.sum(axis=1)).reshape(-1, 3).sum(axis=0)
+    assert np.abs(through).max() < 1e-9 * flesh.area_mm2.sum()
+
+
+def test_the_contact_problem_agrees_with_least_squares_under_bounds():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(60, 60))
+    compliance = root @ root.T + np.eye(60)
+    opening = rng.normal(size=(5, 60))
+    found = pressures(compliance, opening)
+    lower = np.linalg.cholesky(compliance)
+    for own, q in zip(found, opening, strict=True):
+        assert own == pytest.approx(nnls(lower.T, -np.linalg.solve(lower, q))[0], abs=1e-9)
+        assert ((compliance @ own + q) > -1e-9).all()
+
+
+@cache
+def pinched() -> Ground:
+    """The coarse fruit, pinched."""
+    history = coarse_fruit.pinch()
+    pads = tuple(
+        PadMotion(
+            name=pad.name,
+            pose=np.tile(np.eye(4), (len(history.time_s), 1, 1)),
+            normal_N=np.abs(pad.force_N[:, :, 0]).sum(axis=1),
+            markers=len(pad.rest_mm),
+            touch_gap_mm=np.zeros(len(pad.rest_mm)),
+        )
+        for pad in history.pads
+    )
+    aperture = np.zeros(len(history.time_s))
+    grasp = GraspCase(name="pinch", history=history, pads=pads, aperture_mm=aperture, support="free")
+    case = MismatchCase(
+        mesh=coarse_fruit.fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget()
+    )
+    return Ground(base=baseline(case), compliance=3.0)
+
+
+def work(ground: Ground, unit: np.ndarray) -> float:
+    """Of the forces of the second frame, a symmetric pinch."""
+    seen = ground.base.grasps[0]
+    return float((seen.over_time(seen.patterns)[1] * unit[1]).sum())
+
+
+def test_the_looser_the_pit_the_more_the_pinch_works():
+    ground = pinched()
+    seen = ground.base.grasps[0]
+    gaps = [0.0, 0.01, 0.02, 0.05, 10.0]
+    done = [work(ground, loose_response(ground, seen, gap)) for gap in gaps]
+    assert work(ground, seen.tracks.unit_displacement) < done[0]
+    assert (np.diff(done) > -1e-12).all()
+    assert done[-1] > 1.02 * done[0]
+
+
+def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
+    ground = pinched()
+    seen = ground.base.grasps[0]
+    flesh = loose_flesh(ground, seen)
+    opening = seen.shares @ flesh.answer(seen)[1]
+    found = pressures(flesh.compliance, opening)[1]
+    assert found.min() >= 0
+    assert found.max() > 0
+    total = np.asarray(flesh.load @ found).reshape(-1, 3).sum(axis=0)
+    assert np.linalg.norm(total) < 1e-3 * float(found @ flesh.area_mm2)
+
+
+def test_signatures_are_the_model_less_the_bonded_answer():
+    ground = pinched()
+    seen = ground.base.grasps[0]
+    for signature in EFFECT.signatures(ground):
+        found = EFFECT.respond(ground, EFFECT.start(ground, signature, np.ones(1)), signature.label)
+        field = signature.columns[0].fields[0].markers
+        expected = ground.compliance * (found.unit[0] - seen.tracks.unit_displacement)
+        assert field == pytest.approx(expected, abs=1e-12)
