@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from samples.mismatch.grip import Grip, Instant, next_instant
+from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.skin_patch import inverse
 
 
@@ -35,7 +35,7 @@ class ElasticBody:
 
     def __init__(self, stiffness: Float[np.ndarray, "d d"]) -> None:
         self._stiffness = stiffness
-        self._nowhere = np.zeros(len(stiffness))
+        self._nowhere, self._kept = np.zeros(len(stiffness)), KeptTangent()
 
     def begin(self) -> Float[np.ndarray, " d"]:
         """Where it always was."""
@@ -45,7 +45,7 @@ class ElasticBody:
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
     ) -> Instant:  # fmt: skip
         """Equilibrium with the pads."""
-        return next_instant(grip, before, origins, self._stiffness, self._nowhere)
+        return next_instant(grip, before, origins, self._stiffness, self._nowhere, kept=self._kept)
 
 
 class RelaxingBody:
@@ -62,6 +62,7 @@ class RelaxingBody:
         self._stiffness, self._compliance = stiffness, inverse(stiffness)
         self._g = np.array([g for g, _ in arms])
         self._tau = np.array([tau for _, tau in arms])
+        self._kept = KeptTangent()
         self.begin()
 
     def begin(self) -> Float[np.ndarray, " d"]:
@@ -80,7 +81,7 @@ class RelaxingBody:
         now = 1 - self._g.sum() + self._g @ ramp
         known = (self._g * decay) @ self._arms - (self._g @ ramp) * self._elastic
         freely = -(self._compliance @ known) / now
-        instant = next_instant(grip, before, origins, now * self._stiffness, freely)
+        instant = next_instant(grip, before, origins, now * self._stiffness, freely, kept=self._kept)
         elastic = self._stiffness @ instant.u
         self._arms = decay[:, None] * self._arms + ramp[:, None] * (elastic - self._elastic)
         self._elastic = elastic

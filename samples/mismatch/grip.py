@@ -26,7 +26,7 @@ from samples.mismatch.gel_bed import (
 )
 from samples.mismatch.skin_patch import Patch
 
-TOLERANCE_N = 1e-5
+TOLERANCE_N = 2e-7
 LOOKS = 4
 SETTLED_MM = 2e-4
 SERVES = 0.4
@@ -89,8 +89,8 @@ class Instant:
     marker_force_N: tuple[Float[np.ndarray, "m 3"], ...]
 
 
-class _Kept:
-    """A factorised tangent that outlives its round."""
+class KeptTangent:
+    """A factorised tangent that outlives its step: used again for as long as it serves."""
 
     solve: Callable[[Float[np.ndarray, " d"]], Float[np.ndarray, " d"]] | None = None
 
@@ -114,10 +114,11 @@ def next_instant(
     freely: Float[np.ndarray, " d"],
     *,
     start: Float[np.ndarray, " d"] | None = None,
+    kept: KeptTangent | None = None,
 ) -> Instant:
     """The instant with the pads' faces at `origins`. Raises NotInEquilibrium where Newton's method stalls."""
     u = before.u if start is None else start
-    kept = _Kept()
+    kept = kept or KeptTangent()
     was = [grip.local(s, before.u, before.origins) for s in (0, 1)]
     for look in range(LOOKS):
         held = [
@@ -146,7 +147,7 @@ def next_instant(
 
 def _balanced(
     grip: Grip, links: list[Link], origins: np.ndarray, stiffness: np.ndarray, freely: np.ndarray,
-    start: np.ndarray, kept: _Kept,
+    start: np.ndarray, kept: KeptTangent,
 ) -> Float[np.ndarray, " d"]:  # fmt: skip
     """Newton's method with a factorised tangent that is kept for as long as it serves."""
     u = start

@@ -5,7 +5,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array, hstack
 
 from samples.flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
-from samples.mismatch.grip import Grip, InnerContact, Instant, next_instant
+from samples.mismatch.grip import Grip, InnerContact, Instant, KeptTangent, next_instant
 from samples.mismatch.schur import schur_complement
 
 THREADS_N_PER_MM = 0.05
@@ -23,7 +23,7 @@ class LoosePitBody:
     still = True
 
     def __init__(self, stiffness: Float[np.ndarray, "d d"]) -> None:
-        self._stiffness = stiffness
+        self._stiffness, self._kept = stiffness, KeptTangent()
 
     def begin(self) -> Float[np.ndarray, " d"]:
         """Centred, open all round."""
@@ -33,7 +33,9 @@ class LoosePitBody:
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
     ) -> Instant:  # fmt: skip
         """Equilibrium with the pads and the pit."""
-        return next_instant(grip, before, origins, self._stiffness, np.zeros(len(self._stiffness)))
+        return next_instant(
+            grip, before, origins, self._stiffness, np.zeros(len(self._stiffness)), kept=self._kept
+        )
 
 
 def loose_stiffness(

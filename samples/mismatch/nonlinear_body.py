@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from samples.failure import NotInEquilibrium
 from samples.mismatch.flesh_laws import FleshLaw, State
-from samples.mismatch.grip import Grip, Instant, next_instant
+from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
 
-SETTLED_MM = 2e-4
+SETTLED_MM = 4e-4
 REST_S = 1e4
 """Between two grasps."""
 ROUNDS, DEPTH = 60, 8
@@ -29,6 +29,7 @@ class NonlinearBody:
         self._whole, self._stiffness, self._law = whole, firmer * stiffness, law
         self._firmer = firmer
         self.still = law.still
+        self._kept = KeptTangent()
         self._state: State = law.at_first(whole.flesh.volumes.shape)
         self._shift = np.zeros(whole.flesh.unknowns)
         self._trend = np.zeros(whole.flesh.unknowns)
@@ -53,7 +54,9 @@ class NonlinearBody:
         shift, start = self._shift + self._trend, before.u
         mixing = Mixing(DEPTH)
         for _ in range(ROUNDS):
-            instant = next_instant(grip, before, origins, self._stiffness, -shift[whole.dofs], start=start)
+            instant = next_instant(
+                grip, before, origins, self._stiffness, -shift[whole.dofs], start=start, kept=self._kept
+            )
             q = whole.solve(whole.spread(instant.force_N)) / self._firmer - shift
             mapped, state = self._mapped(q, pause_s)
             start = instant.u

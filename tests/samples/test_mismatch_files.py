@@ -1,0 +1,116 @@
+"""Plans, programmes and files of mismatch cases."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball
+
+from recon.mesh_file import read_mesh
+from samples.contact import Gel
+from samples.failure import SampleFailure
+from samples.grasp import marker_grid
+from samples.mismatch.bank import outsiders, pairs, singles
+from samples.mismatch.case import planned
+from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
+from samples.mismatch.catalogue import drawn_parameters
+from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
+from samples.mismatch.planted import EFFECTS
+from samples.mismatch.programme import four_manners, motion_of
+from samples.mismatch.true_recording import PadTruth, TrueRecording
+from tactile.recording import GelPad, read_recording
+
+
+def recording(frames: int = 60) -> TrueRecording:
+    pose = np.broadcast_to(np.eye(4), (frames, 4, 4)).copy()
+    pad = PadTruth(pose=pose, displacement_mm=np.zeros((frames, 400, 3)), force_N=np.zeros((frames, 400, 3)))
+    return TrueRecording(
+        name="grasp-1", time_s=0.1 * np.arange(frames), aperture_mm=np.full(frames, 50.0),
+        rest_mm=marker_grid(), gel=Gel(), pads=(pad, pad),
+    )  # fmt: skip
+
+
+def test_the_four_grasps_have_the_frames_of_the_shared_cases() -> None:
+    motions = [motion_of(m) for m in four_manners(1.95)]
+    assert [int(m.recorded.sum()) for m in motions] == [82, 67, 73, 67]
+    for m in motions:
+        assert np.all(np.diff(m.time_s) > 0)
+        shown = m.travel_mm[m.recorded]
+        assert np.all(shown[:30] < 0)
+        assert np.all(shown[-15:] < 0)
+    assert motions[0].travel_mm.max() == 1.95
+    assert [m.shear_mm.max() for m in motions] == [0.0, 0.0, 1.2, 0.0]
+
+
+def test_the_true_pit_is_off_its_prior_by_the_spread_that_cases_state() -> None:
+    offsets, sizes = [], []
+    for k in range(60):
+        drawn = drawn_fruit("x", category="plum", rng=np.random.default_rng(k))
+        seen = with_new_prior(drawn, np.random.default_rng([k, 1]))
+        offsets.append(np.subtract(drawn.fruit.pit.centre_mm, seen.prior.centre_mm))
+        sizes.append(np.divide(drawn.fruit.pit.semi_axes_mm, seen.prior.semi_axes_mm))
+    assert np.std(offsets) == pytest.approx(0.3, rel=0.15)
+    assert np.std(sizes) == pytest.approx(0.02, rel=0.15)
+
+
+def test_a_planted_offset_takes_the_place_of_the_spread() -> None:
+    plan = planned("x", (("pit_offset", 2),), seed=(1, 2))
+    offset = np.subtract(plan.drawn.fruit.pit.centre_mm, plan.drawn.prior.centre_mm)
+    assert offset == pytest.approx(plan.planted[0].parameters["offset_mm"])
+    assert 3.0 <= np.linalg.norm(offset) <= 3.8
+
+
+def test_a_soft_spot_lies_in_the_flesh_under_a_pad() -> None:
+    plan = planned("x", (("soft_spot", 1),), seed=(3, 4))
+    p = plan.planted[0].parameters
+    grasp = plan.grasps[p["grasp"] - 1]
+    touch = grasp.hold.touch_mm[0 if p["pad"] == "left" else 1]
+    assert np.linalg.norm(touch - np.array(p["centre_mm"])) < 14.0
+
+
+def test_the_bank_holds_every_effect_three_times_and_names_nothing() -> None:
+    cases = singles()
+    assert len(cases) >= 60
+    for effect in EFFECTS:
+        assert {level for c in cases for e, level in c.effects if e == effect} == {0, 1, 2}
+    assert len(pairs()) == 10
+    assert len(outsiders()) == 6
+    assert not any(e in c.case_id for c in cases for e in EFFECTS)
+
+
+def test_an_effect_that_is_not_in_the_catalogue_is_refused() -> None:
+    with pytest.raises(SampleFailure, match="no effect 'rust'"):
+        drawn_parameters("rust", 1, np.random.default_rng(0))
+
+
+def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> None:
+    drawn = drawn_ball()
+    write_case_files(
+        tmp_path / "case-1", drawn, (recording(),), peaks_N=(20.0,), rng=np.random.default_rng(1)
+    )
+    assert [p.name for p in sorted((tmp_path / "case-1").iterdir())] == [
+        "case.toml", "fruit.ply", "grasp-1.h5", "pit.ply",
+    ]  # fmt: skip
+    vertices, _ = read_mesh(tmp_path / "case-1" / "fruit.ply")
+    error = np.linalg.norm(vertices, axis=1) - 25.0
+    assert np.sqrt(np.mean(error**2)) == pytest.approx(0.1, rel=0.02)
+    read = read_recording(tmp_path / "case-1" / "grasp-1.h5")
+    pad = read.pads[0]
+    assert isinstance(pad, GelPad)
+    own = pad.force_N - pad.force_N.mean(axis=0)
+    assert own.std() == pytest.approx(2e-4 * 20.0, rel=0.05)
+    assert pad.force_N.mean(axis=0).std() == pytest.approx(2e-4 * 10.0, rel=0.2)
+    assert not list(tmp_path.glob(".*partial"))
+
+
+def test_the_seal_comes_first_and_fits_the_answer(tmp_path: Path) -> None:
+    label = Label(effect="slip", parameters={"mu": 0.12}, others={})
+    entry = answer(drawn_ball(), label)
+    seal(tmp_path, "case-1", entry, salt="abc")
+    assert not (tmp_path / "answers.json").exists()
+    reveal(tmp_path, "case-1", entry, salt="abc")
+    sealed = json.loads((tmp_path / "manifest.json").read_text())["case-1"]
+    told = json.loads((tmp_path / "answers.json").read_text())["case-1"]
+    assert sealed_as(told) == sealed
+    assert sealed_as({**told, "effect": "none"}) != sealed

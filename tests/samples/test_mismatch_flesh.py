@@ -1,0 +1,202 @@
+"""What is planted in the flesh, against closed forms and limits in which it is nothing, or known."""
+
+import numpy as np
+import pytest
+from mismatch_ball import ROUGH, drawn_ball, motion, rough, squeezed, total_N
+
+from samples.contact import Gel
+from samples.failure import SampleFailure
+from samples.flesh import Flesh, flesh_of, rigid_tie
+from samples.hexahedra import flesh_bricks
+from samples.mismatch.altered_flesh import graded, stiffer_along_stem, uneven, with_skin, with_soft_spot
+from samples.mismatch.bodies import ElasticBody, RelaxingBody
+from samples.mismatch.case import body_of
+from samples.mismatch.cell_places import integration_points_mm, relative_depths
+from samples.mismatch.draining import Draining
+from samples.mismatch.flesh_laws import Damaged, Lame, Stiffening, Yielding
+from samples.mismatch.grip import before_touch
+from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.planted import Planted
+from samples.mismatch.schur import schur_complement
+from samples.mismatch.true_recording import grip_of
+from samples.mismatch.whole_fruit import whole_fruit
+
+LAME = Lame(mu=0.2, lam=1.1)
+
+
+@pytest.fixture(scope="module")
+def flesh() -> Flesh:
+    bricks = flesh_bricks(drawn_ball().fruit, np.array([1.0, 0.0, 0.0]), ROUGH)
+    return flesh_of(bricks, E_MPa=0.5, poisson_ratio=0.45, law="linear")
+
+
+def field(flesh: Flesh, u_mm: np.ndarray) -> np.ndarray:
+    """The unknowns that give the free nodes this displacement, the pit none."""
+    return np.concatenate([u_mm[flesh.free_nodes].ravel(), np.zeros(6)])
+
+
+def test_no_amplitude_adds_nothing(flesh: Flesh) -> None:
+    here = np.array([20.0, 0.0, 0.0])
+    for extra in (
+        graded(flesh, gamma=0.0),
+        stiffer_along_stem(flesh, axial=0.0),
+        with_skin(flesh, Et_N_per_mm=0.0, poisson_ratio=0.45),
+        with_soft_spot(flesh, centre_mm=here, radius_mm=5.0, ratio=1.0),
+    ):
+        assert abs(extra).max() == 0.0
+
+
+def test_an_even_change_of_modulus_scales_the_stiffness(flesh: Flesh) -> None:
+    extra = uneven(flesh, np.full(flesh.volumes.shape, 1.5))
+    plain = flesh.stiffness.toarray()[:-6, :-6]
+    assert extra.toarray()[:-6, :-6] == pytest.approx(0.5 * plain, abs=1e-9)
+
+
+def test_depth_runs_from_skin_to_pit_on_straight_rays(flesh: Flesh) -> None:
+    radius = np.linalg.norm(integration_points_mm(flesh.bricks), axis=-1)
+    assert relative_depths(flesh.bricks) == pytest.approx((25.0 - radius) / 15.0, abs=0.02)
+
+
+def test_a_soft_spot_is_seen_where_it_is(flesh: Flesh) -> None:
+    extra = with_soft_spot(flesh, centre_mm=np.array([21.0, 0.0, 0.0]), radius_mm=4.0, ratio=0.3)
+    touched = np.unique(extra.tocoo().coords[0])
+    nodes = flesh.free_nodes[np.unique(touched[touched < flesh.unknowns - 6] // 3)]
+    assert np.linalg.norm(flesh.bricks.nodes_mm[nodes] - [21.0, 0.0, 0.0], axis=1).max() < 14.0
+
+
+def test_a_swelling_skin_stores_what_a_spherical_membrane_stores(flesh: Flesh) -> None:
+    # even strain w / R both ways: energy 4 pi w^2 Et / (1 - nu)
+    out = 0.1 * flesh.bricks.nodes_mm / np.linalg.norm(flesh.bricks.nodes_mm, axis=1, keepdims=True)
+    q = field(flesh, out)
+    found = 0.5 * q @ with_skin(flesh, Et_N_per_mm=2.0, poisson_ratio=0.3) @ q
+    assert found == pytest.approx(4 * np.pi * 0.1**2 * 2.0 / 0.7, rel=0.01)
+
+
+def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: Flesh) -> None:
+    e = 0.01
+    u = np.zeros_like(flesh.bricks.nodes_mm)
+    u[:, 2] = e * flesh.bricks.nodes_mm[:, 2]
+    tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
+    q = field(flesh, u)
+    strain = np.zeros_like(flesh.volumes)
+    local = (tie @ q).reshape(-1, 3)[flesh.bricks.cells]
+    strain = np.einsum("mgn,mn->mg", flesh.slopes[..., 2], local[..., 2])
+    expected = 0.5 * 0.8 * flesh.mu_MPa * (flesh.volumes * strain**2).sum()
+    assert 0.5 * q @ stiffer_along_stem(flesh, axial=0.8) @ q == pytest.approx(expected, rel=1e-9)
+
+
+def test_held_force_relaxes_by_g_and_tau() -> None:
+    # a gel much stiffer than flesh holds the skin still: force follows the modulus
+    grasp, stands = rough(drawn_ball(), motion([-0.001, 0.3]))
+    body = RelaxingBody(schur_complement(stands.flesh.stiffness, stands.dofs), arms=((0.4, 0.8),))
+    grip = grip_of(stands, gel=Gel(kn_MPa_per_mm=30.0, kt_MPa_per_mm=30.0, friction=5.0))
+    instant = before_touch(grip, grasp.hold.origins(-0.001), body.begin())
+    forces = []
+    for pause_s in (1e-3, *[0.25] * 6):
+        instant = body.advance(grip, instant, grasp.hold.origins(0.3), pause_s)
+        forces.append(instant.force_N[grip.part(0)].reshape(-1, 3).sum(axis=0)[0])
+    expected = 0.6 + 0.4 * np.exp(-0.25 * np.arange(7) / 0.8)
+    assert np.array(forces) / forces[0] == pytest.approx(expected, abs=2e-3)
+
+
+def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
+    # P = exp(b W/mu) dW/dF = d/dF of mu/b exp(b W/mu)
+    b = 40.0
+
+    def energy(F: np.ndarray) -> float:
+        ln = np.log(np.linalg.det(F))
+        W = LAME.mu / 2 * ((F * F).sum() - 3 - 2 * ln) + LAME.lam / 2 * ln**2
+        return float(LAME.mu / b * np.exp(b * W / LAME.mu))
+
+    H = 0.05 * np.random.default_rng(0).normal(size=(3, 3))
+    excess, _ = Stiffening(lame=LAME, b=b).excess(H[None], (), 1.0)
+    found = excess[0] + LAME.linear((H + H.T) / 2)
+    step = 1e-6
+    slope = np.zeros((3, 3))
+    for i in range(3):
+        for k in range(3):
+            d = np.zeros((3, 3))
+            d[i, k] = step
+            slope[i, k] = (energy(np.eye(3) + H + d) - energy(np.eye(3) + H - d)) / (2 * step)
+    assert found == pytest.approx(slope, rel=1e-5, abs=1e-8)
+
+
+def test_sheared_flesh_yields_hardens_and_keeps_a_set() -> None:
+    # simple shear g: tau = mu g up to sy / sqrt 3, then d tau / dg = mu h / (3 mu + h) with h the hardening
+    law = Yielding(lame=LAME, yield_MPa=0.03, hardening_MPa=0.1)
+    state = law.at_first((1,))
+    first, end = 0.03 / np.sqrt(3) / LAME.mu, 0.15
+    for g in np.linspace(0, end, 40):
+        H = np.zeros((1, 3, 3))
+        H[0, 0, 1] = g
+        excess, state = law.excess(H, state, 1.0)
+    tau = (excess[0] + LAME.linear((H[0] + H[0].T) / 2))[0, 1]
+    slope = LAME.mu * 0.1 / (3 * LAME.mu + 0.1)
+    assert tau == pytest.approx(0.03 / np.sqrt(3) + slope * (end - first), rel=1e-6)
+    back, _ = law.excess(np.zeros((1, 3, 3)), state, 1.0)
+    assert back[0, 0, 1] < 0
+
+
+def test_damage_is_read_off_the_largest_energy() -> None:
+    law = Damaged(lame=LAME, dmax=0.6, W0_MPa=1e-3)
+    H = np.diag([0.08, 0.0, 0.0])[None]
+    energy = 0.5 * (2 * LAME.mu + LAME.lam) * 0.08**2
+    excess, state = law.excess(H, law.at_first((1,)), 1.0)
+    lost = 0.6 * (1 - np.exp(-energy / 1e-3))
+    assert excess[0] == pytest.approx(-lost * LAME.linear(H[0]))
+    later, _ = law.excess(H / 2, state, 1.0)
+    assert later[0] == pytest.approx(-lost * LAME.linear(H[0] / 2))
+
+
+def test_drained_flesh_loses_its_share_of_the_volume_stress() -> None:
+    law = Draining(lame=LAME, volume_share=0.7, tau_s=0.5)
+    H = 0.01 * np.eye(3)[None]
+    _, state = law.excess(H, law.at_first((1,)), 1e-4)
+    excess, _ = law.excess(H, state, 1.0)
+    assert excess[0] == pytest.approx(-1.1 * 0.7 * 0.03 * (1 - np.exp(-2.0)) * np.eye(3), rel=1e-3)
+
+
+def test_flesh_damaged_at_once_is_softer_flesh() -> None:
+    drawn = drawn_ball()
+    grasp, stands = rough(drawn, motion([-0.05, 0.3, 0.6]))
+    dense = schur_complement(stands.flesh.stiffness, stands.dofs)
+    law = Damaged(lame=Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa), dmax=0.4, W0_MPa=1e-13)
+    body = NonlinearBody(whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs), dense, law)
+    damaged = total_N(squeezed(grasp, stands, body))
+    soft = total_N(squeezed(grasp, stands, ElasticBody(0.6 * dense)))
+    assert damaged == pytest.approx(soft, rel=0.01, abs=0.01)
+
+
+def test_yielded_fruit_keeps_a_dent_and_touches_later() -> None:
+    way = motion([-0.05, 0.4, 0.8, 1.2, 0.8, 0.4, -0.05, 0.3, -0.05])
+    grasp, stands = rough(drawn_ball(E_MPa=0.2), way)
+    planted = (Planted(effect="plastic_set", parameters={"yield_over_E": 0.03, "hardening": 0.05}),)
+    body, _ = body_of(stands, planted)
+    first = total_N(squeezed(grasp, stands, body))
+    again = total_N(squeezed(grasp, stands, body))
+    assert np.abs(body.begin()).max() > 0.01
+    assert again[1] < 0.98 * first[1]
+    assert again[3] == pytest.approx(first[3], rel=0.05)
+
+
+def test_a_loose_pit_lies_between_bonded_and_none() -> None:
+    grasp, stands = rough(drawn_ball(E_MPa=0.3), motion([-0.05, 0.4, 0.8, 1.2]))
+    forces = []
+    for gap in (0.0, 0.1, 5.0):
+        body, inner = body_of(stands, (Planted(effect="loose_pit", parameters={"gap_mm": gap}),))
+        forces.append(total_N(squeezed(grasp, stands, body, inner=inner))[3])
+    bonded = total_N(squeezed(grasp, stands, body_of(stands, ())[0]))[3]
+    assert bonded > forces[0] > forces[1] > forces[2] > 0.3 * bonded
+
+
+def test_two_laws_of_one_flesh_are_refused() -> None:
+    _, stands = rough(drawn_ball(), motion([-0.05, 0.4]))
+    damage = Planted(effect="damage", parameters={"dmax": 0.4, "W0_over_E": 1e-3})
+    stiffening = Planted(effect="stiffening", parameters={"b": 20.0})
+    with pytest.raises(SampleFailure, match="stiffening and damage cannot be planted together"):
+        body_of(stands, (stiffening, damage))
+
+
+def test_an_unknown_effect_is_refused() -> None:
+    with pytest.raises(SampleFailure, match="no effect 'rust'"):
+        Planted(effect="rust", parameters={})

@@ -1,0 +1,82 @@
+"""Two pads on a condensed ball: closed-form limits, balance, friction, another solver."""
+
+import numpy as np
+import pytest
+from mismatch_ball import ROUGH, drawn_ball, grasp_along_x, motion, rough, squeezed, total_N
+
+from samples.contact import Gel
+from samples.factors import factorise
+from samples.grasp import simulate
+from samples.grasp_plan import Programme
+from samples.mismatch.bodies import ElasticBody
+from samples.mismatch.schur import schur_complement
+
+
+def test_condensed_stiffness_is_the_inverse_of_the_compliance() -> None:
+    _, stands = rough(drawn_ball(), motion([-0.1, 0.6]))
+    dense = schur_complement(stands.flesh.stiffness, stands.dofs)
+    unit = np.zeros((stands.flesh.unknowns, len(stands.dofs)))
+    unit[stands.dofs, np.arange(len(stands.dofs))] = 1.0
+    compliance = factorise(stands.flesh.stiffness)(unit)[stands.dofs]
+    assert dense @ compliance == pytest.approx(np.eye(len(dense)), abs=1e-6)
+
+
+def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:
+    # a rigid cap of depth d pushes aside gel of volume pi d^2 (3 R - d) / 3
+    drawn = drawn_ball(E_MPa=1e4, nu=0.3)
+    grasp, stands = rough(drawn, motion([-0.1, 0.3, 0.6]))
+    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    expected = 0.22 * np.pi * 0.6**2 * (75.0 - 0.6) / 3
+    assert total_N(truth)[2] == pytest.approx(expected, rel=0.02)
+
+
+def test_the_pads_push_alike_and_only_where_they_touch() -> None:
+    grasp, stands = rough(drawn_ball(), motion([-0.2, 0.3, 0.7, 0.3, -0.2]))
+    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    left, right = total_N(truth, 0), total_N(truth, 1)
+    assert left == pytest.approx(right, abs=0.02)
+    assert left[[0, 4]] == pytest.approx(0.0, abs=1e-12)
+    assert left[3] == pytest.approx(left[1], rel=0.01)
+    for pad in truth.pads:
+        assert pad.force_N[2] == pytest.approx(
+            -pad.displacement_mm[2] * np.array([0.055, 0.055, 0.22]), abs=1e-12
+        )
+
+
+def test_friction_stays_within_its_cone() -> None:
+    way = motion([-0.1, 0.4, 0.8, 0.8, 0.8], shear_mm=[0, 0, 0, 0.5, 1.0])
+    grasp, stands = rough(drawn_ball(), way)
+    body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
+    slippery = squeezed(grasp, stands, body, gel=Gel(friction=0.05))
+    sticky = squeezed(grasp, stands, body)
+    for pad, other in zip(slippery.pads, sticky.pads, strict=True):
+        shear = np.linalg.norm(pad.force_N[..., :2], axis=-1)
+        assert np.all(shear <= 0.0501 * pad.force_N[..., 2] + 1e-9)
+        touches = other.force_N[..., 2] > 1e-3
+        free = np.linalg.norm(other.force_N[..., :2], axis=-1)[touches] / other.force_N[..., 2][touches]
+        assert free.max() > 0.1
+
+
+def test_the_grip_agrees_with_the_step_by_step_squeeze() -> None:
+    drawn = drawn_ball()
+    way = motion([-0.1, 0.3, 0.6])
+    grasp, stands = rough(drawn, way)
+    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    other = simulate(
+        drawn.fruit, grasp.hold, Programme(time_s=way.time_s, travel_mm=way.travel_mm),
+        rng=np.random.default_rng(0), law="linear", fineness=ROUGH,
+    )  # fmt: skip
+    nodes = -np.stack([m.force_N[1].sum(axis=0) for m in other.moments])[:, 0]
+    assert total_N(truth)[1:] == pytest.approx(nodes[1:], rel=0.02)
+
+
+def test_turning_the_fruit_round_changes_the_pads_over() -> None:
+    drawn = drawn_ball()
+    way = motion([-0.1, 0.4], shear_mm=[0, 0])
+    grasp, stands = rough(drawn, way)
+    body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
+    before = squeezed(grasp, stands, body)
+    after = squeezed(grasp_along_x(drawn, way, turned=True), stands, body)
+    for a, b in zip(before.pads, after.pads[::-1], strict=True):
+        assert np.array_equal(a.pose, b.pose)
+        assert np.array_equal(a.force_N, b.force_N)

@@ -1,0 +1,134 @@
+"""Faulty machines: each fault does to a recording what its definition says and nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball, grasp_along_x, motion
+
+from samples.contact import Gel
+from samples.grasp import marker_grid
+from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
+from samples.mismatch.machine_effects import (
+    with_drift,
+    with_gain,
+    with_gripper_compliance,
+    with_pose_error,
+)
+from samples.mismatch.outside import believed, with_hysteresis, with_thermal_drift
+from samples.mismatch.planted import Planted
+from samples.mismatch.true_recording import PadTruth, TrueRecording
+
+
+@pytest.fixture
+def truth() -> TrueRecording:
+    """Two pads that close along x, forces rising with time."""
+    time_s = np.linspace(0.0, 2.0, 9)
+    rest = marker_grid()
+    shape = np.exp(-(rest[:, 0] ** 2 + rest[:, 1] ** 2) / 20)
+    pads = []
+    for side in (1.0, -1.0):
+        pose = np.broadcast_to(np.eye(4), (9, 4, 4)).copy()
+        pose[:, :3, :3] = np.stack([[0, 1, 0], [0, 0, side], [side, 0, 0]], axis=1)
+        pose[:, 0, 3] = side * (-30 + time_s)
+        shift = np.zeros((9, 400, 3))
+        shift[..., 2] = -time_s[:, None] * shape
+        pads.append(
+            PadTruth(pose=pose, displacement_mm=shift, force_N=-np.array([0.055, 0.055, 0.22]) * shift)
+        )
+    return TrueRecording(
+        name="grasp-1", time_s=time_s, aperture_mm=60 - 2 * time_s, rest_mm=rest, gel=Gel(),
+        pads=(pads[0], pads[1]),
+    )  # fmt: skip
+
+
+def total_N(pad: PadTruth) -> np.ndarray:
+    return np.asarray(pad.force_N.sum(axis=1)[:, 2])
+
+
+def test_gain_scales_one_pads_force_exactly(truth: TrueRecording) -> None:
+    found = with_gain(truth, pad="right", gain=1.2)
+    assert found.pads[1].force_N == pytest.approx(1.2 * truth.pads[1].force_N)
+    assert found.pads[0] is truth.pads[0]
+    assert np.array_equal(found.pads[1].displacement_mm, truth.pads[1].displacement_mm)
+
+
+def test_drift_adds_newtons_per_second_to_one_pad(truth: TrueRecording) -> None:
+    found = with_drift(truth, pad="left", newton_per_s=0.3)
+    assert total_N(found.pads[0]) - total_N(truth.pads[0]) == pytest.approx(0.3 * truth.time_s)
+    assert found.pads[1] is truth.pads[1]
+
+
+def test_a_gripper_that_gives_records_more_travel_than_there_was(truth: TrueRecording) -> None:
+    found = with_gripper_compliance(truth, mm_per_N=0.01)
+    excess = 0.01 * total_N(truth.pads[0])
+    assert truth.aperture_mm - found.aperture_mm == pytest.approx(2 * excess)
+    for before, after in zip(truth.pads, found.pads, strict=True):
+        moved = after.pose[:, :3, 3] - before.pose[:, :3, 3]
+        assert moved == pytest.approx(excess[:, None] * before.pose[:, :3, 2])
+    apart = np.linalg.norm(found.pads[1].pose[:, :3, 3] - found.pads[0].pose[:, :3, 3], axis=1)
+    assert apart == pytest.approx(found.aperture_mm)
+
+
+def test_a_wrong_pose_is_the_true_one_times_shift_and_tilt(truth: TrueRecording) -> None:
+    found = with_pose_error(truth, pad="left", shift_mm=(1.0, -2.0), tilt_deg=3.0)
+    error = np.linalg.inv(truth.pads[0].pose) @ found.pads[0].pose
+    assert error[:, :3, 3] == pytest.approx(np.broadcast_to([1.0, -2.0, 0.0], (9, 3)))
+    assert error[:, :3, 0] == pytest.approx(np.broadcast_to([1.0, 0.0, 0.0], (9, 3)))
+    assert np.degrees(np.arctan2(error[:, 2, 1], error[:, 1, 1])) == pytest.approx(3.0)
+    assert found.pads[1] is truth.pads[1]
+
+
+def test_a_late_clock_shows_what_was_with_the_pose_that_is(truth: TrueRecording) -> None:
+    found = recorded_late(truth, truth.time_s, lag_s=0.5)
+    assert np.array_equal(found.pads[0].force_N[2:], truth.pads[0].force_N[:-2])
+    assert np.array_equal(found.pads[0].force_N[0], truth.pads[0].force_N[0])
+    assert np.array_equal(found.pads[0].pose, truth.pads[0].pose)
+
+
+def test_more_instants_lie_on_the_same_way() -> None:
+    grasp = grasp_along_x(drawn_ball(), motion([-0.1, 0.4, 0.4, -0.1]))
+    more = with_instants(grasp, np.array([0.05, 0.17])).motion
+    assert np.interp(more.time_s, grasp.motion.time_s, grasp.motion.travel_mm) == pytest.approx(
+        more.travel_mm
+    )
+    assert {0.05, 0.17} <= set(more.time_s.tolist())
+    assert more.recorded.all()
+
+
+def test_instants_are_found_by_their_time(truth: TrueRecording) -> None:
+    found = at_times(truth, np.array([0.5, 1.0]))
+    assert found.time_s == pytest.approx([0.5, 1.0])
+    assert np.array_equal(found.pads[1].force_N, truth.pads[1].force_N[[2, 4]])
+
+
+def test_hysteresis_spares_the_load_and_the_peak(truth: TrueRecording) -> None:
+    back = replace(
+        truth,
+        pads=tuple(replace(p, force_N=np.concatenate([p.force_N, p.force_N[::-1]])) for p in truth.pads),
+    )
+    found, was = total_N(with_hysteresis(back, share=0.1).pads[0]), total_N(back.pads[0])
+    assert found[:9] == pytest.approx(was[:9])
+    assert np.all(found[10:17] < was[10:17])
+    assert found[13] == pytest.approx(0.9 * was[13], rel=0.02)
+
+
+def test_thermal_drift_goes_with_the_root_of_time_on_both_pads(truth: TrueRecording) -> None:
+    found = with_thermal_drift(truth, swell_mm_per_root_s=0.02, peak_share_per_root_s=0.03)
+    for before, after in zip(truth.pads, found.pads, strict=True):
+        added = total_N(after) - total_N(before)
+        assert added == pytest.approx(0.03 * truth.peak_force_N * np.sqrt(truth.time_s))
+        moved = (after.displacement_mm - before.displacement_mm)[-1]
+        assert np.abs(moved).max() == pytest.approx(0.02 * np.sqrt(2.0))
+
+
+def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:
+    soft = replace(truth, gel=Gel(kn_MPa_per_mm=0.1))
+    found = believed(soft, Gel())
+    assert found.pads[0].force_N == pytest.approx(truth.pads[0].force_N)
+    assert found.gel == Gel()
+
+
+def test_labels_carry_what_was_planted() -> None:
+    one = Planted(effect="sensor_gain", parameters={"pad": "left", "gain": 1.1})
+    assert one.number("gain") == 1.1
