@@ -71,8 +71,9 @@ def account_for(
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     fits = candidate_fits(law, trace, air, rng=rng)
     candidates, best = ranking(fits)
-    found = detect(fits[0], trace, air, log_odds=log_odds_of_any(fits), rng=rng)
-    verdict = verdict_of(candidates, best, p_value=found.p_value)
+    log_odds = log_odds_of_any(fits)
+    found = detect(fits[0], trace, air, log_odds=log_odds, rng=rng)
+    verdict = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
     named = fits[0] if verdict == NONE else best[candidates[0].effect]
     end, blocks = foretell(fits[0], named, trace, air)
     rms = end.rms(trace.force_N)

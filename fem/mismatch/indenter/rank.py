@@ -17,6 +17,8 @@ ALARM = 0.05
 #: share of the force that the best law may leave unexplained and still be the explanation (what Hertz's
 #: theory, in small strains and under a true ball, is itself off by), and of what the linear law leaves
 LEFT_OVER, LEFT_OF_LINEAR = 0.05, 0.5
+#: share of the force that the linear law must leave before it is called unexplained without any explanation
+NOTICED = 0.01
 
 
 def ranking(fits: list[Fit]) -> tuple[tuple[Candidate, ...], dict[str, Fit]]:
@@ -76,17 +78,21 @@ def log_odds_of_any(fits: list[Fit]) -> float:
 
 
 def verdict_of(
-    candidates: tuple[Candidate, ...], best: dict[str, Fit], *, p_value: float
+    candidates: tuple[Candidate, ...], best: dict[str, Fit], *, p_value: float, log_odds: float
 ) -> str | tuple[str, ...]:
     """One name, several that cannot be told apart, "none", or "unknown".
 
-    None: nothing beyond noise was detected. Unknown: the best law leaves more of the force unexplained than
-    the theory is off by. A pair is not named beside one of its own effects alone: that explains it already.
+    None: nothing beyond noise was detected; or no effect's evidence is up to an alarm and the linear law
+    leaves less of the force than the theory errs by (coloured noise that too few frames in the air showed).
+    Unknown: more than that is left, and by the best law more than half of it. A pair is not named beside one
+    of its own effects alone: that explains it already.
     """
     if p_value > ALARM:
         return NONE
+    if log_odds < np.log(2 / ALARM):
+        return UNKNOWN if best[NONE].share > NOTICED else NONE
     left = best[candidates[0].effect].share
-    if candidates[0].log_evidence < 0 or left > max(LEFT_OVER, LEFT_OF_LINEAR * best[NONE].share):
+    if left > max(LEFT_OVER, LEFT_OF_LINEAR * best[NONE].share):
         return UNKNOWN
     limit = np.log(candidates[0].probability) - APART
     close = [c.effect for c in candidates if np.log(max(c.probability, 1e-300)) >= limit]
