@@ -17,7 +17,7 @@ from scipy.spatial.distance import cdist
 
 from fem.mismatch.baseline import Seen
 
-REACH = 1.0
+REACH = 2.0
 """Length of the kernel, in a recording's greatest load."""
 NUGGET = 1e-6
 
@@ -29,22 +29,54 @@ class PathFrames:
     chosen: Int[np.ndarray, " k"]
     mix: Float[np.ndarray, "f k"]
 
+
+def path_frames(grasps: Sequence[Seen], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
+    """About `count` frames in all, of every recording as many as its path asks for.
+
+    A law that does not remember is known without load: nothing.
+    """
+    paths = [_Path.of(seen.shares, remembers=remembers) for seen in grasps]
+    count = min(count, sum(len(path.states) for path in paths))
+    while sum(len(path.chosen) for path in paths) < count:
+        path = max(paths, key=lambda path: path.unknown.max())
+        path.learn(int(path.unknown.argmax()))
+    return tuple(PathFrames(chosen=path.chosen, mix=path.mix) for path in paths)
+
+
+@dataclass
+class _Path:
+    """One recording while its frames are chosen. `unknown`: variance left of each frame, chosen ones -1."""
+
+    states: Float[np.ndarray, "f d"]
+    brought: Int[np.ndarray, " f"]
+    known: Float[np.ndarray, "e d"]
+    chosen: Int[np.ndarray, " k"]
+    mix: Float[np.ndarray, "f k"]
+    unknown: Float[np.ndarray, " f"]
+
     @classmethod
-    def of(cls, shares: Float[np.ndarray, "f r"], count: int, *, remembers: bool) -> "PathFrames":
-        """About `count` frames of a recording. A law that does not remember is known without load: zero."""
+    def of(cls, shares: Float[np.ndarray, "f r"], *, remembers: bool) -> "_Path":
+        """With the frame of greatest load chosen."""
         size = np.linalg.norm(shares, axis=1)
         peak = np.maximum.accumulate(size)
-        reached = np.searchsorted(peak, peak)
         states = np.column_stack([shares, peak * remembers]) / max(float(size.max()), 1e-300)
-        known = np.zeros((0 if remembers else 1, states.shape[1]))
-        chosen = np.array([int(size.argmax())])
-        while True:
-            mix, unknown = _process(states, np.vstack([states[chosen], known]))
-            if len(chosen) >= min(count, len(states)):
-                return cls(chosen=chosen, mix=mix[:, : len(chosen)])
-            unknown[chosen] = -1.0
-            more = int(unknown.argmax())
-            chosen = np.union1d(chosen, [more, reached[more]] if remembers else [more])
+        path = cls(
+            states=states,
+            brought=np.searchsorted(peak, peak) if remembers else np.arange(len(states)),
+            known=np.zeros((0 if remembers else 1, states.shape[1])),
+            chosen=np.zeros(0, dtype=np.int64),
+            mix=np.zeros((len(states), 0)),
+            unknown=np.ones(len(states)),
+        )
+        path.learn(int(size.argmax()))
+        return path
+
+    def learn(self, frame: int) -> None:
+        """Chooses one more frame, and the one at which its peak was reached."""
+        self.chosen = np.union1d(self.chosen, [frame, self.brought[frame]])
+        mix, self.unknown = _process(self.states, np.vstack([self.states[self.chosen], self.known]))
+        self.mix = mix[:, : len(self.chosen)]
+        self.unknown[self.chosen] = -1.0
 
 
 def _process(
@@ -59,8 +91,3 @@ def _process(
 def _matern(a: Float[np.ndarray, "f d"], b: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "f k"]:
     x = np.sqrt(5) / REACH * cdist(a, b)
     return np.asarray((1 + x + x**2 / 3) * np.exp(-x))
-
-
-def path_frames(grasps: Sequence[Seen], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
-    """Of every recording."""
-    return tuple(PathFrames.of(seen.shares, count, remembers=remembers) for seen in grasps)

@@ -10,7 +10,7 @@ to now. With v0 the linear answer, every round asks
 for all frames of all recordings at once, the whole history being that of the round before. k, per frame, is
 half of the largest stiffness over the linear one (1 for a law that softens): below that the round would
 overshoot. Rounds are accelerated by mixing the last few (Anderson 1965, "Iterative procedures for nonlinear
-integral equations", Journal of the ACM 12), each frame on its own.
+integral equations", Journal of the ACM 12).
 Source of the scheme: Kachanov's method of variable elasticity parameters, with the initial stiffness.
 """
 
@@ -18,14 +18,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.mismatch.baseline import Baseline, Seen
-from fem.mismatch.path_frames import PathFrames
+from fem.mismatch.path_frames import PathFrames, path_frames
 
-ROUNDS, MEMORY = 12, 4
-CLOSE_MM = 1e-3
+ROUNDS, MEMORY = 14, 4
+CLOSE_MM = 6e-4
 """Rounds end when no node of the skin moves more than this from one to the next."""
+
+SMALL_SHARE = 1e-4
+"""Fields of force smaller than this share of the largest are left out of a round."""
 
 Departure = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
 """Displacement (mm) in all frames in order of time to nodal forces B' d of unit modulus."""
@@ -53,8 +56,11 @@ class PathState:
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 of nodal forces, each recording with its own support."""
         found = np.empty_like(force)
-        for seen, a, b in zip(self.base.grasps, self.first, self.first[1:], strict=False):
-            found[a:b] = self.base.solid_of(seen).displacement(force[a:b])
+        held = np.repeat([seen.case.support for seen in self.base.grasps], np.diff(self.first))
+        for support, solid in self.base.solids.items():
+            own = np.flatnonzero(held == support)
+            turn, parts = _few(force[own])
+            found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
         return found
 
     def at_markers(self, field: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
@@ -64,6 +70,17 @@ class PathState:
             seen_at = seen.at_markers(field[a:b][:, self.base.solid_of(seen).contact_nodes])
             found.append(np.tensordot(own.mix, seen_at, axes=1))
         return found
+
+
+def _few(
+    fields: Float[np.ndarray, "f n 3"],
+) -> tuple[Float[np.ndarray, "f r"], Float[np.ndarray, "r n 3"]]:
+    """The few fields, orthogonal, of which all are made: frames that differ by their load alone share one."""
+    flat = fields.reshape(len(fields), -1)
+    size, turn = np.linalg.eigh(flat @ flat.T)
+    kept = size > SMALL_SHARE**2 * max(float(size[-1]), 1e-300)
+    kept[-1] = True
+    return turn[:, kept], (turn[:, kept].T @ flat).reshape(-1, *fields.shape[1:])
 
 
 def _combined(seen: Seen, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
@@ -77,35 +94,65 @@ def settled(
     compliance: float,
     stiffer: Float[np.ndarray, " f"],
     start: Float[np.ndarray, "f n 3"],
+    together: bool,
+    rounds: int = ROUNDS,
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess."""
+    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess.
+
+    `together`: see `_mixed`.
+    """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
     more = start
     tried: list[Float[np.ndarray, "f n 3"]] = []
     steps: list[Float[np.ndarray, "f n 3"]] = []
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         answer = -state.response(departure(compliance * (state.linear + more))) / compliance
         step = (answer - more) / slower
         if compliance * np.abs((step * slower)[:, skin]).max() < CLOSE_MM:
             return np.asarray(more + step)
         tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
-        more = _mixed(tried, steps, skin)
+        more = _mixed(tried, steps, skin, together=together)
     return more
 
 
 def _mixed(
-    tried: Sequence[Float[np.ndarray, "f n 3"]], steps: Sequence[Float[np.ndarray, "f n 3"]], skin: np.ndarray
+    tried: Sequence[Float[np.ndarray, "f n 3"]],
+    steps: Sequence[Float[np.ndarray, "f n 3"]],
+    skin: Int[np.ndarray, " o"],
+    *,
+    together: bool,
 ) -> Float[np.ndarray, "f n 3"]:
-    """The next try: each frame's mix of those so far whose step is least at the skin, and that step."""
+    """The next try: the mix of those so far whose step is least at the skin, and that step.
+
+    Each frame has a mix of its own, or all have one together: where later frames remember what earlier ones
+    did, mixing each by itself throws the later ones off.
+    """
     more = tried[-1] + steps[-1]
     if len(steps) == 1:
         return np.asarray(more)
-    last = steps[-1][:, skin].reshape(len(more), -1)
-    changes = np.stack([step[:, skin].reshape(len(more), -1) - last for step in steps[:-1]], axis=1)
+    rows = 1 if together else len(more)
+    last = steps[-1][:, skin].reshape(rows, -1)
+    changes = np.stack([step[:, skin].reshape(rows, -1) - last for step in steps[:-1]], axis=1)
     gram = changes @ np.swapaxes(changes, 1, 2)
     size = np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-30
     shares = np.linalg.solve(gram + 1e-8 * size * np.eye(len(gram[0])), changes @ last[..., None])[..., 0]
     for k, (one, step) in enumerate(zip(tried[:-1], steps[:-1], strict=True)):
         more = more - shares[:, k, None, None] * (one + step - tried[-1] - steps[-1])
     return np.asarray(more)
+
+
+class LastRun:
+    """The frames of the recordings last asked for, and how their flesh moved: where the next run starts."""
+
+    def __init__(self, *, frames: int, remembers: bool) -> None:
+        self.frames, self.remembers = frames, remembers
+        self._state: PathState | None = None
+        self.more: Float[np.ndarray, "f n 3"] | None = None
+
+    def state(self, base: Baseline) -> PathState:
+        """Of these recordings; forgets others."""
+        if self._state is None or self._state.base is not base:
+            frames = path_frames(base.grasps, self.frames, remembers=self.remembers)
+            self._state, self.more = PathState.of(base, frames), None
+        return self._state

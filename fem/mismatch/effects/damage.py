@@ -20,16 +20,16 @@ from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
-from fem.mismatch.path_frames import path_frames
 from fem.mismatch.small_strain import linear_stress, strain_energy
-from fem.mismatch.stress_history import PathState, settled
+from fem.mismatch.stress_history import LastRun, PathState, settled
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3
 RELATIVE = (0.1, 0.4, 1.6)
 """W0 of the signatures over the energy density that LARGE of the flesh exceeds at some time."""
 LARGE = 0.05
-FRAMES = 12
+FRAMES = 44
+"""Frames of all recordings together."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class Damage:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
+        state = _LAST.state(ground.base)
         nu, s = ground.poisson_ratio, ground.compliance
         pieces = FleshPieces.whole(ground.points)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
@@ -73,7 +73,7 @@ class Damage:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """The law in the field that it itself brings."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
+        state = _LAST.state(ground.base)
         pieces = FleshPieces.whole(ground.points)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
         more = settled(
@@ -81,8 +81,10 @@ class Damage:
             lambda moved: pieces.forces(moved, law),
             compliance=ground.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear),
+            start=np.zeros_like(state.linear) if _LAST.more is None else _LAST.more,
+            together=True,
         )
+        _LAST.more = more
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -116,4 +118,5 @@ def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_
     return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
 
 
+_LAST = LastRun(frames=FRAMES, remembers=True)
 EFFECT = Damage()

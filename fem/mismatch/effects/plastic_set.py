@@ -6,8 +6,8 @@ von Mises with a little isotropic hardening (H = HARDENING E), small strain, by 
 (Simo and Hughes 1998, "Computational Inelasticity", box 3.1). What one recording has set the next ones find
 so: they come in the order in which they were made, and a marker is compared with its own first touch in each.
 
-Signatures: one for each of a few Y, relative to the stress that the plain model sees; the law in the plain
-model's field, of which the amount is 1.
+Signatures: one for each of a few Y, relative to the stress that the plain model sees; what the law makes of
+the plain model's field, of which the amount is 1 to 3: flesh that has yielded sheds load on its neighbours.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,20 +21,20 @@ from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
-from fem.mismatch.path_frames import path_frames
 from fem.mismatch.small_strain import deviator, von_mises
-from fem.mismatch.stress_history import PathState, settled
+from fem.mismatch.stress_history import ROUNDS, LastRun, PathState, settled
 
 YIELD = "yield_over_E"
 HARDENING = 0.05
 """Rise of the yield stress with plastic strain, over E."""
-PRIOR_SD = 1.0
+PRIOR_SD = 1.5
 RELATIVE = (0.5, 0.7, 0.85)
 """Y of the signatures over the stress that LARGE of the flesh exceeds at some time."""
 LARGE = 0.002
 MARGIN = 0.7
 """Elements whose plain stress stays below this share of Y are left out: they do not yield."""
-FRAMES = 12
+FRAMES = 48
+"""Frames of all recordings together."""
 
 
 @dataclass(frozen=True)
@@ -48,17 +48,15 @@ class PlasticSet:
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
-        """One for each Y, its amount 1 where the law holds."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
+        """One for each Y, its amount 1 to 3 where the law holds."""
+        state = _LAST.state(ground.base)
         stress, level = _stress_seen(ground, state)
         found = []
         for relative in RELATIVE:
             Y = relative * level
-            pieces = FleshPieces.of(ground.points, stress > Y)
-            more = -state.response(
-                pieces.forces(ground.compliance * state.linear, _set(Y, ground.poisson_ratio))
-            )
-            fields = [Field(markers=own) for own in state.at_markers(more)]
+            pieces = FleshPieces.of(ground.points, stress > MARGIN * Y)
+            more = _settled(ground, state, pieces, Y, start=np.zeros_like(state.linear), rounds=1)
+            fields = [Field(markers=ground.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(label=f"Y {Y:.4g}", columns=(Column(name="set", sd=PRIOR_SD, fields=fields),))
             )
@@ -75,17 +73,12 @@ class PlasticSet:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """The law in the field that it itself brings."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=True))
+        state = _LAST.state(ground.base)
         Y = parameters[YIELD]
         pieces = FleshPieces.of(ground.points, _stress_seen(ground, state)[0] > MARGIN * Y)
-        law = _set(Y, ground.poisson_ratio)
-        more = settled(
-            state,
-            lambda moved: pieces.forces(moved, law),
-            compliance=ground.compliance,
-            stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear),
-        )
+        start = np.zeros_like(state.linear) if _LAST.more is None else _LAST.more
+        more = _settled(ground, state, pieces, Y, start=start, rounds=ROUNDS)
+        _LAST.more = more
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -116,6 +109,27 @@ def _set(yield_over_E: float, nu: float) -> PieceLaw:
     return lambda gradient: -2 * mu * plastic_strain(gradient, yield_over_E, poisson_ratio=nu)
 
 
+def _settled(
+    ground: Ground,
+    state: PathState,
+    pieces: FleshPieces,
+    yield_over_E: float,
+    *,
+    start: Float[np.ndarray, "f n 3"],
+    rounds: int,
+) -> Float[np.ndarray, "f n 3"]:
+    law = _set(yield_over_E, ground.poisson_ratio)
+    return settled(
+        state,
+        lambda moved: pieces.forces(moved, law),
+        compliance=ground.compliance,
+        stiffer=np.ones(len(state.linear)),
+        start=start,
+        together=True,
+        rounds=rounds,
+    )
+
+
 def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
     """Largest von Mises stress over E in each element in the plain model; what LARGE of the flesh exceeds."""
     nu = ground.poisson_ratio
@@ -126,4 +140,5 @@ def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " 
     return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
 
 
+_LAST = LastRun(frames=FRAMES, remembers=True)
 EFFECT = PlasticSet()

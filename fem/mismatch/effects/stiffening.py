@@ -24,13 +24,15 @@ from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, Tensors
 from fem.mismatch.ground import Ground
-from fem.mismatch.path_frames import path_frames
-from fem.mismatch.small_strain import linear_stress, on_diagonal, strain_energy, trace
-from fem.mismatch.stress_history import PathState, settled
+from fem.mismatch.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
+from fem.mismatch.stress_history import LastRun, PathState, settled
 
 B = "b"
 PRIOR_SD = 30.0
-FRAMES = 8
+FRAMES = 24
+"""Frames of all recordings together."""
+LEAST_VOLUME = 0.01
+"""Flesh is never pressed to less than this share of its volume, not even while rounds go on."""
 STEEPEST = 4.0
 """b W/mu above which the exponential goes on as a straight line: no round of the search may run away."""
 
@@ -45,7 +47,7 @@ class Stiffening:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One, its amount b."""
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=False))
+        state = _LAST.state(ground.base)
         nu, s = ground.poisson_ratio, ground.compliance
         mu = unit_lame_constants(nu)[0]
 
@@ -69,7 +71,7 @@ class Stiffening:
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
-        state = PathState.of(ground.base, path_frames(ground.base.grasps, FRAMES, remembers=False))
+        state = _LAST.state(ground.base)
         pieces = FleshPieces.whole(ground.points)
         shrunk, steepest = _shrunk(pieces, state, b, s, nu)
 
@@ -83,8 +85,10 @@ class Stiffening:
             lambda moved: pieces.forces(moved, law),
             compliance=s,
             stiffer=steepest,
-            start=(shrunk - 1)[:, None, None] * state.linear,
+            start=(shrunk - 1)[:, None, None] * state.linear if _LAST.more is None else _LAST.more,
+            together=False,
         )
+        _LAST.more = more
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -102,14 +106,25 @@ def fung_neo_hookean(gradient: Tensors, b: float, *, poisson_ratio: float) -> Te
         for i in range(3):
             p, q, r, s = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
             cofactor[:, :, j, i] = F[:, :, p, r] * F[:, :, q, s] - F[:, :, p, s] * F[:, :, q, r]
-    J = np.maximum((F[:, :, 0] * cofactor[:, :, 0]).sum(axis=2), 1e-2)
-    log_J = np.log(J)
+    J, log_J = _volume_ratio(gradient)
     # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
     energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
     factor = _exponential(b * energy)
     F *= (mu * factor)[:, :, None, None]
     F += (factor * (lame * log_J - mu) / J)[:, :, None, None] * cofactor
     return F
+
+
+def _volume_ratio(H: Tensors) -> tuple[Points, Points]:
+    """J = det(I + H), never below LEAST_VOLUME, and its logarithm, of which little is lost near 1."""
+    grown = trace(H)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        grown = grown + H[:, :, i, i] * H[:, :, j, j] - H[:, :, i, j] * H[:, :, j, i]
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        grown = grown + H[:, :, 0, i] * (H[:, :, 1, j] * H[:, :, 2, k] - H[:, :, 1, k] * H[:, :, 2, j])
+    grown = np.maximum(grown, LEAST_VOLUME - 1)
+    return 1 + grown, np.log1p(grown)
 
 
 def _exponential(x: Float[np.ndarray, "*x"]) -> Float[np.ndarray, "*x"]:
@@ -140,4 +155,5 @@ def _shrunk(
     return a, _exponential(top) * (1 + 2 * top)
 
 
+_LAST = LastRun(frames=FRAMES, remembers=False)
 EFFECT = Stiffening()

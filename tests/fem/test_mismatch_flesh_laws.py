@@ -1,0 +1,215 @@
+"""Stiffening, plastic set and damage: the laws against closed forms, the rounds against exact solutions."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from coarse_fruit import NU, fruit_mesh
+from pinched_ground import as_case, ground_of, long_pinch
+
+from fem.assembly import unit_lame_constants
+from fem.mismatch import stress_history
+from fem.mismatch.baseline import baseline
+from fem.mismatch.effects import damage, plastic_set, stiffening
+from fem.mismatch.flesh_pieces import FleshPieces, exceeded_by
+from fem.mismatch.flesh_strain import FleshStrain
+from fem.mismatch.ground import Ground
+from fem.mismatch.path_frames import path_frames
+from fem.mismatch.small_strain import linear_stress
+from fem.mismatch.stress_history import LastRun, settled
+
+MU, LAME = unit_lame_constants(NU)
+
+
+def tensors(*frames: np.ndarray) -> np.ndarray:
+    """One point in four copies, frame by frame; [i, j] = du_i/dX_j is handed over as [j, i]."""
+    return np.broadcast_to(np.stack([f.T for f in frames], axis=-1), (1, 4, 3, 3, len(frames))).copy()
+
+
+def forgetful(effect_module: object) -> None:
+    """No run before this one."""
+    effect_module._LAST.more = None
+
+
+@pytest.fixture(autouse=True)
+def first_runs():
+    for module in (damage, plastic_set, stiffening):
+        forgetful(module)
+
+
+def stress_at(H: np.ndarray, b: float) -> np.ndarray:
+    return stiffening.fung_neo_hookean(tensors(H), b, poisson_ratio=NU)[0, 0, :, :, 0].T
+
+
+def stored_energy(H: np.ndarray, b: float) -> float:
+    F = np.eye(3) + H
+    log_J = np.log(np.linalg.det(F))
+    W = MU / 2 * ((F**2).sum() - 3 - 2 * log_J) + LAME / 2 * log_J**2
+    return MU / b * np.expm1(b * W / MU)
+
+
+def test_stiffening_stress_is_the_slope_of_its_stored_energy():
+    H = np.random.default_rng(0).normal(size=(3, 3)) * 0.08
+    h, b = 1e-5, 40.0
+    slope = np.empty((3, 3))
+    for i, j in np.ndindex(3, 3):
+        way = np.zeros((3, 3))
+        way[i, j] = h
+        slope[i, j] = (stored_energy(H + way, b) - stored_energy(H - way, b)) / (2 * h)
+    np.testing.assert_allclose(stress_at(H, b), slope, rtol=1e-5, atol=1e-7)
+
+
+def test_turning_the_strained_flesh_turns_its_stress():
+    H = np.random.default_rng(1).normal(size=(3, 3)) * 0.08
+    turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    turned = turn @ (np.eye(3) + H) - np.eye(3)
+    np.testing.assert_allclose(stress_at(turned, 30.0), turn @ stress_at(H, 30.0), atol=1e-10)
+
+
+def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set():
+    Y, hardening = 0.1, plastic_set.HARDENING
+    path = [0.0, 0.06, 0.12, 0.09, 0.06]
+    frames = [np.array([[0, e, 0], [e, 0, 0], [0, 0, 0]]) for e in path]
+    found = plastic_set.plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
+    # tau = sqrt(3) 2 mu (e - e_p) = Y + H p with e_p = sqrt(3)/2 p
+    p = (2 * np.sqrt(3) * MU * 0.12 - Y) / (3 * MU + hardening)
+    assert 2 * np.sqrt(3) * MU * 0.06 < Y
+    np.testing.assert_allclose(found, np.sqrt(3) / 2 * p * np.array([0, 0, 1, 1, 1]), atol=1e-12)
+
+
+def test_set_flesh_changes_its_shape_and_not_its_volume():
+    H = np.random.default_rng(3).normal(size=(3, 3)) * 0.1
+    plastic = plastic_set.plastic_strain(tensors(H, 2 * H), 0.02, poisson_ratio=NU)
+    assert np.abs(plastic).max() > 0.05
+    np.testing.assert_allclose(plastic[0, 0, 0, 0] + plastic[0, 0, 1, 1] + plastic[0, 0, 2, 2], 0, atol=1e-12)
+
+
+def test_damage_follows_the_largest_energy_and_never_heals():
+    energy = np.array([0.0, 0.01, 0.03, 0.0, 0.02])
+    expected = 0.4 * (1 - np.exp(-np.array([0.0, 0.01, 0.03, 0.03, 0.03]) / 0.02))
+    np.testing.assert_allclose(damage.damaged_share(energy, 0.4, 0.02), expected)
+
+
+def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
+    ground = ground_of()
+    solid = ground.base.solid_of(ground.base.grasps[0])
+    moved = np.random.default_rng(4).normal(size=(2, *fruit_mesh().nodes_mm.shape))
+    pieces = FleshPieces.whole(FleshStrain.of(fruit_mesh()))
+    found = pieces.forces(moved, lambda gradient: linear_stress(gradient, poisson_ratio=NU))
+    expected = (solid.stiffness @ moved.reshape(2, -1).T).T.reshape(moved.shape)
+    off = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    assert off < 0.02  # curved elements: four points here, fourteen in the stiffness
+
+
+@pytest.mark.parametrize("stiffness", [0.5, 3.0])
+@pytest.mark.parametrize("together", [True, False])
+def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, together):
+    ground = ground_of()
+    state = LastRun(frames=4, remembers=True).state(ground.base)
+    solid = ground.base.solid_of(ground.base.grasps[0])
+
+    def departure(moved: np.ndarray) -> np.ndarray:
+        forces = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)
+        return (stiffness - 1) * forces
+
+    more = settled(
+        state,
+        departure,
+        compliance=ground.compliance,
+        stiffer=np.full(len(state.linear), stiffness),
+        start=np.zeros_like(state.linear),
+        together=together,
+    )
+    skin = fruit_mesh().outer_nodes
+    off = ground.compliance * (more - (1 / stiffness - 1) * state.linear)[:, skin]
+    assert np.abs(off).max() < 1e-3
+
+
+def test_a_few_frames_tell_all_others_what_a_smooth_law_of_the_load_does():
+    load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
+    seen = type("Seen", (), {"shares": np.column_stack([load, 0.1 * load**2])})()
+    (frames,) = path_frames([seen], 6, remembers=False)
+    assert len(frames.chosen) == 6
+    law = load**2.5
+    np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
+
+
+def test_a_law_that_remembers_is_told_apart_on_the_way_up_and_down():
+    load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
+    seen = type("Seen", (), {"shares": load[:, None]})()
+    (frames,) = path_frames([seen], 10, remembers=True)
+    law = load * np.maximum.accumulate(load)
+    np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
+
+
+def test_the_value_that_a_share_of_the_volume_exceeds():
+    values, volume = np.array([[4.0, 3.0, 2.0, 1.0]]), np.array([[1.0, 1.0, 2.0, 6.0]])
+    assert exceeded_by(0.15, values, volume) == 3.0
+
+
+def difference(module: object, ground: Ground, parameters: dict[str, float], base: dict[str, float]):
+    effect = module.EFFECT
+    one = effect.respond(ground, parameters, "").unit[0]
+    return ground.compliance * (one - effect.respond(ground, base, "").unit[0])
+
+
+def cosine_and_ratio(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    return float((a * b).sum() / np.linalg.norm(a) / np.linalg.norm(b)), float(
+        np.linalg.norm(a) / np.linalg.norm(b)
+    )
+
+
+def test_damage_signature_is_the_start_of_its_response():
+    ground = ground_of()
+    signature = damage.EFFECT.signatures(ground)[1]
+    W0 = damage.EFFECT.start(ground, signature, np.array([0.1]))["W0_over_E"]
+    moved = difference(damage, ground, {"dmax": 0.06, "W0_over_E": W0}, {"dmax": 0.02, "W0_over_E": W0})
+    cosine, ratio = cosine_and_ratio(moved, 0.04 * signature.columns[0].fields[0].markers)
+    assert cosine > 0.999
+    assert ratio == pytest.approx(1.0, abs=0.1)
+
+
+def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_small(monkeypatch):
+    monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
+    ground = replace(ground_of(), compliance=0.8)
+    markers = stiffening.EFFECT.signatures(ground)[0].columns[0].fields[0].markers
+    moved = difference(stiffening, ground, {"b": 4.0}, {"b": 0.5})
+    cosine, ratio = cosine_and_ratio(moved, 3.5 * markers)
+    assert cosine > 0.99
+    assert ratio == pytest.approx(1.0, abs=0.1)
+
+
+def test_plastic_signature_points_where_flesh_that_hardly_yields_goes():
+    ground = ground_of()
+    signature = plastic_set.EFFECT.signatures(ground)[2]
+    Y = plastic_set.EFFECT.start(ground, signature, np.ones(1))["yield_over_E"]
+    unit = plastic_set.EFFECT.respond(ground, {"yield_over_E": Y}, "").unit[0]
+    moved = ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement)
+    cosine, ratio = cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
+    assert cosine > 0.97
+    assert 0.9 < ratio < 4.0
+
+
+@cache
+def twice_pinched() -> Ground:
+    case = as_case(long_pinch())
+    twice = (case.grasps[0], replace(case.grasps[0], name="grasp-2"))
+    return Ground(base=baseline(replace(case, grasps=twice)), compliance=4.0)
+
+
+@pytest.mark.parametrize(
+    ("module", "parameters"),
+    [(damage, {"dmax": 0.4, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.03})],
+)
+def test_the_second_recording_finds_the_flesh_as_the_first_one_left_it(module, parameters):
+    ground = twice_pinched()
+    first, second = module.EFFECT.respond(ground, parameters, "").unit
+    plain = ground.base.grasps[0].tracks.unit_displacement
+    size = np.linalg.norm(first - plain)
+    assert size > 0
+    # what the first left is there before the second begins, and its peak adds nothing new
+    assert np.linalg.norm((second - first)[0]) > 0.02 * size
+    peak = int(ground.base.grasps[0].load.argmax())
+    assert np.linalg.norm((second - first)[peak:]) < 0.05 * size
