@@ -7,6 +7,8 @@ patch of that surface, u_n its displacement out of the pit and v_n the rigid pit
 
 for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The answer
 depends on the forces of the moment alone. Signature: this less the bonded answer, for a few gaps, amount 1.
+However small the gap, the amount is not: what asks for less than LEAST_AMOUNT of it is something else, and
+such gaps are left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,6 +30,7 @@ GAPS_MM = (0.05, 0.15, 0.35)
 LOWEST_MM, HIGHEST_MM = 0.005, 1.0
 MOST_FRAMES = 30
 """Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
+LEAST_AMOUNT = 0.4
 ROUNDS = 2
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it."""
 
@@ -48,13 +51,13 @@ class LoosePit:
             return []
         found = []
         for gap_mm in GAPS_MM:
-            fields = [
-                Field(markers=ground.compliance * (loose - seen.tracks.unit_displacement))
+            more = [
+                ground.compliance * (loose - seen.tracks.unit_displacement)
                 for seen, loose in zip(ground.base.grasps, self._settled(ground, gap_mm), strict=True)
             ]
-            found.append(
-                Signature(label=f"gap {gap_mm:g} mm", columns=(Column(name="loose", sd=1.0, fields=fields),))
-            )
+            if _amount(ground, more) > LEAST_AMOUNT:
+                column = Column(name="loose", sd=1.0, fields=[Field(markers=own) for own in more])
+                found.append(Signature(label=f"gap {gap_mm:g} mm", columns=(column,)))
         return found
 
     def start(
@@ -115,3 +118,15 @@ def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float
         normal += float((heavy * own).sum())
         right += float((heavy * (seen.tracks.position_mm - seen.tracks.place_mm)).sum())
     return max(right / normal, ground.compliance / 10)
+
+
+def _amount(ground: Ground, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+    """Of this beside the plain response, by least squares."""
+    normal, right = np.zeros((2, 2)), np.zeros(2)
+    for seen, own in zip(ground.base.grasps, more, strict=True):
+        equations, tracks = marker_equations(ground, seen), seen.tracks
+        columns = np.stack([tracks.unit_displacement, own])
+        heavy = np.stack([equations.weighed(column) for column in columns])
+        normal += np.tensordot(heavy, columns, axes=([1, 2, 3], [1, 2, 3]))
+        right += np.tensordot(heavy, tracks.position_mm - tracks.place_mm, axes=3)
+    return float(np.linalg.lstsq(normal, right, rcond=1e-12)[0][1])
