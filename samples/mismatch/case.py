@@ -124,8 +124,8 @@ def write_case(
 def _label(plan: CasePlan, settled: tuple[Planted, ...]) -> Label:
     if plan.outside is not None:
         parameters = {"physics": plan.outside.name, **plan.outside.parameters}
-        return Label(effect="unknown", parameters=parameters, others={})
-    return Label(effect=joined_name(settled), parameters=joined_parameters(settled), others={})
+        return Label(effect="unknown", parameters=parameters)
+    return Label(effect=joined_name(settled), parameters=joined_parameters(settled))
 
 
 def _with_amount(one: Planted, peak_N: float) -> Planted:
@@ -218,8 +218,6 @@ def write_first_that_balances(
         try:
             write_case(folder, plan, seed=(*seed, attempt))
         except NotInEquilibrium:
-            if attempt == attempts - 1:
-                raise
-        else:
-            return plan
-    raise ValueError("attempts must be positive")
+            continue
+        return plan
+    raise NotInEquilibrium(f"{case_id} found no balance in {attempts} draws: take another seed")

@@ -34,11 +34,10 @@ mesh_sd_mm = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Label:
-    """What is true of a case; `others` are facts beside the effect's own parameters."""
+    """What was planted in a case, as its label says it."""
 
     effect: str
     parameters: dict[str, Any]
-    others: dict[str, Any]
 
 
 def write_case_files(
@@ -121,7 +120,6 @@ def answer(drawn: DrawnFruit, label: Label) -> dict[str, Any]:
         "pit_semi_axes_mm": list(drawn.fruit.pit.semi_axes_mm),
         "pit_centre_mm": centre.tolist(),
         "category": drawn.category,
-        **label.others,
     }
 
 

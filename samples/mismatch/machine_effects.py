@@ -26,13 +26,6 @@ def with_drift(truth: TrueRecording, *, pad: str, newton_per_s: float) -> TrueRe
     return _with_normal_force(truth, pad, growth)
 
 
-def with_even_normal_force(
-    truth: TrueRecording, *, pad: str, total_N: Float[np.ndarray, " t"]
-) -> TrueRecording:
-    """One pad's recorded normal force is off by `total_N` over time, evenly over its markers."""
-    return _with_normal_force(truth, pad, total_N / len(truth.rest_mm))
-
-
 def _with_normal_force(truth: TrueRecording, pad: str, growth: Float[np.ndarray, " t"]) -> TrueRecording:
     def drifted(p: PadTruth) -> PadTruth:
         force = p.force_N.copy()

@@ -14,7 +14,7 @@ from samples.mismatch.schur import schur_complement
 from samples.mismatch.standing import standing
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
-NOTHING = Label(effect="none", parameters={}, others={})
+NOTHING = Label(effect="none", parameters={})
 
 
 def write_nulls(folder: Path, *, fruits: range, records: int, seed: int) -> None:
@@ -41,9 +41,8 @@ def _balanced(k: int, seed: int, *, attempts: int = 3) -> tuple[DrawnFruit, tupl
         try:
             return drawn, elastic_truths(drawn, rng)
         except NotInEquilibrium:
-            if attempt == attempts - 1:
-                raise
-    raise AssertionError
+            continue
+    raise NotInEquilibrium(f"null fruit {k + 1} found no balance in {attempts} draws: take another seed")
 
 
 def elastic_truths(drawn: DrawnFruit, rng: np.random.Generator) -> tuple[TrueRecording, ...]:

@@ -49,7 +49,7 @@ def drawn_outside(name: str, rng: np.random.Generator) -> Outside:
 
 def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
     if name == "palm":
-        return {"N_per_mm": float(rng.uniform(4.0, 8.0)), "area_radius_mm": 6.0}
+        return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
     if name == "gel_hysteresis":
         return {"share": float(rng.uniform(0.06, 0.12))}
     if name == "thermal_drift":

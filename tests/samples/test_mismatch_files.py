@@ -105,7 +105,7 @@ def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> No
 
 
 def test_the_seal_comes_first_and_fits_the_answer(tmp_path: Path) -> None:
-    label = Label(effect="slip", parameters={"mu": 0.12}, others={})
+    label = Label(effect="slip", parameters={"mu": 0.12})
     entry = answer(drawn_ball(), label)
     seal(tmp_path, "case-1", entry, salt="abc")
     assert not (tmp_path / "answers.json").exists()
