@@ -48,8 +48,9 @@ def test_no_amplitude_adds_nothing(flesh: Flesh) -> None:
 
 def test_an_even_change_of_modulus_scales_the_stiffness(flesh: Flesh) -> None:
     extra = uneven(flesh, np.full(flesh.volumes.shape, 1.5))
-    plain = flesh.stiffness.toarray()[:-6, :-6]
-    assert extra.toarray()[:-6, :-6] == pytest.approx(0.5 * plain, abs=1e-9)
+    inner = slice(None, -6)  # the pit's own unknowns carry its holding spring too
+    miss = abs(extra - 0.5 * flesh.stiffness)[inner, inner]
+    assert miss.max() < 1e-9 * abs(extra).max()
 
 
 def test_depth_runs_from_skin_to_pit_on_straight_rays(flesh: Flesh) -> None:
