@@ -18,13 +18,15 @@ from fem.assembly import assemble
 from fem.forward import Support, UnitModulusSolid
 from fem.mesh import FleshMesh
 from fem.mismatch.case import GraspCase, MismatchCase
+from fem.mismatch.gel_force import ABOVE_NOISE, gel_force
 from fem.modulus_fit import MarkerTracks
+from fem.modulus_inputs import PadHistory
 from fem.modulus_noise import variance_inflation
 from fem.modulus_response import SMALLEST_SD_MM
 from fem.modulus_thinning import loaded_frames, spacing
 from fem.pad_link import PadLink, pad_link
 
-MOST_PATTERNS, ABOVE_NOISE = 10, 1.5
+MOST_PATTERNS = 10
 PROBES = 8
 """Random draws of errors of single markers' forces, from which the unevenness that they bring is taken."""
 
@@ -33,8 +35,8 @@ PROBES = 8
 class Seen:
     """One recording seen by the plain model, frames `used` of it.
 
-    `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces as
-    recorded, `patterns` and `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm
+    `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
+    (fem.mismatch.gel_force), `force_sd_N` what noise is left in one component, `patterns` and `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm
     MPa, `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame;
     `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from
     errors of single markers' forces: their scales, and what noise is left in the patterns.
@@ -45,6 +47,7 @@ class Seen:
     links: tuple[PadLink, ...]
     tracks: MarkerTracks
     force_N: Float[np.ndarray, "f n 3"]
+    force_sd_N: float
     patterns: Float[np.ndarray, "r n 3"]
     shares: Float[np.ndarray, "f r"]
     moved: Float[np.ndarray, "r m 3"]
@@ -128,16 +131,21 @@ def baseline(case: MismatchCase) -> Baseline:
 def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
     history = case.history
     used = loaded_frames(history)
-    force = np.concatenate([pad.force_N[used] for pad in history.pads], axis=1)
-    sd_N = max(pad.force_sd_N for pad in history.pads)
-    sd_N *= float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
-    patterns, shares = _patterns(force, sd_N)
+    pairs = [
+        (own, pad.pose[int(np.argmax(pad.normal_N)), :3, :3])
+        for own, pad in zip(history.pads, case.pads, strict=True)
+    ]
+    felt = [gel_force(own, turn, used) for own, turn in pairs]
+    force = np.concatenate([pad.force_N for pad in felt], axis=1)
+    sd_N = max(pad.sd_N for pad in felt)
+    noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
+    patterns, shares = _patterns(force, noisy_N)
     links = tuple(pad_link(pad, solid) for pad in history.pads)
     size = np.linalg.norm(force, axis=2).sum(axis=1)
     rng = np.random.default_rng(0)
     uneven = force_scale_sd * rng.normal(size=(PROBES, force.shape[1], 1))
     uneven = uneven * np.tensordot(shares[size.argmax()], patterns, axes=1)
-    uneven += sd_N * _left_of_noise(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    uneven += noisy_N * _left_of_noise(shares, size.argmax()) * rng.normal(size=uneven.shape)
     loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
@@ -158,11 +166,12 @@ def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) ->
             gel_displacement_mm=np.concatenate(
                 [pad.gel_displacement_mm[used] for pad in history.pads], axis=1
             ),
-            episode=np.concatenate([pad.episode[used] for pad in history.pads], axis=1),
+            episode=np.concatenate([_contacts(*pair)[used] for pair in pairs], axis=1),
             sd_mm=np.repeat(sd, counts),
             lag1=np.repeat(lag1, counts),
         ),
         force_N=force,
+        force_sd_N=sd_N,
         patterns=patterns,
         shares=shares,
         moved=moved,
@@ -171,6 +180,23 @@ def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) ->
         load=size / size.max(),
         uneven=_spread(links, probed[:, solid.contact_nodes]),
     )
+
+
+PRESSED = 3.0
+"""A marker presses when its normal force exceeds so many standard deviations of its noise."""
+FEWEST_PRESSED = 6
+
+
+def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
+    """Numbers of contacts without frames in which the pad has let go, and counted anew after them.
+
+    A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be noise.
+    Where hardly any marker of the pad presses, all of them have let go.
+    """
+    pressed = (pad.force_N @ turn[:, 2] > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
+    loose = pressed.sum(axis=1) < FEWEST_PRESSED
+    gone = np.cumsum(loose)[:, None]
+    return np.where(pressed & ~loose[:, None], pad.episode + gone - gone.min(), -1)
 
 
 def _left_of_noise(shares: Float[np.ndarray, "f r"], frame: int) -> float:

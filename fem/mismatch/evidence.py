@@ -11,15 +11,18 @@ fit, so that no digits are lost.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.baseline import Seen
+from fem.mismatch.effect import Response
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
+from fem.mismatch.nuisances import own_nuisances
 
 PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
@@ -27,11 +30,18 @@ PLAIN_SD = 3.0
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording's equations: its two channels, or its markers alone where a base holds the fruit."""
+    """One recording's equations: its two channels, or its markers alone where a base holds the fruit.
+
+    What is the recording's own (fem.mismatch.nuisances) is eliminated too: `own` and `own_weighed` are its
+    rows, `inverse` is (own . W own + L)^-1.
+    """
 
     seen: Seen
     markers: MarkerEquations
     balance: BalanceEquations | None
+    own: Float[np.ndarray, "k d"]
+    own_weighed: Float[np.ndarray, "k d"]
+    inverse: Float[np.ndarray, "k k"]
 
     @classmethod
     def of(cls, ground: Ground, seen: Seen) -> "Recorded":
@@ -43,7 +53,12 @@ class Recorded:
             gel_scale_sd=budget.gel_scale_sd,
         )
         balances = seen.case.support == "free" and len(seen.links) > 1
-        return cls(seen, markers, BalanceEquations.of(seen) if balances else None)
+        none = np.zeros((0, 0))
+        bare = cls(seen, markers, BalanceEquations.of(seen) if balances else None, none, none, none)
+        found = own_nuisances(ground, seen)
+        plain, weighed = bare.rows([field for _, _, field in found])
+        normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
+        return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
 
     def rows(self, fields: Sequence[Field | None]) -> tuple[np.ndarray, np.ndarray]:
         """The fields and their W-images, laid out flat over markers in contact and sums of force."""
@@ -58,6 +73,8 @@ class Recorded:
             if field is not None and field.balance is not None and self.balance is not None:
                 plain[row, cut:] = field.balance.ravel()
                 weighed[row, cut:] = self.balance.weighed(field.balance).ravel()
+        if len(self.inverse):
+            weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
         return plain, weighed
 
 
@@ -96,7 +113,8 @@ class Fit:
 class Products:
     """Products of all columns with each other and the data, recording by recording.
 
-    Row 0 is the data, row 1 the plain model (its response s c), then the columns in the order given.
+    Row 0 is the data, row 1 the plain model (its response s c), then the columns in the order given. Column 0
+    is the plain model's, so that `columns[j]` is the j-th of those given, counted from one.
     """
 
     def __init__(self, ground: Ground, recorded: Sequence[Recorded], columns: Sequence[Column]) -> None:
@@ -113,6 +131,53 @@ class Products:
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)
+        self.data = [plain_data(ground, one) for one in recorded]
+        self._ground, self._recorded = ground, recorded
+
+    def about(
+        self, response: Response, chosen: Sequence[int], more: Sequence[Column] = ()
+    ) -> tuple["Products", tuple[int, ...]]:
+        """The chosen columns and `more`, about a nonlinear model in the plain one's place; their new numbers."""
+        other = copy(self)
+        old = [self.columns[j] for j in chosen]
+        plain_fields = [Field(markers=self._ground.compliance * unit) for unit in response.unit]
+        plain_column = Column(name="1/E", sd=PLAIN_SD, fields=plain_fields)
+        other.columns = [plain_column, *old, *more]
+        other.rows, other.products, other.weighed, other.data = [], [], [], []
+        for k, one in enumerate(self._recorded):
+            unit = response.unit[k]
+            shift = None if response.shift_mm is None else response.shift_mm[k]
+            data = plain_data(self._ground, one, unit=unit, shift_mm=shift)
+            if response.balance is not None and data.balance is not None:
+                data = Field(markers=data.markers, balance=data.balance - response.balance[k])
+            other.data.append(data)
+            fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
+            plain, heavy = one.rows(fresh)
+            place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
+            kept = [at for at, j in enumerate(chosen) if j in place]
+            at = np.array([place[chosen[j]] for j in kept], dtype=np.int64)
+            known = self.weighed[k][at]
+            across = known @ plain.T
+            own = np.empty((len(fresh) + len(at),) * 2)
+            new = np.r_[0, 1, 2 + len(at) : len(own)]
+            own[np.ix_(new, new)] = heavy @ plain.T
+            own[2 : 2 + len(at), new] = across
+            own[new, 2 : 2 + len(at)] = across.T
+            own[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
+            other.products.append(own)
+            other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
+            own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
+            other.rows.append(np.array(own_rows, dtype=np.int64))
+        return other, tuple(range(1, len(other.columns)))
+
+    def beyond(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
+        """What a fit leaves of recording k's markers, mm: places, scales and motions are its own."""
+        left = self.data[k].markers
+        for amount, column in zip(fit.amounts, fit.chosen, strict=True):
+            field = self.columns[column].fields[k]
+            if field is not None and field.markers is not None:
+                left = left - amount * field.markers
+        return self._recorded[k].markers.left(left)
 
     def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
         """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""

@@ -27,7 +27,7 @@ from fem.modulus_fit import (
 )
 from fem.modulus_noise import variance_inflation
 
-MARKER_EXCESS = 3.0
+MARKER_EXCESS = 1.15
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
 
 
@@ -54,8 +54,7 @@ class MarkerEquations:
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement."""
         tracks = seen.tracks
         weight = marker_weight(tracks) / MARKER_EXCESS
-        noise_N = max(pad.force_sd_N for pad in seen.case.history.pads)
-        noise_N *= float(np.sqrt(variance_inflation(tracks.lag1).mean()))
+        noise_N = seen.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
         free = seen.case.support == "free"
         every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
@@ -135,7 +134,7 @@ class BalanceEquations:
         for way in np.eye(6):
             columns.append(load[:, None] * way)
             spreads.append(UNEVEN)
-        noise = max(pad.force_sd_N for pad in seen.case.history.pads)
+        noise = seen.force_sd_N
         around = np.abs(position - centre).reshape(-1, 3)
         reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM
         count = len(seen.pad_of_marker) * variance_inflation(seen.tracks.lag1[:1])[0]

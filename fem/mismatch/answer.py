@@ -1,0 +1,141 @@
+"""From fits to what an answer says: parameters with intervals, moduli, traces."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.evidence import Fit, Products, Recorded
+from fem.mismatch.explanation import Candidate, GraspTrace, Modulus, Parameter
+from fem.mismatch.ground import Ground
+from fem.mismatch.name import Named, Ranked
+from fem.mismatch.pads import pad_force
+from fem.mismatch.prove import predictive
+from fem.mismatch.refit import Refit
+from fem.mismatch.singles import LinearRound
+
+NINETY = 1.645
+LEAST_RELATIVE_SD = 0.01
+SYSTEMATIC = 3.0
+"""Standard deviations are this many times those of independent noise: what sound recordings scatter."""
+
+
+def modulus_of(ground: Ground, fit: Fit) -> Modulus:
+    """1/E is the plain model's amount."""
+    share = 1 + float(fit.amounts[0])
+    value = 1 / (ground.compliance * max(share, 1e-3))
+    relative = max(SYSTEMATIC * float(fit.sd[0]) / max(share, 1e-3), LEAST_RELATIVE_SD)
+    return Modulus(value=value, sd=value * relative)
+
+
+def candidates(ground: Ground, found: Named, linear: LinearRound) -> tuple[Candidate, ...]:
+    """The ranking, with parameters where an effect was refitted."""
+    base = predictive(linear.products, linear.nuisances)
+    return tuple(_candidate(ground, one, linear, base) for one in found.ranking)
+
+
+def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float) -> Candidate:
+    if one.refit is None:
+        drop = sum(shown.chi2_drop for shown in one.shown)
+        return Candidate(
+            effect=one.name, probability=one.probability, parameters={}, log_evidence=one.gain, gain=drop
+        )
+    again = one.refit
+    columns = (*again.nuisances, *again.slopes)
+    return Candidate(
+        effect=one.name,
+        probability=one.probability,
+        parameters=_parameters(ground, again),
+        log_evidence=one.gain,
+        gain=linear.null.chi2 - again.fit.chi2,
+        heldout=predictive(again.products, columns) - base,
+        refitted=True,
+        modulus=modulus_of(ground, again.fit),
+    )
+
+
+def _parameters(ground: Ground, again: Refit) -> dict[str, Parameter]:
+    modulus = modulus_of(ground, again.fit)
+    sd = SYSTEMATIC * np.sqrt(np.diag(again.covariance))
+    several = len(again.effects) > 1
+    found: dict[str, Parameter] = {}
+    first = 0
+    for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
+        prefix = f"{effect.name}." if several else ""
+        if choice in _pads(ground):
+            found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
+        vectors: dict[str, list[tuple[float, float]]] = {}
+        for k, spec in enumerate(effect.parameters):
+            name, value, unit, spread = _said(spec, values[spec.name], float(sd[first + k]), modulus)
+            stem, _, component = name.partition(".")
+            if component:
+                vectors.setdefault(stem, []).append((value, spread))
+                found[prefix + stem] = Parameter(
+                    value=tuple(v for v, _ in vectors[stem]), sd=tuple(s for _, s in vectors[stem]), unit=unit
+                )
+            else:
+                ends = (value - NINETY * spread, value + NINETY * spread)
+                found[prefix + name] = Parameter(value=value, sd=spread, unit=unit, interval=ends)
+        first += len(effect.parameters)
+    return found
+
+
+def _said(spec: ParameterSpec, value: float, sd: float, modulus: Modulus) -> tuple[str, float, str, float]:
+    """Name, value, unit and spread as an answer gives them."""
+    spread = value * sd if spec.log else sd
+    if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows
+        return (
+            "Et_N_per_mm",
+            value * modulus.value,
+            "N/mm",
+            float(np.hypot(spread * modulus.value, value * modulus.sd)),
+        )
+    return spec.name, value, spec.unit, spread
+
+
+def _pads(ground: Ground) -> set[str]:
+    return {pad for seen in ground.base.grasps for pad in seen.pad_names}
+
+
+def traces(
+    ground: Ground,
+    recorded: Sequence[Recorded],
+    before: tuple[Products, Sequence[int]],
+    after: tuple[Products, Sequence[int]],
+) -> tuple[GraspTrace, ...]:
+    """Every recording through the fit of the others (its own where it is the only one)."""
+    count = len(recorded)
+    found = []
+    for k, one in enumerate(recorded):
+        others = [j for j in range(count) if j != k] or [k]
+        seen = one.seen
+        pads = range(len(seen.links))
+        normals = np.stack([seen.pose[pad][0, :3, 2] for pad in pads])[seen.pad_of_marker]
+        touching = seen.tracks.episode >= 0
+        weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
+        response = ground.compliance * seen.tracks.unit_displacement
+
+        def approach(
+            field: np.ndarray, normals: np.ndarray = normals, weight: np.ndarray = weight
+        ) -> np.ndarray:
+            return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))
+
+        plain = approach(response)
+        left = [
+            approach(products.beyond(k, products.fit(columns, keep=others)))
+            for products, columns in (before, after)
+        ]
+        force = np.mean([np.linalg.norm(pad_force(seen, pad), axis=1) for pad in pads], axis=0)
+        phase = tuple(p for p, used in zip(seen.case.history.phase, seen.used, strict=True) if used)
+        found.append(
+            GraspTrace(
+                grasp=seen.case.name,
+                time_s=seen.time_s,
+                phase=phase,
+                force_N=force,
+                given_mm=plain + left[0],
+                before_mm=plain,
+                after_mm=plain + left[0] - left[1],
+            )
+        )
+    return tuple(found)

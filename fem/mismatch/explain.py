@@ -1,0 +1,101 @@
+"""One fruit's recordings, start to end: is there a mismatch, where, what is it, and does modelling it help."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from fem.mismatch.anova import analysis_of_variance, modulus_cells
+from fem.mismatch.answer import candidates, modulus_of, traces
+from fem.mismatch.baseline import baseline
+from fem.mismatch.case import MismatchCase
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.detect import LEVEL, p_values
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.explanation import Explanation
+from fem.mismatch.friction_cone import cone_evidence
+from fem.mismatch.ground import Ground
+from fem.mismatch.locate import located
+from fem.mismatch.name import named
+from fem.mismatch.prove import held_out
+from fem.mismatch.singles import LinearRound, linear_round
+from fem.mismatch.suggest import next_grasp
+from fem.modulus_fit import CompliantFit, fit_compliance
+
+
+def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None) -> Explanation:
+    """The answer for all recordings of a case together; raises FemFailure where none can be seen at all."""
+    seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(name: str) -> Iterator[None]:
+        if progress is not None:
+            progress(name)
+        started = time.perf_counter()
+        yield
+        seconds[name] = round(time.perf_counter() - started, 2)
+
+    with stage("plain model"):
+        ground, fits = plain_ground(case)
+        recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
+    with stage("all effects, linear"):
+        linear = linear_round(ground, recorded, EFFECTS)
+        cone = cone_evidence(ground)
+        statistics = detection_statistics(linear, recorded, cone_gain=cone.log_ratio)
+        p_value, each = p_values(statistics)
+        detected = p_value < LEVEL
+    with stage("short list, in full"):
+        found = named(ground, linear, cone_gain=cone.log_ratio, detected=detected)
+    best = next((one.refit for one in found.ranking if one.refit is not None), None)
+    null = (linear.products, linear.nuisances)
+    after = null if best is None or not detected else (best.products, (*best.nuisances, *best.slopes))
+    with stage("proof"):
+        proof = held_out(ground, recorded, null, after)
+    with stage("where and when"):
+        residual = [linear.products.beyond(k, linear.null) for k in range(len(recorded))]
+        place = located(ground, residual)
+    return Explanation(
+        detected=detected,
+        p_value=p_value,
+        statistics=each,
+        where=place.where,
+        when=place.when,
+        component=place.component,
+        ranking=candidates(ground, found, linear),
+        verdict=found.verdict,
+        before=modulus_of(ground, linear.null),
+        after=modulus_of(ground, linear.null if best is None or not detected else best.fit),
+        heldout=proof,
+        next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
+        cells=modulus_cells(ground, fits),
+        variance=analysis_of_variance(ground, fits),
+        traces=traces(ground, recorded, null, after),
+        maps=place.maps,
+        seconds=seconds,
+    )
+
+
+def plain_ground(case: MismatchCase) -> tuple[Ground, list[CompliantFit]]:
+    """The plain model with 1/E of the recordings' median."""
+    base = baseline(case)
+    scale_sd = case.budget.gel_scale_sd
+    fits = [
+        fit_compliance(seen.tracks, scale_sd=scale_sd, fruit_moves=seen.case.support == "free")
+        for seen in base.grasps
+    ]
+    compliance = float(np.median([fit.compliance for fit in fits]))
+    return Ground(base=base, compliance=compliance), fits
+
+
+def detection_statistics(
+    linear: LinearRound, recorded: Sequence[Recorded], *, cone_gain: float
+) -> dict[str, float]:
+    """The numbers that fem.mismatch.detect ranks."""
+    count = sum(one.own.shape[1] for one in recorded)
+    return {
+        "best single": max((one.gain for one in linear.best), default=0.0),
+        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0),
+        "what is left": linear.null.chi2 / count,
+        "friction cone": cone_gain,
+    }

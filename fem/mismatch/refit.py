@@ -1,0 +1,192 @@
+"""One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
+
+Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by differences,
+are columns like any other; their amounts are the step, their covariance the parameters'. The evidence is that of
+the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.failure import FemFailure
+from fem.mismatch.effect import Effect, ParameterSpec, Response
+from fem.mismatch.evidence import Fit, Products
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.ground import Ground
+from fem.mismatch.singles import LinearRound, Shown
+
+ROUNDS = 3
+STEP = 0.03
+"""Difference step as a share of the prior spread."""
+LEAST_GAIN = 0.3
+"""A round that gains less ln evidence is the last."""
+MOST_STEP = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refit:
+    """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
+
+    `products`, `columns`: the linearised model at the end, nuisances first, then the slopes; `fit` of them all.
+    `held`: how often the case's recordings are foretold better than by the nuisances alone, ln.
+    """
+
+    effects: tuple[Effect, ...]
+    choices: tuple[str, ...]
+    parameters: tuple[dict[str, float], ...]
+    covariance: Float[np.ndarray, "p p"]
+    response: Response
+    products: Products
+    nuisances: tuple[int, ...]
+    slopes: tuple[int, ...]
+    fit: Fit
+
+    @property
+    def name(self) -> str:
+        """Effects' names, sorted and joined."""
+        return "+".join(sorted(effect.name for effect in self.effects))
+
+    @property
+    def log_evidence(self) -> float:
+        """ln evidence."""
+        return self.fit.log_evidence
+
+
+def refit(ground: Ground, linear: LinearRound, shown: Sequence[Shown]) -> Refit | None:
+    """The effects of these signatures, refitted; None where a model cannot be computed from any start."""
+    specs = [spec for one in shown for spec in one.effect.parameters]
+    joint = linear.products.fit([*linear.nuisances, *(j for one in shown for j in one.columns)])
+    amounts = np.split(
+        joint.amounts[1 + len(linear.nuisances) :], np.cumsum([len(one.columns) for one in shown])[:-1]
+    )
+    try:
+        starts = [
+            one.effect.start(ground, one.signature, own) for one, own in zip(shown, amounts, strict=True)
+        ]
+        search = _Search(ground, linear, tuple(shown), specs)
+        at = search.scaled(
+            [start[s.name] for one, start in zip(shown, starts, strict=True) for s in one.effect.parameters]
+        )
+        now = search.linearised(at)
+        for _ in range(ROUNDS):
+            step = now.fit.amounts[-len(specs) :]
+            step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
+            tried = search.linearised(search.bounded(at + step))
+            if tried.fit.log_evidence <= now.fit.log_evidence:
+                tried = search.linearised(search.bounded(at + step / 3))
+            gained = tried.fit.log_evidence - now.fit.log_evidence
+            if gained <= 0:
+                break
+            at, now = tried.at, tried
+            if gained < LEAST_GAIN:
+                break
+    except FemFailure:
+        return None
+    parameters, first = [], 0
+    values = search.plain(at)
+    for one in shown:
+        names = [spec.name for spec in one.effect.parameters]
+        parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
+        first += len(names)
+    count = len(specs)
+    return Refit(
+        effects=tuple(one.effect for one in shown),
+        choices=tuple(one.signature.label for one in shown),
+        parameters=tuple(parameters),
+        covariance=now.fit.covariance[-count:, -count:],
+        response=now.response,
+        products=now.products,
+        nuisances=now.chosen[: len(now.chosen) - count],
+        slopes=now.chosen[len(now.chosen) - count :],
+        fit=now.fit,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Linearised:
+    at: Float[np.ndarray, " p"]
+    response: Response
+    products: Products
+    chosen: tuple[int, ...]
+    fit: Fit
+
+
+class _Search:
+    """Parameters of several effects on the scale of the search, and the model linearised about them."""
+
+    def __init__(
+        self, ground: Ground, linear: LinearRound, shown: tuple[Shown, ...], specs: Sequence[ParameterSpec]
+    ) -> None:
+        self.ground, self.linear, self.shown = ground, linear, shown
+        self.log = np.array([spec.log for spec in specs])
+        low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
+        self.low, self.high = self._scale(low), self._scale(high)
+        self.spread = (self.high - self.low) / 4
+
+    def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        return np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
+
+    def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
+        return self.bounded(self._scale(np.array(values, dtype=float)))
+
+    def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        margin = 1e-3 * (self.high - self.low)
+        return np.clip(at, self.low + margin, self.high - margin)
+
+    def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
+        return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
+
+    def respond(self, at: Float[np.ndarray, " p"]) -> Response:
+        """The effects' departures from the plain model, added up."""
+        values, found, first = self.plain(at), [], 0
+        for one in self.shown:
+            names = [spec.name for spec in one.effect.parameters]
+            own = dict(zip(names, values[first : first + len(names)], strict=True))
+            found.append(one.effect.respond(self.ground, own, one.signature.label))
+            first += len(names)
+        return found[0] if len(found) == 1 else _together(self.ground, found)
+
+    def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
+        response = self.respond(at)
+        slopes = []
+        for k, spread in enumerate(self.spread):
+            step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
+            ahead = self.respond(at + step * np.eye(len(at))[k])
+            slopes.append(
+                Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
+            )
+        products, chosen = self.linear.products.about(response, self.linear.nuisances, slopes)
+        return _Linearised(
+            at=at, response=response, products=products, chosen=chosen, fit=products.fit(chosen)
+        )
+
+
+def _slope(ground: Ground, here: Response, ahead: Response, step: float) -> list[Field]:
+    """d(what the recordings show) / d(parameter)."""
+    fields = []
+    for k in range(len(here.unit)):
+        markers = ground.compliance * (ahead.unit[k] - here.unit[k])
+        if here.shift_mm is not None and ahead.shift_mm is not None:
+            markers = markers + ahead.shift_mm[k] - here.shift_mm[k]
+        balance = None
+        if here.balance is not None and ahead.balance is not None:
+            balance = (ahead.balance[k] - here.balance[k]) / step
+        fields.append(Field(markers=markers / step, balance=balance))
+    return fields
+
+
+def _together(ground: Ground, responses: Sequence[Response]) -> Response:
+    """Small departures add."""
+    unit, shift, balance = [], [], []
+    for k, seen in enumerate(ground.base.grasps):
+        plain = seen.tracks.unit_displacement
+        unit.append(plain + sum(own.unit[k] - plain for own in responses))
+        shift.append(
+            sum((own.shift_mm[k] for own in responses if own.shift_mm is not None), np.zeros_like(plain))
+        )
+        zero = np.zeros((len(plain), 6))
+        balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
+    return Response(unit=unit, shift_mm=shift, balance=balance)

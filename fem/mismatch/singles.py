@@ -1,0 +1,103 @@
+"""The linear round: every effect's best signature, and every pair of them, by evidence."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.failure import FemFailure
+from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.evidence import Fit, Products, Recorded
+from fem.mismatch.fields import Column
+from fem.mismatch.ground import Ground
+from fem.mismatch.nuisances import common_nuisances
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """One signature of one effect among the columns of a case, and how well it does alone.
+
+    `gain`: ln evidence over that of the nuisances alone.
+    """
+
+    effect: Effect
+    signature: Signature
+    columns: tuple[int, ...]
+    amounts: Float[np.ndarray, " k"]
+    gain: float
+    chi2_drop: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearRound:
+    """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
+
+    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects that could not be computed.
+    """
+
+    products: Products
+    nuisances: tuple[int, ...]
+    null: Fit
+    shown: tuple[Shown, ...]
+    best: tuple[Shown, ...]
+    pairs: tuple[tuple[float, Shown, Shown], ...]
+    without: dict[str, str]
+
+
+def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence[Effect]) -> LinearRound:
+    """Signatures of all effects, their products, and the evidence of each alone and of all pairs."""
+    known = common_nuisances(ground)
+    columns: list[Column] = list(known)
+    found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+    without: dict[str, str] = {}
+    for effect in effects:
+        try:
+            signatures = effect.signatures(ground)
+        except FemFailure as failure:
+            without[effect.name] = failure.detail
+            continue
+        for signature in signatures:
+            first = len(columns) + 1
+            columns += signature.columns
+            found.append((effect, signature, tuple(range(first, len(columns) + 1))))
+    products = Products(ground, recorded, columns)
+    own = tuple(range(1, len(known) + 1))
+    null = products.fit(own)
+    shown = tuple(_shown(products, own, null, *one) for one in found)
+    best: dict[str, Shown] = {}
+    for one in sorted(shown, key=lambda s: -s.gain):
+        best.setdefault(one.effect.name, one)
+    pairs = []
+    for a, b in combinations(best.values(), 2):
+        fit = products.fit([*own, *a.columns, *b.columns])
+        pairs.append((fit.log_evidence - null.log_evidence, a, b))
+    return LinearRound(
+        products=products,
+        nuisances=own,
+        null=null,
+        shown=shown,
+        best=tuple(best.values()),
+        pairs=tuple(sorted(pairs, key=lambda pair: -pair[0])),
+        without=without,
+    )
+
+
+def _shown(
+    products: Products,
+    own: tuple[int, ...],
+    null: Fit,
+    effect: Effect,
+    signature: Signature,
+    columns: tuple[int, ...],
+) -> Shown:
+    fit = products.fit([*own, *columns])
+    return Shown(
+        effect=effect,
+        signature=signature,
+        columns=columns,
+        amounts=fit.amounts[-len(columns) :],
+        gain=fit.log_evidence - null.log_evidence,
+        chi2_drop=null.chi2 - fit.chi2,
+    )
