@@ -58,12 +58,12 @@ def sensitivities(
     loads[:, solid.contact_nodes] = nodal_sum
     moved = solid.displacement(loads)
     withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
-    causes, forces = _inner_forces(solid, moved, links)
+    causes, forces = inner_forces(solid, moved, links)
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
     seen = np.concatenate([link.seen(moved) for link in links], axis=1)
     found = list(seen.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):
-        for name, way in zip(("across", "along"), _tangents(links[k].place.normal), strict=True):
+        for name, way in zip(("across", "along"), tangents(links[k].place.normal), strict=True):
             causes.append(f"{pad.name} {name}")
             ends = []
             for step in (SLIDE_MM, -SLIDE_MM):
@@ -92,7 +92,7 @@ def leading_patterns(
     return right[kept].reshape(len(kept), -1, 3), left[:, kept] * size[kept]
 
 
-def _inner_forces(
+def inner_forces(
     solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], links: list[PadLink]
 ) -> tuple[list[str], Float[np.ndarray, "p r n 3"]]:
     """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing."""
@@ -107,7 +107,7 @@ def _inner_forces(
         moved = moved - np.einsum(
             "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
         )
-    waves = skin_velocities(mesh, [(link.place.point_mm, _mean_normal(link.place.normal)) for link in links])
+    waves = skin_velocities(mesh, [(link.place.point_mm, mean_normal(link.place.normal)) for link in links])
     causes += SURFACE
     velocities += list(waves)
     forces = -stiffness_change(mesh, solid.poisson_ratio, moved, np.stack(velocities))
@@ -134,11 +134,12 @@ def _couple(
     return couple
 
 
-def _mean_normal(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+def mean_normal(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    """Unit vector along the mean of a pad's normals."""
     mean = normal.mean(axis=0)
     return np.asarray(mean / np.linalg.norm(mean))
 
 
-def _tangents(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
+def tangents(normal: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "2 3"]:
     """Two directions along the skin under a pad."""
     return np.asarray(np.linalg.svd(normal.mean(axis=0)[None])[2][1:])

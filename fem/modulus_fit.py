@@ -244,26 +244,26 @@ def about_episode_mean(
 
 
 def motion_equations(
-    rigid: Float[np.ndarray, "n 3 6"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
+    rigid: Float[np.ndarray, "n 3 k"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
 ) -> Float[np.ndarray, "m m"]:
-    """Normal equations of the motions, m = 6 t, the contacts' means taken out: sum_i w_i R_i' W_i R_i.
+    """Normal equations of k motions in each frame, m = k t, the contacts' means out: sum_i w_i R_i' W_i R_i.
 
     W_i = I - 1 1' / T_e over the T_e frames of each contact e of marker i. The first part couples no frames;
     the second is one product of frames by markers per contact and pair of motions, and no (n, t, t) array.
     """
-    frames = len(episode)
+    frames, modes = len(episode), rigid.shape[2]
     gram = np.einsum("n,nxk,nxl->nkl", weight, rigid, rigid)
-    blocks = np.zeros((6, 6, frames, frames))
+    blocks = np.zeros((modes, modes, frames, frames))
     touching = np.asarray(episode >= 0, dtype=float)
     diagonal = np.arange(frames)
-    blocks[:, :, diagonal, diagonal] = np.einsum("tn,nkl->klt", touching, gram)
+    blocks[:, :, diagonal, diagonal] = np.einsum("tn,nkl->klt", touching, gram, optimize=True)
     for contact in range(int(episode.max()) + 1):
         chosen = np.flatnonzero((episode == contact).any(axis=0))
         member = np.asarray(episode[:, chosen] == contact, dtype=float)
         share = gram[chosen] / member.sum(axis=0)[:, None, None]
-        for j, k in zip(*np.triu_indices(6), strict=True):
+        for j, k in zip(*np.triu_indices(modes), strict=True):
             block = (member * share[:, j, k]) @ member.T
             blocks[j, k] -= block
             if j != k:
                 blocks[k, j] -= block
-    return blocks.transpose(2, 0, 3, 1).reshape(6 * frames, 6 * frames)
+    return blocks.transpose(2, 0, 3, 1).reshape(modes * frames, modes * frames)

@@ -36,10 +36,11 @@ class Seen:
     """One recording seen by the plain model, frames `used` of it.
 
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
-    (fem.mismatch.gel_force), `force_sd_N` what noise is left in one component, `patterns` and `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm
-    MPa, `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame;
-    `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from
-    errors of single markers' forces: their scales, and what noise is left in the patterns.
+    (fem.mismatch.gel_force), `force_sd_N` what noise is left in one component, `patterns` and `shares` (f r)
+    what of them exceeds noise. `moved`: U_r of the whole flesh, mm MPa, `response`: L' U_r, the markers'.
+    `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame; `uneven`:
+    standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from errors of
+    single markers' forces: their scales, and what noise is left in the patterns.
     """
 
     case: GraspCase
@@ -59,7 +60,7 @@ class Seen:
     @property
     def time_s(self) -> Float[np.ndarray, " f"]:
         """Times of the frames used."""
-        return self.case.history.time_s[self.used]
+        return np.asarray(self.case.history.time_s[self.used])
 
     @property
     def pad_of_marker(self) -> Int[np.ndarray, " n"]:
@@ -190,8 +191,8 @@ FEWEST_PRESSED = 6
 def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
     """Numbers of contacts without frames in which the pad has let go, and counted anew after them.
 
-    A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be noise.
-    Where hardly any marker of the pad presses, all of them have let go.
+    A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be
+    noise. Where hardly any marker of the pad presses, all of them have let go.
     """
     pressed = (pad.force_N @ turn[:, 2] > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
     loose = pressed.sum(axis=1) < FEWEST_PRESSED

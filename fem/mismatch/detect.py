@@ -21,7 +21,7 @@ LEVEL = 0.05
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """The one p-value, and each statistic's own. Beyond the bank's greatest, p falls with the tail's slope."""
+    """The one p-value, and each statistic's own. Beyond the bank's greatest p falls with the tail's slope."""
     bank = np.array(NULLS)
     values = np.array([statistics[name] for name in NAMES])
     own = np.array([_tail(bank[:, k], value) for k, value in enumerate(values)])

@@ -6,8 +6,8 @@ With a ~ N(0, L^-1) amounts of fields phi (Column), y the data and W of fem.mism
 
 N = phi.W phi, b = phi.W y. Every sample counts; what is not explained counts as noise. The plain model's own
 amount is 1/E, with a flat prior. Recordings are independent given the amounts that they share, so that what
-one of them would have predicted for another is the difference of two evidences. y counts from the plain model's
-fit, so that no digits are lost.
+one of them would have predicted for another is the difference of two evidences. y counts from the plain
+model's fit, so that no digits are lost.
 """
 
 from collections.abc import Sequence
@@ -137,7 +137,7 @@ class Products:
     def about(
         self, response: Response, chosen: Sequence[int], more: Sequence[Column] = ()
     ) -> tuple["Products", tuple[int, ...]]:
-        """The chosen columns and `more`, about a nonlinear model in the plain one's place; their new numbers."""
+        """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
         other = copy(self)
         old = [self.columns[j] for j in chosen]
         plain_fields = [Field(markers=self._ground.compliance * unit) for unit in response.unit]
@@ -173,6 +173,7 @@ class Products:
     def beyond(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
         """What a fit leaves of recording k's markers, mm: places, scales and motions are its own."""
         left = self.data[k].markers
+        assert left is not None, "data show markers"
         for amount, column in zip(fit.amounts, fit.chosen, strict=True):
             field = self.columns[column].fields[k]
             if field is not None and field.markers is not None:

@@ -1,4 +1,4 @@
-"""One fruit's recordings, start to end: is there a mismatch, where, what is it, and does modelling it help."""
+"""One fruit's recordings, start to end: is there a mismatch, where, what is it, does modelling it help."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -1,10 +1,10 @@
 """The forces of a marker gel without most of their noise: what its displacement says of them, and what not.
 
-Most gels push as they are pressed: f = A d, marker by marker, with one stiffness along the pad's normal and one
-across, fitted to the recording itself (so that a gain stays a gain). Displacement is then the better force
-sensor: f = A d carries the noise of d alone. What the recorded forces show beyond A d is kept where it exceeds
-noise, as patterns (a drift, a gel that relaxes, one that is no bed of springs); the rest was noise, and noise in
-the forces feigns motion in every model that they drive.
+Most gels push as they are pressed: f = A d, marker by marker, with one stiffness along the pad's normal and
+one across, fitted to the recording itself (so that a gain stays a gain). Displacement is then the better
+force sensor: f = A d carries the noise of d alone. What the recorded forces show beyond A d is kept where it
+exceeds noise, as patterns (a drift, a gel that relaxes, one that is no bed of springs); the rest was noise,
+and noise in the forces feigns motion in every model that they drive.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fem.modulus_inputs import PadHistory
 from fem.modulus_noise import variance_inflation
 
 ABOVE_NOISE = 1.5
-"""A pattern counts when it exceeds so many times the greatest one of noise alone (Marchenko and Pastur 1967)."""
+"""A pattern counts when it is so many times the greatest one of noise alone (Marchenko and Pastur 1967)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from fem.mismatch.ground import Ground
 
 
 def inner_changes(ground: Ground, seen: Seen) -> dict[str, Float[np.ndarray, "f n 3"]]:
-    """dc/dp, mm MPa, for the causes of fem.grasp_sensitivity that move no pad: pit, surface, Poisson's ratio."""
+    """dc/dp, mm MPa, for what moves no pad in fem.grasp_sensitivity: pit, surface, Poisson's ratio."""
 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
         causes, forces = inner_forces(ground.base.solid_of(seen), seen.moved, list(seen.links))

@@ -2,10 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
+from scipy.sparse import bsr_array, csr_array
 
+from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
@@ -50,19 +53,26 @@ class LinearLaw:
         return Response(unit=[law.response(amounts) for law in self._laws(ground)])
 
     def _laws(self, ground: Ground) -> list[ReducedLaw]:
-        def law(seen: object) -> ReducedLaw:
+        def law(seen: Seen) -> ReducedLaw:
             derivative, parts = self.operators(ground)
-            return reduced_law(ground, seen, derivative=derivative, parts=parts)  # type: ignore[arg-type]
+            return reduced_law(ground, seen, derivative=derivative, parts=parts)
 
-        return [
-            ground.kept((self.name, seen.case.name), lambda seen=seen: law(seen))
-            for seen in ground.base.grasps
-        ]
+        return [ground.kept((self.name, seen.case.name), partial(law, seen)) for seen in ground.base.grasps]
 
 
 def plain_stiffness(ground: Ground) -> Operator:
     """K0."""
-    return lambda moved: _times(ground.stiffness, moved)
+    return matrix_operator(ground.stiffness)
+
+
+def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
+    """A matrix over all nodes' displacements."""
+
+    def times(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        flat = moved.reshape(len(moved), -1).T
+        return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)
+
+    return times
 
 
 def stress_operator(
@@ -70,8 +80,3 @@ def stress_operator(
 ) -> Operator:
     """B' sigma(eps) of a law of stress that is linear in the strain."""
     return lambda moved: ground.points.forces(stress(ground.points.strain(moved)))
-
-
-def _times(matrix: object, moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
-    flat = moved.reshape(len(moved), -1).T
-    return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)  # type: ignore[operator]

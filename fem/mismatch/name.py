@@ -23,7 +23,7 @@ LIKE = 1 / 20
 PAIR_GAIN, PAIR_SHARE = 25.0, 0.05
 """ln evidence, and share of the best single's, that a pair must add to it."""
 LEFT = 0.35
-"""Share of the excess chi-square that the best explanation may leave; more, and it is none of the catalogue."""
+"""Share of the excess chi-square that the best explanation may leave; more, and it is none of these."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +80,12 @@ def named(ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bo
     return Named(ranking=ranking, verdict=_verdict(linear, ranking, detected=detected))
 
 
-def _verdict(linear: LinearRound, ranking: Sequence[Ranked], *, detected: bool) -> str | tuple[str, ...]:
+def _verdict(
+    linear: LinearRound,  # noqa: ARG001
+    ranking: Sequence[Ranked],
+    *,
+    detected: bool,
+) -> str | tuple[str, ...]:
     if not detected:
         return NONE
     first = next((one for one in ranking if one.name != NONE), None)

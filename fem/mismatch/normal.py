@@ -36,9 +36,10 @@ class MarkerEquations:
     """W of one recording's markers, in the form in which it is applied.
 
     `every_frame`: fields that each frame has any amount of: the fruit's rigid motion, where it moves, and the
-    response to what noise adds to each force pattern. `own`: four fields that each marker may have any amount of, with their priors' weight in `inverse`: its gel
-    displacement (a scale error), and a shift along x, y, z that grows with the load (what scale errors of the
-    forces around it bring). `inverse`: (own' V own + L)^-1; `along`: own' V times `every_frame`.
+    response to what noise adds to each force pattern. `own`: four fields that each marker may have any amount
+    of, with their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along x, y,
+    z that grows with the load (what scale errors of the forces around it bring). `inverse`: (own' V own +
+    L)^-1; `along`: own' V times `every_frame`.
     """
 
     tracks: MarkerTracks

@@ -8,7 +8,6 @@ law; these do not, which is what parts them.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from fem.grasp_sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.baseline import Seen
@@ -19,8 +18,8 @@ from fem.mismatch.pads import own_markers, slid_response
 from fem.modulus_budget import ErrorBudget
 
 DEPARTURE, ALONG = 0.005, 0.003
-"""Standard deviations of a pad's own departures along its normal and along the skin, as shares of its response
-at the greatest load."""
+"""Standard deviations of a pad's own departures along its normal and along the skin, as shares of its
+response at the greatest load."""
 SMALLEST_POISSON_SD = 0.005
 
 

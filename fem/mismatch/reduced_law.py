@@ -5,8 +5,8 @@ K(theta) = sum_i a_i(theta) K_i is projected (Galerkin) on
     V = [U, K0^-1 D U, K0^-1 D K0^-1 D U],      D = dK/dtheta
 
 for the patterns U of a recording. Its answer agrees with the full one to the fifth power of theta in the work
-done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems, chapter 11),
-and costs nothing once V is there.
+done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems, chapter
+11), and costs nothing once V is there.
 """
 
 from collections.abc import Callable, Sequence

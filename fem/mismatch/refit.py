@@ -1,8 +1,8 @@
 """One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
 
-Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by differences,
-are columns like any other; their amounts are the step, their covariance the parameters'. The evidence is that of
-the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
+Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by
+differences, are columns like any other; their amounts are the step, their covariance the parameters'. The
+evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ MOST_STEP = 1.0
 class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
-    `products`, `columns`: the linearised model at the end, nuisances first, then the slopes; `fit` of them all.
+    `products`, `columns`: the linearised model at the end, nuisances first, then the slopes; `fit` of all.
     `held`: how often the case's recordings are foretold better than by the nuisances alone, ln.
     """
 
@@ -127,14 +127,16 @@ class _Search:
         self.spread = (self.high - self.low) / 4
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        return np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
+        return np.asarray(
+            np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
+        )
 
     def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
         return self.bounded(self._scale(np.array(values, dtype=float)))
 
     def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         margin = 1e-3 * (self.high - self.low)
-        return np.clip(at, self.low + margin, self.high - margin)
+        return np.asarray(np.clip(at, self.low + margin, self.high - margin))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
         return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]

@@ -1,7 +1,5 @@
 """What to record next: what parts the explanations that are left."""
 
-from collections.abc import Sequence
-
 from fem.mismatch.explanation import NONE, UNKNOWN
 
 TURNED = (

@@ -1,7 +1,7 @@
 """`clock_lag`: displacement and force are late against pose and aperture by lag_s.
 
-y_recorded(t) = pose(t) (rest + d(t - lag)), what happened is pose(t - lag) (rest + d(t - lag)): every marker of
-a pad is off by what the pad moved in between. Poses are read between frames in straight lines.
+y_recorded(t) = pose(t) (rest + d(t - lag)), what happened is pose(t - lag) (rest + d(t - lag)): every marker
+of a pad is off by what the pad moved in between. Poses are read between frames in straight lines.
 """
 
 from collections.abc import Mapping, Sequence

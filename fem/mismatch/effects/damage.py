@@ -63,7 +63,7 @@ class Damage:
 
     def start(
         self,
-        ground: Ground,  # noqa: ARG002
+        ground: Ground,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -71,7 +71,7 @@ class Damage:
         amount = max(float(amounts[0]), 0.0)
         return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: float(signature.label.split()[1])}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
         state = _LAST.state(ground.base)
         pieces = FleshPieces.whole(ground.points)

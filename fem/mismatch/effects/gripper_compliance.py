@@ -1,4 +1,4 @@
-"""`gripper_compliance`: the jaws give way, so that each travels less than recorded, by mm_per_N times its force.
+"""`gripper_compliance`: the jaws give way, each travels less than recorded, by mm_per_N times its force.
 
 A marker's recorded position lies ahead of the true one along its pad's normal. Exact and linear.
 """

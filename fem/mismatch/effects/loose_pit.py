@@ -62,9 +62,9 @@ class LoosePit:
 
     def start(
         self,
-        ground: Ground,  # noqa: ARG002
+        ground: Ground,
         signature: Signature,
-        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+        amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own gap: its amount is one."""
         return {GAP: float(signature.label.split()[1])}
@@ -73,7 +73,7 @@ class LoosePit:
         self,
         ground: Ground,
         parameters: Mapping[str, float],
-        choice: str,  # noqa: ARG002
+        choice: str,
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it."""
         return Response(unit=self._settled(ground, parameters[GAP]))

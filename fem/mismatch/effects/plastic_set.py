@@ -64,14 +64,14 @@ class PlasticSet:
 
     def start(
         self,
-        ground: Ground,  # noqa: ARG002
+        ground: Ground,
         signature: Signature,
-        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+        amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's Y."""
         return {YIELD: float(signature.label.split()[1])}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
         state = _LAST.state(ground.base)
         Y = parameters[YIELD]

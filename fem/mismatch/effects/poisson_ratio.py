@@ -1,4 +1,4 @@
-"""`poisson_ratio`: Poisson's ratio is not the one assumed.  K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1 MPa."""
+"""`poisson_ratio`: Poisson's ratio is not the one assumed. K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1."""
 
 from collections.abc import Sequence
 
@@ -8,19 +8,12 @@ from jaxtyping import Float
 from fem.assembly import unit_lame_constants
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.ground import Ground
-from fem.mismatch.linear_law import LinearLaw
+from fem.mismatch.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.reduced_law import Operator
 
 
 def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
     parts = next(iter(ground.base.solids.values())).parts
-
-    def operator(matrix: object) -> Operator:
-        def times(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
-            flat = moved.reshape(len(moved), -1).T
-            return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)  # type: ignore[operator]
-
-        return times
 
     def derivative(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
         change = parts.change_with_poisson_ratio(
@@ -28,7 +21,7 @@ def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
         )
         return np.ascontiguousarray(change.T).reshape(moved.shape)
 
-    return derivative, (operator(parts.k_mu), operator(parts.k_lambda))
+    return derivative, (matrix_operator(parts.k_mu), matrix_operator(parts.k_lambda))
 
 
 EFFECT = LinearLaw(

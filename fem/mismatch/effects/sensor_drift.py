@@ -1,11 +1,12 @@
 """`sensor_drift`: the normal force that one pad records grows by newton_per_s, whether it touches or not.
 
-Counted from the frames in the air in which the pad's offset was taken, evenly over its markers. The true force
-is the recorded one less the drift.
+Counted from the frames in the air in which the pad's offset was taken, evenly over its markers. The true
+force is the recorded one less the drift.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -71,10 +72,7 @@ def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], 
         normal = seen.pose[number][0, :3, 2]
         pressed = np.where(own_markers(seen, number), normal / seen.case.pads[number].markers, 0.0)
         pressed = np.broadcast_to(pressed, (1, *seen.patterns.shape[1:]))
-        moved = ground.kept(
-            ("drift", seen.case.name, pad),
-            lambda seen=seen, pressed=pressed: response_to(ground, seen, pressed)[0],
-        )
+        moved = ground.kept(("drift", seen.case.name, pad), partial(response_to, ground, seen, pressed))[0]
         position = seen.tracks.position_mm
         force = since[:, None, None] * pressed
         balance = wrench(force, position, centre_mm=position.mean(axis=(0, 1)))

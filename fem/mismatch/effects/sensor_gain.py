@@ -6,10 +6,12 @@ balance. A gain common to both pads is Young's modulus, and cannot be told from 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
+from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field, wrench
 from fem.mismatch.ground import Ground
@@ -65,14 +67,16 @@ def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], 
         own = own_markers(seen, seen.pad_names.index(pad))
         alone = ground.kept(
             ("alone", seen.case.name, pad),
-            lambda seen=seen, own=own: seen.over_time(
-                response_to(ground, seen, np.where(own, seen.patterns, 0.0))
-            ),
+            partial(_alone, ground, seen, own),
         )
         position = seen.tracks.position_mm
         balance = wrench(np.where(own, seen.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1)))
         found.append((alone, balance))
     return found
+
+
+def _alone(ground: Ground, seen: Seen, own: Bool[np.ndarray, "1 n 1"]) -> Float[np.ndarray, "f n 3"]:
+    return seen.over_time(response_to(ground, seen, np.where(own, seen.patterns, 0.0)))
 
 
 EFFECT = SensorGain()

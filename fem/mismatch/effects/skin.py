@@ -6,12 +6,9 @@ Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio
 
 from collections.abc import Sequence
 
-import numpy as np
-from jaxtyping import Float
-
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.ground import Ground
-from fem.mismatch.linear_law import LinearLaw, plain_stiffness
+from fem.mismatch.linear_law import LinearLaw, matrix_operator, plain_stiffness
 from fem.mismatch.membrane import membrane_stiffness
 from fem.mismatch.reduced_law import Operator
 
@@ -20,10 +17,7 @@ def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
     matrix = ground.kept(
         "membrane", lambda: membrane_stiffness(ground.base.mesh, poisson_ratio=ground.poisson_ratio)
     )
-
-    def stretched(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
-        return np.ascontiguousarray((matrix @ moved.reshape(len(moved), -1).T).T).reshape(moved.shape)
-
+    stretched = matrix_operator(matrix)
     return stretched, (plain_stiffness(ground), stretched)
 
 

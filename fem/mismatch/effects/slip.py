@@ -55,9 +55,9 @@ class Slip:
 
     def start(
         self,
-        ground: Ground,  # noqa: ARG002
+        ground: Ground,
         signature: Signature,
-        amounts: Float[np.ndarray, " k"],  # noqa: ARG002
+        amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
         return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
@@ -66,7 +66,7 @@ class Slip:
         self,
         ground: Ground,
         parameters: Mapping[str, float],
-        choice: str,  # noqa: ARG002
+        choice: str,
     ) -> Response:
         """The markers behind the skin by the path slid."""
         return Response(

@@ -71,7 +71,7 @@ class SoftSpot:
         place = dict(zip(CENTRE, map(float, centre_mm), strict=True))
         return {**place, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
         inside = _inside(ground, centre_mm, parameters[RADIUS])

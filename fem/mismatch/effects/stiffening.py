@@ -61,14 +61,14 @@ class Stiffening:
 
     def start(
         self,
-        ground: Ground,  # noqa: ARG002
-        signature: Signature,  # noqa: ARG002
+        ground: Ground,
+        signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:  # noqa: ARG002
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
         state = _LAST.state(ground.base)
