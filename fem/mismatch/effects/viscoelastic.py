@@ -3,7 +3,7 @@
 With Poisson's ratio constant every displacement under given forces is the elastic one, crept (correspondence
 principle; Christensen 1982, Theory of Viscoelasticity, chapter 2):
 
-    u(t) = s [c(t) + g / (1 - g) (c(t) - h(t))],      h' = (c - h) (1 - g) / tau
+    u(t) = s [c(t) + g / (1 - g) h(t)],      h' = (c - h) (1 - g) / tau
 
 s = 1/E of the first instant. Signature: the same for g -> 0, for a row of tau.
 """
@@ -34,7 +34,7 @@ class Viscoelastic:
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
-        """g / (1 - g) (c - h), one for each tau."""
+        """g / (1 - g) h, one for each tau."""
         return [
             Signature(
                 label=f"tau {tau:g} s",
@@ -71,10 +71,11 @@ class Viscoelastic:
 
 
 def _crept(ground: Ground, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
+    """h: nothing at once, in time all of c."""
     found = []
     for seen in ground.base.grasps:
         whole = over_all_frames(seen, seen.tracks.unit_displacement)
-        found.append((whole - lagging(whole, seen.case.history.time_s, retardation_s))[seen.used])
+        found.append(lagging(whole, seen.case.history.time_s, retardation_s)[seen.used])
     return found
 
 
