@@ -20,9 +20,9 @@ from fem.modulus_budget import DISCRETISATION, ErrorBudget
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_joint import FruitModulus
 from fem.pad_link import contact_nodes
-from pipeline.cache import cached, stage_key
+from pipeline.cache import Artifact, cached, stage_key
 from pipeline.confirmed import keyed
-from pipeline.flesh_effects import in_the_model, with_effects
+from pipeline.flesh_effects import added, in_the_model, with_departures
 from pipeline.grasp import PlacedGrasp, grasp_case, history
 from pipeline.kept_models import packed, unpacked
 from pipeline.records import ModulusRecord, PitFoundRecord
@@ -97,24 +97,19 @@ def responses(
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
-    Kept on disk as `stage`, by content.
+    Kept on disk as `stage`, by content; what confirmed effects add to it beside it.
     """
     supports = [grasp.recording.support for grasp in grasps]
-    large = task.settings.flesh.model == "neo-hookean"
     effects = in_the_model(task.settings.mismatch)
-    digest = hashlib.sha256()
-    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    for pad in (pad for one in histories for pad in one.pads):
-        seen = (pad.position_mm, pad.gel_displacement_mm) if large or effects else ()
-        for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
-            digest.update(np.ascontiguousarray(array).tobytes())
+    # The law of stiffening flesh is large deformation's too.
+    stiffens = any(one.effect == "stiffening" for one in effects)
+    large = task.settings.flesh.model == "neo-hookean" and not stiffens
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
     key = stage_key(
         "response",
         files=[],
-        settings=[digest.hexdigest(), supports, names, assumed, keyed(effects)],
+        settings=[_digest(mesh, histories, motion=large), supports, names, assumed],
         rooms=("pipeline", "fem"),
     )
 
@@ -152,16 +147,41 @@ def responses(
                 models |= dict.fromkeys(nodes, failure)
                 continue
             models |= {k: model(k, solid) for k in nodes}
-        plain = [models[k] for k in range(len(grasps))]
-        if not effects:
-            return plain
-        modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
+        return [models[k] for k in range(len(grasps))]
+
+    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))
+    modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
+    if not effects or not modelled:
+        return plain
+
+    def beyond() -> Artifact:
         case = MismatchCase(
             mesh=mesh,
             grasps=tuple(map(grasp_case, modelled)),
             poisson_ratio=poisson_ratio,
             budget=budget,
         )
-        return with_effects(plain, case, effects) if modelled else plain
+        return Artifact(arrays={str(k): own for k, own in enumerate(added(case, effects))})
 
-    return unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))
+    key = stage_key(
+        "effects",
+        files=[],
+        settings=[key, _digest(mesh, histories, motion=True), keyed(effects), budget.gel_scale_sd],
+        rooms=("pipeline", "fem"),
+    )
+    found = cached(task.results.cache, f"{stage}-effects", key, beyond).arrays
+    return with_departures(plain, [found[str(k)] for k in range(len(modelled))])
+
+
+def _digest(mesh: FleshMesh, histories: Sequence[GraspHistory], *, motion: bool) -> str:
+    """Of the mesh, the contacts and their forces; with the markers' `motion` over time where it counts."""
+    digest = hashlib.sha256()
+    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for one in histories if motion else ():
+        digest.update(one.time_s.tobytes())
+    for pad in (pad for one in histories for pad in one.pads):
+        seen = (pad.position_mm, pad.gel_displacement_mm) if motion else ()
+        for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

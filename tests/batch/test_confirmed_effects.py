@@ -14,10 +14,10 @@ effect = "sensor_gain"
 parameters = { pad = "left", gain = 1.25 }
 sd = { gain = 0.03 }
 """
-SKIN = """
+TWO_ARMS = """
 [[mismatch]]
-effect = "skin"
-parameters = { Et_N_per_mm = 1.0 }
+effect = "viscoelastic"
+parameters = { g = 0.2, tau_s = 1.0, g_2 = 0.1, tau_2_s = 9.0 }
 """
 
 
@@ -39,7 +39,7 @@ def true_and_confirmed(tmp_path_factory):
         force = file["pads/left/force_N"]
         force[...] = (1.25 * force[...].astype(float)).astype(np.float32)
     with (batch / "batch.toml").open("a") as settings:
-        settings.write(GAIN + SKIN)
+        settings.write(GAIN + TWO_ARMS)
     return true, graded(batch, folder / "confirmed")
 
 
@@ -65,4 +65,4 @@ def test_ranking_and_report_say_what_was_taken_into_account_and_what_was_not(tru
     assert "Taken into account" in page
     assert "sensor gain (taken into account)" in page
     (warning,) = [w for w in record["warnings"] if "batch.toml" in w]
-    assert warning.startswith("batch.toml confirms skin")
+    assert warning.startswith("batch.toml confirms viscoelastic with g_2")

@@ -7,14 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import pipeline.flesh_effects
 from fem.failure import FemFailure, FemProblem
 from fem.grasp_model import GraspModel
 from pipeline.config import Pit, Settings
-from pipeline.confirmed import ConfirmedEffect, PitFound, pit_found
+from pipeline.confirmed import PARAMETERS, ConfirmedEffect, PitFound, pit_found
 from pipeline.effect_spread import _shifted
 from pipeline.flesh import error_budget, poisson_ratio
-from pipeline.flesh_effects import unused_warnings, used, with_effects
+from pipeline.flesh_effects import MECHANICS, catalogue_parameters, unused_warnings, used, with_departures
 from pipeline.layout import FruitResults
 from pipeline.report import _explained
 from pipeline.shape import embedded_pit
@@ -78,16 +77,7 @@ def test_a_pit_that_was_found_is_embedded_where_it_was_found(tmp_path):
     assert "moved to where it was found" in moved.record.source
 
 
-def test_the_mechanics_is_handed_effect_and_parameters_and_what_it_lacks_is_said(monkeypatch):
-    assert [e.effect for e in used((NU, SKIN))] == ["poisson_ratio"]
-    assert unused_warnings((NU, SKIN)) == [
-        "batch.toml confirms skin, which grading cannot take into account yet: E is without it."
-    ]
-
-    def membrane(case, parameters):
-        return [np.full((3, 2, 3), parameters["Et_N_per_mm"])] * len(case.grasps)
-
-    monkeypatch.setitem(pipeline.flesh_effects.MECHANICS, "skin", membrane)
+def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
     model = GraspModel(
         place_mm=np.zeros((2, 3)),
         normal=np.zeros((2, 3)),
@@ -97,13 +87,33 @@ def test_the_mechanics_is_handed_effect_and_parameters_and_what_it_lacks_is_said
         fruit_moves=True,
     )
     lost = FemFailure(FemProblem.NO_LOAD, "no load")
-    case = SimpleNamespace(grasps=("one", "two"))
     models = [model, lost, replace(model, departure=np.ones((3, 2, 3)))]
-    first, second, third = with_effects(models, case, (NU, SKIN))
+    first, second, third = with_departures(models, [np.full((3, 2, 3), 2.0)] * 2)
     assert second is lost
     assert (first.departure == 2.0).all()
     assert (third.departure == 3.0).all()
-    assert unused_warnings((NU, SKIN)) == []
+
+
+def test_every_effect_that_can_be_confirmed_reaches_the_modulus():
+    for name, kinds in PARAMETERS.items():
+        values = {"number": 1.0, "pair": (0.1, 0.2), "triple": (0.1, 0.2, 0.3), "pad": "left"}
+        one = ConfirmedEffect(effect=name, parameters={key: values[kind] for key, kind in kinds.items()})
+        assert used([one]) == (one,)
+        if name in MECHANICS:
+            wanted = {spec.name for spec in MECHANICS[name].parameters}
+            assert catalogue_parameters(one, 0.5).keys() == wanted
+
+
+def test_a_skin_counts_in_the_stiffness_of_the_flesh_below_it():
+    assert catalogue_parameters(SKIN, 0.4) == {"Et_over_E_mm": pytest.approx(5.0)}
+
+
+def test_a_second_relaxing_arm_is_said_to_be_left_out():
+    parameters = {"g": 0.2, "tau_s": 1.0, "g_2": 0.1, "tau_2_s": 9.0}
+    arms = ConfirmedEffect(effect="viscoelastic", parameters=parameters)
+    assert used([arms, SKIN]) == (SKIN,)
+    (warning,) = unused_warnings([arms, SKIN])
+    assert warning.startswith("batch.toml confirms viscoelastic with g_2, tau_2_s, which grading cannot")
 
 
 def test_each_number_is_moved_by_its_own_spread_for_the_error_bar():

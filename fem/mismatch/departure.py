@@ -1,0 +1,75 @@
+"""What effects that are known add to the plain model of every recording, at the modulus that comes with them.
+
+    y(t) = X + s [c(t) + d(t)] + R q(t) + ...,      d = sum over effects of (c_theta - c) + shift / s
+
+Most laws depend on s = 1/E, and s on them: it is fitted again with d until it stands still.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.baseline import Baseline
+from fem.mismatch.case import MismatchCase
+from fem.mismatch.effect import Effect
+from fem.mismatch.explain import plain_ground
+from fem.mismatch.ground import Ground, over_all_frames
+from fem.modulus_fit import fit_compliance
+
+MOST_ROUNDS, STILL = 6, 1e-3
+"""Rounds end where 1/E changes by a smaller share than this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownEffect:
+    """An effect with its parameters, named as its ParameterSpecs are, for a flesh of modulus E (MPa)."""
+
+    effect: Effect
+    parameters: Callable[[float], Mapping[str, float]]
+
+
+def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "t n 3"]]:
+    """d(t) of every recording, mm MPa, all frames: zero in the air.
+
+    Raises FemFailure where the recordings or an effect's model cannot be computed.
+    """
+    ground, _ = plain_ground(case)
+    for _ in range(MOST_ROUNDS):
+        beyond = _beyond(ground, effects)
+        compliance = _compliance(ground.base, beyond)
+        moved = abs(compliance / ground.compliance - 1)
+        # What the ground remembers goes on: of s it holds at most the weights of a fit.
+        ground = replace(ground, compliance=compliance)
+        if moved < STILL:
+            break
+    return [over_all_frames(seen, own) for seen, own in zip(ground.base.grasps, beyond, strict=True)]
+
+
+def _beyond(ground: Ground, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+    """d in the frames used; small departures add."""
+    beyond = [np.zeros_like(seen.tracks.unit_displacement) for seen in ground.base.grasps]
+    for known in effects:
+        answer = known.effect.respond(ground, known.parameters(1 / ground.compliance), "")
+        for k, seen in enumerate(ground.base.grasps):
+            beyond[k] = beyond[k] + answer.unit[k] - seen.tracks.unit_displacement
+            if answer.shift_mm is not None:
+                beyond[k] = beyond[k] + answer.shift_mm[k] / ground.compliance
+    return beyond
+
+
+def _compliance(base: Baseline, beyond: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+    """1/E with d: the recordings' median."""
+    return float(
+        np.median(
+            [
+                fit_compliance(
+                    replace(seen.tracks, unit_displacement=seen.tracks.unit_displacement + own),
+                    scale_sd=base.case.budget.gel_scale_sd,
+                    fruit_moves=seen.case.support == "free",
+                ).compliance
+                for seen, own in zip(base.grasps, beyond, strict=True)
+            ]
+        )
+    )
