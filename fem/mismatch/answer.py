@@ -50,12 +50,12 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float) ->
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=predictive(again.products, columns) - base,
         refitted=True,
-        modulus=modulus_of(ground, again.fit),
+        modulus=modulus_of(again.ground, again.fit),
     )
 
 
 def _parameters(ground: Ground, again: Refit) -> dict[str, Parameter]:
-    modulus = modulus_of(ground, again.fit)
+    modulus = modulus_of(again.ground, again.fit)
     sd = SYSTEMATIC * np.sqrt(np.diag(again.covariance))
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}

@@ -132,22 +132,26 @@ class Products:
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)
         self.data = [plain_data(ground, one) for one in recorded]
-        self._ground, self._recorded = ground, recorded
+        self._recorded = recorded
 
     def about(
-        self, response: Response, chosen: Sequence[int], more: Sequence[Column] = ()
+        self,
+        ground: Ground,
+        response: Response,
+        chosen: Sequence[int],
+        more: Sequence[Column] = (),
     ) -> tuple["Products", tuple[int, ...]]:
         """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
         other = copy(self)
         old = [self.columns[j] for j in chosen]
-        plain_fields = [Field(markers=self._ground.compliance * unit) for unit in response.unit]
+        plain_fields = [Field(markers=ground.compliance * unit) for unit in response.unit]
         plain_column = Column(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
         for k, one in enumerate(self._recorded):
             unit = response.unit[k]
             shift = None if response.shift_mm is None else response.shift_mm[k]
-            data = plain_data(self._ground, one, unit=unit, shift_mm=shift)
+            data = plain_data(ground, one, unit=unit, shift_mm=shift)
             if response.balance is not None and data.balance is not None:
                 data = Field(markers=data.markers, balance=data.balance - response.balance[k])
             other.data.append(data)

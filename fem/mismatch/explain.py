@@ -65,7 +65,9 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         ranking=candidates(ground, found, linear),
         verdict=found.verdict,
         before=modulus_of(ground, linear.null),
-        after=modulus_of(ground, linear.null if best is None or not detected else best.fit),
+        after=modulus_of(ground, linear.null)
+        if best is None or not detected
+        else modulus_of(best.ground, best.fit),
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),

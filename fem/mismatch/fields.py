@@ -26,12 +26,13 @@ class Field:
 class Column:
     """One unknown amount: its name, prior mean zero and standard deviation, its field in every recording.
 
-    None: this recording does not show it.
+    None: this recording does not show it. `positive`: an amount below zero makes no sense.
     """
 
     name: str
     sd: float
     fields: Sequence[Field | None]
+    positive: bool = False
 
 
 def wrench(

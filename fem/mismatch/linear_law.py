@@ -19,7 +19,7 @@ from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_law
 class LinearLaw:
     """`operators(ground)`: dK/dtheta, and the K_i; `amounts(ground, theta)`: a_i.
 
-    `sd`: prior spread of theta about `null(ground)`, where the law is the plain one.
+    `positive`: theta is never below zero. `sd`: prior spread of theta about `null(ground)`, where the law is the plain one.
     """
 
     name: str
@@ -29,6 +29,7 @@ class LinearLaw:
     amounts: Callable[[Ground, float], Sequence[float]]
     null: Callable[[Ground], float] = lambda ground: 0.0
     family: Family = "object"
+    positive: bool = False
 
     @property
     def parameters(self) -> tuple[ParameterSpec, ...]:
@@ -38,7 +39,14 @@ class LinearLaw:
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """dc/dtheta at the plain law."""
         fields = [Field(markers=ground.compliance * law.first) for law in self._laws(ground)]
-        return [Signature(label="", columns=(Column(name=self.parameter.name, sd=self.sd, fields=fields),))]
+        return [
+            Signature(
+                label="",
+                columns=(
+                    Column(name=self.parameter.name, sd=self.sd, fields=fields, positive=self.positive),
+                ),
+            )
+        ]
 
     def start(
         self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]

@@ -5,8 +5,9 @@ differences, are columns like any other; their amounts are the step, their covar
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
 
+import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -18,20 +19,24 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
 from fem.mismatch.singles import LinearRound, Shown
 
-ROUNDS = 3
+ROUNDS, MOST_S = 6, 8.0
+"""Rounds at most, and seconds after which no further one is begun."""
 STEP = 0.03
 """Difference step as a share of the prior spread."""
 LEAST_GAIN = 0.3
 """A round that gains less ln evidence is the last."""
 MOST_STEP = 1.0
+DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
+"""Laws that are not linear in the strain, and so not in 1/E."""
+SAME_E = 0.01
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
-    `products`, `columns`: the linearised model at the end, nuisances first, then the slopes; `fit` of all.
-    `held`: how often the case's recordings are foretold better than by the nuisances alone, ln.
+    `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
+    `ground`: with this model's own 1/E, from which `fit`'s first amount counts.
     """
 
     effects: tuple[Effect, ...]
@@ -43,16 +48,13 @@ class Refit:
     nuisances: tuple[int, ...]
     slopes: tuple[int, ...]
     fit: Fit
+    log_evidence: float
+    ground: Ground
 
     @property
     def name(self) -> str:
         """Effects' names, sorted and joined."""
         return "+".join(sorted(effect.name for effect in self.effects))
-
-    @property
-    def log_evidence(self) -> float:
-        """ln evidence."""
-        return self.fit.log_evidence
 
 
 def refit(ground: Ground, linear: LinearRound, shown: Sequence[Shown]) -> Refit | None:
@@ -71,17 +73,30 @@ def refit(ground: Ground, linear: LinearRound, shown: Sequence[Shown]) -> Refit 
             [start[s.name] for one, start in zip(shown, starts, strict=True) for s in one.effect.parameters]
         )
         now = search.linearised(at)
+        if search.follow(now.fit):
+            now = search.linearised(at)
+        until = time.monotonic() + MOST_S
         for _ in range(ROUNDS):
+            if time.monotonic() > until:
+                break
             step = now.fit.amounts[-len(specs) :]
             step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
-            tried = search.linearised(search.bounded(at + step))
-            if tried.fit.log_evidence <= now.fit.log_evidence:
-                tried = search.linearised(search.bounded(at + step / 3))
-            gained = tried.fit.log_evidence - now.fit.log_evidence
-            if gained <= 0:
-                break
-            at, now = tried.at, tried
-            if gained < LEAST_GAIN:
+            ahead = next(
+                (
+                    tried
+                    for share in (1.0, 0.3)
+                    if search.merit(tried := search.bounded(at + share * step)) > now.merit
+                ),
+                None,
+            )
+            gained = 0.0
+            if ahead is not None:
+                gained, at = search.merit(ahead) - now.merit, ahead
+                now = search.linearised(at)
+            settled = not search.follow(now.fit)
+            if not settled:
+                now = search.linearised(at)
+            elif gained < LEAST_GAIN:
                 break
     except FemFailure:
         return None
@@ -102,12 +117,18 @@ def refit(ground: Ground, linear: LinearRound, shown: Sequence[Shown]) -> Refit 
         nuisances=now.chosen[: len(now.chosen) - count],
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
+        log_evidence=now.log_evidence,
+        ground=search.ground,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Linearised:
+    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths."""
+
     at: Float[np.ndarray, " p"]
+    merit: float
+    log_evidence: float
     response: Response
     products: Products
     chosen: tuple[int, ...]
@@ -125,6 +146,7 @@ class _Search:
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
         self.spread = (self.high - self.low) / 4
+        self.known: dict[bytes, tuple[Response, float]] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
@@ -151,8 +173,34 @@ class _Search:
             first += len(names)
         return found[0] if len(found) == 1 else _together(self.ground, found)
 
+    def follow(self, fit: Fit) -> bool:
+        """Takes up the fit's 1/E where the effects' response depends on it; whether it did."""
+        share = 1 + float(fit.amounts[0])
+        depends = any(one.effect.name in DEPENDS_ON_E for one in self.shown)
+        if not depends or abs(share - 1) < SAME_E or share <= 0:
+            return False
+        self.ground = replace(self.ground, compliance=self.ground.compliance * share)
+        self.known = {}
+        return True
+
+    def merit(self, at: Float[np.ndarray, " p"]) -> float:
+        """ln evidence of the model with these parameters, taken as exact."""
+        return self._about(at)[1]
+
+    def _about(self, at: Float[np.ndarray, " p"]) -> tuple[Response, float]:
+        key = at.tobytes()
+        if key not in self.known:
+            response = self.respond(at)
+            products, chosen = self.linear.products.about(self.ground, response, self.linear.nuisances)
+            self.known = {key: (response, products.fit(chosen).log_evidence)}
+        return self.known[key]
+
     def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
-        response = self.respond(at)
+        """The model about these parameters, its slopes as columns.
+
+        Laplace: what the slopes would still gain is not there to be had, their widths count.
+        """
+        response, merit = self._about(at)
         slopes = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
@@ -160,9 +208,18 @@ class _Search:
             slopes.append(
                 Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
             )
-        products, chosen = self.linear.products.about(response, self.linear.nuisances, slopes)
+        products, chosen = self.linear.products.about(self.ground, response, self.linear.nuisances, slopes)
+        fit = products.fit(chosen)
+        own = slice(len(fit.amounts) - len(slopes), None)
+        still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
         return _Linearised(
-            at=at, response=response, products=products, chosen=chosen, fit=products.fit(chosen)
+            at=at,
+            merit=merit,
+            log_evidence=float(fit.log_evidence - still),
+            response=response,
+            products=products,
+            chosen=chosen,
+            fit=fit,
         )
 
 

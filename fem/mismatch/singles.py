@@ -71,8 +71,10 @@ def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence
         best.setdefault(one.effect.name, one)
     pairs = []
     for a, b in combinations(best.values(), 2):
-        fit = products.fit([*own, *a.columns, *b.columns])
-        pairs.append((fit.log_evidence - null.log_evidence, a, b))
+        both = (*a.columns, *b.columns)
+        fit = products.fit([*own, *both])
+        if not _senseless(products, both, fit.amounts[-len(both) :]):
+            pairs.append((fit.log_evidence - null.log_evidence, a, b))
     return LinearRound(
         products=products,
         nuisances=own,
@@ -93,11 +95,20 @@ def _shown(
     columns: tuple[int, ...],
 ) -> Shown:
     fit = products.fit([*own, *columns])
+    senseless = _senseless(products, columns, fit.amounts[-len(columns) :])
+    gain = fit.log_evidence - null.log_evidence
     return Shown(
         effect=effect,
         signature=signature,
         columns=columns,
         amounts=fit.amounts[-len(columns) :],
-        gain=fit.log_evidence - null.log_evidence,
-        chi2_drop=null.chi2 - fit.chi2,
+        gain=min(gain, 0.0) if senseless else gain,
+        chi2_drop=0.0 if senseless else null.chi2 - fit.chi2,
+    )
+
+
+def _senseless(products: Products, columns: tuple[int, ...], amounts: Float[np.ndarray, " k"]) -> bool:
+    """Whether an amount has the wrong sign."""
+    return any(
+        products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)
     )

@@ -56,7 +56,7 @@ class Damage:
             found.append(
                 Signature(
                     label=f"W0 {relative * level:.3g}",
-                    columns=(Column(name=DMAX, sd=PRIOR_SD, fields=fields),),
+                    columns=(Column(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
                 )
             )
         return found

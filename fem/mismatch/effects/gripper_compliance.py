@@ -27,7 +27,9 @@ class GripperCompliance:
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """Each pad's force along its own normal."""
         fields = [Field(markers=_ahead(seen)) for seen in ground.base.grasps]
-        return [Signature(label="", columns=(Column(name="mm_per_N", sd=0.03, fields=fields),))]
+        return [
+            Signature(label="", columns=(Column(name="mm_per_N", sd=0.03, positive=True, fields=fields),))
+        ]
 
     def start(
         self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]

@@ -56,7 +56,9 @@ class LoosePit:
                 for seen, loose in zip(ground.base.grasps, self._settled(ground, gap_mm), strict=True)
             ]
             if _amount(ground, more) > LEAST_AMOUNT:
-                column = Column(name="loose", sd=1.0, fields=[Field(markers=own) for own in more])
+                column = Column(
+                    name="loose", sd=1.0, fields=[Field(markers=own) for own in more], positive=True
+                )
                 found.append(Signature(label=f"gap {gap_mm:g} mm", columns=(column,)))
         return found
 

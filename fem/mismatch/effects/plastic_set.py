@@ -58,7 +58,10 @@ class PlasticSet:
             more = _settled(ground, state, pieces, Y, start=np.zeros_like(state.linear), rounds=1)
             fields = [Field(markers=ground.compliance * own) for own in state.at_markers(more)]
             found.append(
-                Signature(label=f"Y {Y:.4g}", columns=(Column(name="set", sd=PRIOR_SD, fields=fields),))
+                Signature(
+                    label=f"Y {Y:.4g}",
+                    columns=(Column(name="set", sd=PRIOR_SD, positive=True, fields=fields),),
+                )
             )
         return found
 

@@ -25,6 +25,7 @@ EFFECT = LinearLaw(
     name="skin",
     parameter=ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0),
     sd=4.0,
+    positive=True,
     operators=_operators,
     amounts=lambda ground, theta: (1.0, theta),
 )

@@ -49,7 +49,7 @@ class Slip:
             paths = _paths(ground, mu)
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
                 fields = [Field(markers=-path) for path in paths]
-                column = Column(name="path", sd=1.0, fields=fields)
+                column = Column(name="path", sd=1.0, fields=fields, positive=True)
                 found.append(Signature(label=f"mu {mu:.4f}", columns=(column,)))
         return found
 

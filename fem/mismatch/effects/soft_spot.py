@@ -44,7 +44,8 @@ class SoftSpot:
         sd = drop_of(MIDDLE_RATIO, ground.poisson_ratio)
         return [
             Signature(
-                label=label_of(spot), columns=(Column(name="drop", sd=sd, fields=_fields(ground, spot)),)
+                label=label_of(spot),
+                columns=(Column(name="drop", sd=sd, fields=_fields(ground, spot), positive=True),),
             )
             for spot in spots
         ]

@@ -57,7 +57,7 @@ class Stiffening:
 
         more = -state.response(FleshPieces.whole(ground.points).forces(s * state.linear, law))
         fields = [Field(markers=own) for own in state.at_markers(more)]
-        return [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, fields=fields),))]
+        return [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
 
     def start(
         self,

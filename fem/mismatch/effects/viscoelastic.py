@@ -42,6 +42,7 @@ class Viscoelastic:
                     Column(
                         name=f"g, tau {tau:g} s",
                         sd=0.5,
+                        positive=True,
                         fields=[Field(markers=ground.compliance * crept) for crept in _crept(ground, tau)],
                     ),
                 ),
