@@ -1,11 +1,12 @@
 """From fits to what an answer says: parameters with intervals, moduli, traces."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from fem.mismatch.effect import ParameterSpec
-from fem.mismatch.evidence import Fit, Products, Recorded
+from fem.mismatch.effect import ParameterSpec, Response
+from fem.mismatch.evidence import Products, Recorded
 from fem.mismatch.explanation import Candidate, GraspTrace, Modulus, Parameter
 from fem.mismatch.ground import Ground
 from fem.mismatch.name import Named, Ranked
@@ -13,19 +14,37 @@ from fem.mismatch.pads import pad_force
 from fem.mismatch.prove import predictive
 from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound
+from fem.modulus_fit import fit_compliance
 
 NINETY = 1.645
 LEAST_RELATIVE_SD = 0.01
-SYSTEMATIC = 3.0
+SYSTEMATIC = 1.5
 """Standard deviations are this many times those of independent noise: what sound recordings scatter."""
 
 
-def modulus_of(ground: Ground, fit: Fit) -> Modulus:
-    """1/E is the plain model's amount."""
-    share = 1 + float(fit.amounts[0])
-    value = 1 / (ground.compliance * max(share, 1e-3))
-    relative = max(SYSTEMATIC * float(fit.sd[0]) / max(share, 1e-3), LEAST_RELATIVE_SD)
-    return Modulus(value=value, sd=value * relative)
+def modulus_of(ground: Ground, response: Response | None = None) -> Modulus:
+    """E by least squares over all markers of each recording, their mean; with an effect's response in place.
+
+    The standard deviation: scatter between recordings, and LEAST_RELATIVE_SD for what they have in common.
+    """
+    found = []
+    for k, seen in enumerate(ground.base.grasps):
+        tracks = seen.tracks
+        if response is not None:
+            shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
+            tracks = replace(
+                tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
+            )
+        fit = fit_compliance(
+            tracks,
+            scale_sd=ground.base.case.budget.gel_scale_sd,
+            fruit_moves=seen.case.support == "free",
+        )
+        found.append(max(fit.compliance, 1e-9))
+    logs = -np.log(found)
+    value = float(np.exp(logs.mean()))
+    scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else 0.0
+    return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
 
 
 def candidates(ground: Ground, found: Named, linear: LinearRound) -> tuple[Candidate, ...]:
@@ -50,12 +69,12 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float) ->
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=predictive(again.products, columns) - base,
         refitted=True,
-        modulus=modulus_of(again.ground, again.fit),
+        modulus=modulus_of(again.ground, again.response),
     )
 
 
 def _parameters(ground: Ground, again: Refit) -> dict[str, Parameter]:
-    modulus = modulus_of(again.ground, again.fit)
+    modulus = modulus_of(again.ground, again.response)
     sd = SYSTEMATIC * np.sqrt(np.diag(again.covariance))
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}

@@ -64,10 +64,8 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         component=place.component,
         ranking=candidates(ground, found, linear),
         verdict=found.verdict,
-        before=modulus_of(ground, linear.null),
-        after=modulus_of(ground, linear.null)
-        if best is None or not detected
-        else modulus_of(best.ground, best.fit),
+        before=modulus_of(ground),
+        after=modulus_of(ground) if best is None or not detected else modulus_of(best.ground, best.response),
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),

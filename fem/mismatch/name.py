@@ -15,12 +15,14 @@ from fem.mismatch.ground import Ground
 from fem.mismatch.refit import Refit, refit
 from fem.mismatch.singles import LinearRound, Shown
 
-SINGLES, PAIRS = 6, 3
-TEMPER = 5.0
+SINGLES, PAIRS = 5, 2
+TEMPER = 1.5
+HOPE = 0.15
+"""Share of the best linear gain from which an effect is worth its nonlinear refit."""
 ALWAYS = ("pit_size",)
 """Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
 LIKE = 1 / 20
-PAIR_GAIN, PAIR_SHARE = 25.0, 0.05
+PAIR_GAIN, PAIR_SHARE = 10.0, 0.05
 """ln evidence, and share of the best single's, that a pair must add to it."""
 LEFT = 0.35
 """Share of the excess chi-square that the best explanation may leave; more, and it is none of these."""
@@ -53,9 +55,11 @@ def named(ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bo
 
     singles = sorted(linear.best, key=lambda one: -(one.gain + bonus([one])))
     found: list[tuple[str, float, tuple[Shown, ...], Refit | None]] = []
+    first = max((one.gain + bonus([one]) for one in singles), default=0.0)
     for number, one in enumerate(singles):
         again = None
-        if detected and (number < SINGLES or one.effect.name in ALWAYS):
+        hopeful = number < SINGLES and one.gain + bonus([one]) > HOPE * first
+        if detected and (hopeful or one.effect.name in ALWAYS):
             again = refit(ground, linear, [one])
         gain = one.gain if again is None else again.log_evidence - linear.null.log_evidence
         found.append((one.effect.name, gain + bonus([one]), (one,), again))

@@ -29,6 +29,10 @@ from fem.modulus_noise import variance_inflation
 
 MARKER_EXCESS = 1.15
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
+ALIKE = 5.0
+"""How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame. So
+much less do they count together than if they were independent (a design effect; on sound recordings of two
+solvers the gains of effects that are not there stay below a few units of ln evidence)."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,7 @@ class MarkerEquations:
     def of(cls, seen: Seen, *, compliance: float, gel_scale_sd: float) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement."""
         tracks = seen.tracks
-        weight = marker_weight(tracks) / MARKER_EXCESS
+        weight = marker_weight(tracks) / (MARKER_EXCESS * ALIKE)
         noise_N = seen.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
         free = seen.case.support == "free"

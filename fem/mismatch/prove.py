@@ -7,6 +7,7 @@ import numpy as np
 from fem.mismatch.evidence import Products, Recorded
 from fem.mismatch.explanation import HeldOut
 from fem.mismatch.ground import Ground
+from fem.modulus_fit import about_episode_mean
 
 
 def held_out(
@@ -56,5 +57,5 @@ def _left(products: Products, columns: Sequence[int], k: int, count: int) -> flo
 
 def _size(ground: Ground, one: Recorded) -> float:
     tracks = one.seen.tracks
-    response = one.markers.left(ground.compliance * tracks.unit_displacement)
+    response = about_episode_mean(ground.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())
