@@ -11,12 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.baseline import Baseline
+from fem.mismatch.answer import modulus_of
 from fem.mismatch.case import MismatchCase
-from fem.mismatch.effect import Effect
+from fem.mismatch.effect import Effect, Response
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground, over_all_frames
-from fem.modulus_fit import fit_compliance
 
 MOST_ROUNDS, STILL = 6, 1e-3
 """Rounds end where 1/E changes by a smaller share than this."""
@@ -38,7 +37,10 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
     ground, _ = plain_ground(case)
     for _ in range(MOST_ROUNDS):
         beyond = _beyond(ground, effects)
-        compliance = _compliance(ground.base, beyond)
+        whole = [
+            seen.tracks.unit_displacement + own for seen, own in zip(ground.base.grasps, beyond, strict=True)
+        ]
+        compliance = 1 / modulus_of(ground, Response(unit=whole)).value
         moved = abs(compliance / ground.compliance - 1)
         # What the ground remembers goes on: of s it holds at most the weights of a fit.
         ground = replace(ground, compliance=compliance)
@@ -57,19 +59,3 @@ def _beyond(ground: Ground, effects: Sequence[KnownEffect]) -> list[Float[np.nda
             if answer.shift_mm is not None:
                 beyond[k] = beyond[k] + answer.shift_mm[k] / ground.compliance
     return beyond
-
-
-def _compliance(base: Baseline, beyond: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
-    """1/E with d: the recordings' median."""
-    return float(
-        np.median(
-            [
-                fit_compliance(
-                    replace(seen.tracks, unit_displacement=seen.tracks.unit_displacement + own),
-                    scale_sd=base.case.budget.gel_scale_sd,
-                    fruit_moves=seen.case.support == "free",
-                ).compliance
-                for seen, own in zip(base.grasps, beyond, strict=True)
-            ]
-        )
-    )
