@@ -19,7 +19,7 @@ from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_law
 class LinearLaw:
     """`operators(ground)`: dK/dtheta, and the K_i; `amounts(ground, theta)`: a_i.
 
-    `positive`: theta is never below zero. `sd`: prior spread of theta about `null(ground)`, where the law is the plain one.
+    `positive`: theta is never below zero. `sd`: prior spread of theta about `null(ground)`, the plain law.
     """
 
     name: str

@@ -75,6 +75,11 @@ def named(ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bo
                     found.append((again.name, own, (a, b), again))
     found.append((NONE, 0.0, (), None))
     found.sort(key=lambda entry: -entry[1])
+    name, gain, shown, winner = found[0]
+    if winner is not None:
+        polished = refit(ground, linear, shown, known=winner)
+        if polished is not None and polished.log_evidence > winner.log_evidence:
+            found[0] = (name, gain + polished.log_evidence - winner.log_evidence, shown, polished)
     weight = np.exp((np.array([entry[1] for entry in found]) - found[0][1]) / TEMPER)
     weight /= weight.sum()
     ranking = tuple(
