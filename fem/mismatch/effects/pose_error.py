@@ -139,13 +139,14 @@ def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) 
     back = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
     axes = turn_of(seen, number)
     turn = axes @ back @ axes.T
+    shift = turn @ axes[:, :2] @ theta[:2]
     origin = seen.pose[number][:, None, :3, 3]
     truly = position.copy()
-    truly[:, own] = (position[:, own] - origin) @ turn.T + origin - axes[:, :2] @ theta[:2]
+    truly[:, own] = (position[:, own] - origin) @ turn.T + origin - shift
     pushed = force.copy()
     pushed[:, own] = force[:, own] @ turn.T
     history = seen.case.history.pads[number]
-    where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - axes[:, :2] @ theta[:2]
+    where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - shift
     link = pad_link(replace(history, surface_mm=where), ground.base.solid_of(seen))
     links = tuple(link if k == number else other for k, other in enumerate(seen.links))
     patterns = seen.patterns.copy()

@@ -1,0 +1,141 @@
+"""Evidence by products of columns: what the dense Gaussian marginal of all data says, amounts written out."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from planted_mismatch import planted_case
+from scipy.stats import multivariate_normal
+
+from fem.mismatch.evidence import PLAIN_SD, Products, Recorded
+from fem.mismatch.explain import plain_ground
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.nuisances import common_nuisances, own_nuisances
+
+SHAPE = (3, 4, 3)
+SIZE = int(np.prod(SHAPE))
+SDS = (0.7, 0.2, 3.0)
+
+
+class SmallRecording:
+    """A recording of few samples with a weight matrix of any kind."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        root = rng.normal(size=(SIZE, SIZE))
+        self.weight = root @ root.T / SIZE + 0.3 * np.eye(SIZE)
+        self.balance = None
+        tracks = SimpleNamespace(
+            unit_displacement=rng.normal(size=SHAPE),
+            place_mm=np.zeros(SHAPE[1:]),
+            position_mm=2.0 * rng.normal(size=SHAPE),
+        )
+        self.seen = SimpleNamespace(tracks=tracks)
+
+    def rows(self, fields) -> tuple[np.ndarray, np.ndarray]:
+        plain = np.array([field.markers.ravel() for field in fields])
+        return plain, plain @ self.weight
+
+
+@pytest.fixture(scope="module")
+def small():
+    rng = np.random.default_rng(0)
+    recorded = [SmallRecording(rng) for _ in range(2)]
+    columns = [
+        Column(name=f"{k}", sd=sd, fields=[Field(markers=rng.normal(size=SHAPE)) for _ in recorded])
+        for k, sd in enumerate(SDS)
+    ]
+    columns[2] = Column(name="2", sd=SDS[2], fields=[columns[2].fields[0], None])
+    return recorded, columns, Products(SimpleNamespace(compliance=0.4), recorded, columns)
+
+
+def dense_parts(small, chosen):
+    """y of both recordings in a row, the covariance of their noise, the columns and their spreads."""
+    recorded, columns, _ = small
+    y = np.concatenate(
+        [(r.seen.tracks.position_mm - 0.4 * r.seen.tracks.unit_displacement).ravel() for r in recorded]
+    )
+    noise = np.zeros((2 * SIZE, 2 * SIZE))
+    for k, r in enumerate(recorded):
+        noise[k * SIZE : (k + 1) * SIZE, k * SIZE : (k + 1) * SIZE] = np.linalg.inv(r.weight)
+    plain = np.concatenate([0.4 * r.seen.tracks.unit_displacement.ravel() for r in recorded])
+    rows = [plain] + [
+        np.concatenate([np.zeros(SIZE) if f is None else f.markers.ravel() for f in columns[j - 1].fields])
+        for j in chosen
+    ]
+    sds = np.array([PLAIN_SD, *(SDS[j - 1] for j in chosen)])
+    return y, noise, np.array(rows), sds
+
+
+@pytest.mark.parametrize("chosen", [(), (1,), (3, 1), (1, 2, 3)])
+def test_evidence_is_the_log_density_of_the_data_with_all_amounts_integrated_out(small, chosen):
+    y, noise, rows, sds = dense_parts(small, chosen)
+    truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
+    constant = multivariate_normal(cov=noise).logpdf(0 * y)
+    assert small[2].fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
+
+
+def test_amounts_and_their_covariance_are_those_of_the_gaussian_posterior(small):
+    y, noise, rows, sds = dense_parts(small, (1, 2, 3))
+    precision = rows @ np.linalg.solve(noise, rows.T) + np.diag(sds**-2.0)
+    fit = small[2].fit((1, 2, 3))
+    expected = np.linalg.solve(precision, rows @ np.linalg.solve(noise, y))
+    np.testing.assert_allclose(fit.amounts, expected, rtol=1e-9)
+    np.testing.assert_allclose(fit.covariance, np.linalg.inv(precision), rtol=1e-8)
+    left = y - expected @ rows
+    chi2 = left @ np.linalg.solve(noise, left) + (expected / sds) @ (expected / sds)
+    assert fit.chi2 == pytest.approx(chi2, rel=1e-10)
+
+
+def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evidences(small):
+    y, noise, rows, sds = dense_parts(small, (1, 2))
+    whole = noise + (rows.T * sds**2) @ rows
+    a, b = slice(0, SIZE), slice(SIZE, 2 * SIZE)
+    gain = whole[b, a] @ np.linalg.inv(whole[a, a])
+    mean, covariance = gain @ y[a], whole[b, b] - gain @ whole[a, b]
+    truth = multivariate_normal(mean=mean, cov=covariance, allow_singular=False).logpdf(y[b])
+    products = small[2]
+    found = products.fit((1, 2)).log_evidence - products.fit((1, 2), keep=[0]).log_evidence
+    constant = multivariate_normal(cov=noise[b, b]).logpdf(np.zeros(SIZE))
+    assert found + constant == pytest.approx(truth, abs=1e-8)
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """The planted fruit's two recordings, with a case's own nuisances eliminated."""
+    ground, _ = plain_ground(planted_case())
+    return ground, [Recorded.of(ground, seen) for seen in ground.base.grasps]
+
+
+def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted):
+    ground, recorded = planted
+    known = common_nuisances(ground)
+    products = Products(ground, recorded, known)
+    chosen = tuple(range(1, len(known) + 1))
+    fit = products.fit(chosen)
+    bare = [Recorded(one.seen, one.markers, one.balance, *(np.zeros((0, 0)),) * 3) for one in recorded]
+    kept = list(known)
+    for k, seen in enumerate(ground.base.grasps):
+        for name, sd, field in own_nuisances(ground, seen):
+            fields = [field if j == k else None for j in range(len(recorded))]
+            kept.append(Column(name=name, sd=sd, fields=fields))
+    whole = Products(ground, bare, kept).fit(tuple(range(1, len(kept) + 1)))
+    assert fit.chi2 == pytest.approx(whole.chi2, rel=1e-9)
+    size = len(chosen) + 1
+    np.testing.assert_allclose(fit.amounts, whole.amounts[:size], atol=1e-7)
+    np.testing.assert_allclose(fit.covariance, whole.covariance[:size, :size], rtol=1e-6, atol=1e-12)
+    assert len(kept) - len(known) > 50
+    # what they eliminate counts the same whatever the common columns
+    without = Products(ground, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
+    expected = whole.log_evidence - without.log_evidence
+    assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
+
+
+def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(planted):
+    ground, recorded = planted
+    known = common_nuisances(ground)
+    products = Products(ground, recorded, known)
+    fit = products.fit(tuple(range(1, len(known) + 1)))
+    for k, one in enumerate(recorded):
+        touching = one.seen.tracks.episode >= 0
+        assert products.beyond(k, fit)[touching].std() < 2 * one.seen.tracks.sd_mm[0]
+        np.testing.assert_array_equal(products.beyond(k, fit)[~touching], 0)

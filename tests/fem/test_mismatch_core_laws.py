@@ -1,0 +1,205 @@
+"""Flesh of other linear laws: reduced space against full factorisation; the skin against closed forms."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from coarse_fruit import NU, fruit_mesh
+from fem_shapes import box
+from pinched_ground import COMPLIANCE, ground_of
+from scipy.sparse import csr_array
+
+from fem.assembly import unit_lame_constants
+from fem.forward import UnitModulusSolid
+from fem.mesh import FleshMesh, tetrahedralise
+from fem.mismatch.baseline import Seen
+from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
+from fem.mismatch.flesh_strain import COUNT, energy_density
+from fem.mismatch.ground import Ground
+from fem.mismatch.membrane import membrane_stiffness
+from fem.rigid_core import reduced, rigid_modes
+from fem.solver import factorise
+
+MU, LAME = unit_lame_constants(NU)
+
+
+@cache
+def pinched_once() -> Ground:
+    """One ground for all, which remembers what it has computed."""
+    return ground_of()
+
+
+def changed_solid(ground: Ground, more: csr_array) -> UnitModulusSolid:
+    """The plain solid with this added to its stiffness, factorised anew."""
+    solid = ground.base.solid_of(ground.base.grasps[0])
+    stiffness = csr_array(solid.stiffness + more)
+    return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
+
+
+def in_full(ground: Ground, solid: UnitModulusSolid) -> np.ndarray:
+    """c(t) of the recording on a solid of any law."""
+    seen = ground.base.grasps[0]
+    skin_nodes = ground.base.solid_of(seen).contact_nodes
+    loads = np.zeros_like(seen.moved)
+    loads[:, skin_nodes] = seen.nodal_of(seen.patterns)
+    return seen.over_time(seen.at_markers(solid.displacement(loads)[:, skin_nodes]))
+
+
+def stiffness_of(ground: Ground, tangent: np.ndarray) -> csr_array:
+    """Sum over points of volume B' C B, element by element; `tangent` (m 4 6 6) in six true components."""
+    points = ground.points
+    m = len(points.volume_mm3)
+    B = np.zeros((m, 4, 6, 10, 3))
+    for six, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
+        B[:, :, six, :, i] += points.slope[:, :, j] / 2
+        B[:, :, six, :, j] += points.slope[:, :, i] / 2
+    B = B.reshape(m, 4, 6, 30)
+    own = np.einsum("mq,mqsa,s,mqst,mqtb->mab", points.volume_mm3, B, COUNT, tangent, B, optimize=True)
+    dofs = (3 * points.mesh.tets[:, :, None] + np.arange(3)).reshape(m, 30)
+    size = 3 * points.n_nodes
+    where = (np.repeat(dofs, 30, axis=1).ravel(), np.tile(dofs, (1, 30)).ravel())
+    return csr_array((own.ravel(), where), shape=(size, size))
+
+
+def isotropic() -> np.ndarray:
+    tangent = 2 * MU * np.eye(6)
+    tangent[:3, :3] += LAME
+    return tangent
+
+
+def graded(ground: Ground) -> csr_array:
+    return stiffness_of(ground, (2 * ground.depth - 1)[..., None, None] * isotropic())
+
+
+def axial(ground: Ground) -> csr_array:
+    along = np.zeros((6, 6))
+    along[2, 2] = MU
+    return stiffness_of(ground, np.broadcast_to(along, (*ground.depth.shape, 6, 6)))
+
+
+def membrane(ground: Ground) -> csr_array:
+    return membrane_stiffness(ground.base.mesh, poisson_ratio=NU)
+
+
+@pytest.mark.parametrize(
+    ("effect", "matrix", "value", "off"),
+    [
+        (skin.EFFECT, membrane, 1.0, 0.005),
+        (skin.EFFECT, membrane, 12.0, 0.06),
+        (graded_modulus.EFFECT, graded, 0.8, 0.02),
+        (anisotropy.EFFECT, axial, 5.0, 0.005),
+    ],
+)
+def test_the_reduced_space_answers_as_the_law_factorised_in_full(
+    effect, matrix: Callable[[Ground], csr_array], value, off
+):
+    ground = pinched_once()
+    plain = ground.base.grasps[0].tracks.unit_displacement
+    expected = in_full(ground, changed_solid(ground, value * matrix(ground))) - plain
+    found = effect.respond(ground, {effect.parameter.name: value}, "").unit[0] - plain
+    assert np.linalg.norm(expected) > 0.02 * np.linalg.norm(plain)
+    assert np.linalg.norm(found - expected) < off * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize("nu", [0.35, 0.49])
+def test_another_poisson_ratio_answers_as_the_fruit_solved_with_it(nu):
+    ground = pinched_once()
+    plain = ground.base.grasps[0].tracks.unit_displacement
+    solid = UnitModulusSolid.factorise(fruit_mesh(), poisson_ratio=nu, support="free")
+    expected = in_full(ground, solid) - plain
+    found = poisson_ratio.EFFECT.respond(ground, {"nu": nu}, "").unit[0] - plain
+    assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
+
+
+@pytest.mark.parametrize(
+    ("effect", "step"),
+    [
+        (skin.EFFECT, 1e-3),
+        (graded_modulus.EFFECT, 1e-3),
+        (anisotropy.EFFECT, 1e-3),
+        (poisson_ratio.EFFECT, 1e-5),
+    ],
+)
+def test_each_signature_is_the_slope_of_its_own_model(effect, step):
+    ground = pinched_once()
+    (signature,) = effect.signatures(ground)
+    null = effect.null(ground)
+    ends = [effect.respond(ground, {effect.parameter.name: null + way}, "").unit[0] for way in (step, -step)]
+    slope = COMPLIANCE * (ends[0] - ends[1]) / (2 * step)
+    markers = signature.columns[0].fields[0].markers
+    assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
+    assert effect.start(ground, signature, np.zeros(1)) == {effect.parameter.name: pytest.approx(null)}
+
+
+def test_stiffer_skin_side_and_skin_give_way_less_under_a_pad():
+    ground = pinched_once()
+    seen: Seen = ground.base.grasps[0]
+    work = lambda unit: float((unit * seen.over_time(seen.patterns)).sum())  # noqa: E731
+    plain = work(seen.tracks.unit_displacement)
+    assert work(skin.EFFECT.respond(ground, {"Et_over_E_mm": 3.0}, "").unit[0]) < plain
+    assert work(graded_modulus.EFFECT.respond(ground, {"gamma": -0.4}, "").unit[0]) < plain
+    assert work(anisotropy.EFFECT.respond(ground, {"axial": 1.0}, "").unit[0]) < plain
+
+
+def test_axial_stiffness_of_a_stretch_along_the_stem_is_mu_times_its_square_times_the_volume():
+    ground = pinched_once()
+    stretch = np.zeros((1, *fruit_mesh().nodes_mm.shape))
+    stretch[0, :, 2] = 0.02 * fruit_mesh().nodes_mm[:, 2]
+    operator, _ = anisotropy.EFFECT.operators(ground)
+    volume = ground.points.volume_mm3.sum()
+    assert (stretch * operator(stretch)).sum() == pytest.approx(MU * 0.02**2 * volume, rel=1e-9)
+
+
+def test_graded_stiffness_of_an_even_stretch_weighs_the_depth():
+    ground = pinched_once()
+    stretch = 0.02 * fruit_mesh().nodes_mm[None]
+    operator, _ = graded_modulus.EFFECT.operators(ground)
+    strain = np.array([0.02, 0.02, 0.02, 0, 0, 0])
+    density = 2 * energy_density(strain, poisson_ratio=NU)
+    expected = ((2 * ground.depth - 1) * ground.points.volume_mm3).sum() * density
+    assert (stretch * operator(stretch)).sum() == pytest.approx(expected, rel=1e-9)
+    assert ground.depth.min() >= 0
+    assert ground.depth.max() <= 1
+
+
+@pytest.fixture(scope="module")
+def crate() -> FleshMesh:
+    """A box of 10 x 8 x 6 mm."""
+    return tetrahedralise(*box((10.0, 8.0, 6.0), cells=3), None, None, edge_mm=3.0)
+
+
+def cost(mesh: FleshMesh, moved: np.ndarray) -> float:
+    return float(moved.ravel() @ (membrane_stiffness(mesh, poisson_ratio=NU) @ moved.ravel()))
+
+
+def test_a_flat_skin_stretched_one_way_costs_its_plane_stress_energy(crate):
+    strain = 0.03
+    moved = np.zeros_like(crate.nodes_mm)
+    moved[:, 0] = strain * crate.nodes_mm[:, 0]
+    area = 2 * 10 * 8 + 2 * 10 * 6
+    assert cost(crate, moved) == pytest.approx(strain**2 / (1 - NU**2) * area, rel=1e-3)
+
+
+def test_a_flat_skin_in_shear_costs_its_shear_modulus(crate):
+    strain = 0.03
+    moved = np.zeros_like(crate.nodes_mm)
+    moved[:, 0] = strain * crate.nodes_mm[:, 1]
+    area = 2 * 10 * 8
+    # x = gamma y shears faces across z; those across y and x only turn: bending and turning cost nothing
+    assert cost(crate, moved) == pytest.approx(strain**2 / (2 * (1 + NU)) * area, rel=1e-3)
+
+
+def test_rigid_motions_stretch_no_skin(solid_ball):
+    modes = rigid_modes(solid_ball.nodes_mm, centre_mm=np.array([3.0, -1.0, 2.0]))
+    scale = cost(solid_ball, solid_ball.nodes_mm)
+    for k in range(6):
+        assert abs(cost(solid_ball, modes[:, :, k])) < 1e-9 * scale
+
+
+def test_an_inflated_sphere_costs_what_its_skin_does(solid_ball):
+    radius, more = 20.0, 0.1
+    moved = solid_ball.nodes_mm / radius * more
+    # twice the energy: both strains a / R, so 2 Et / (1 - nu) (a / R)^2 over 4 pi R^2
+    assert cost(solid_ball, moved) == pytest.approx(8 * np.pi * more**2 / (1 - NU), rel=5e-3)

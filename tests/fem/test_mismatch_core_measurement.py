@@ -1,0 +1,209 @@
+"""What belongs to sensors and machines: put into recordings by its definition, and found again."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_mismatch import (
+    E_MPA,
+    FLAT,
+    TIME_S,
+    Altered,
+    Recording,
+    linear_and_refitted,
+    on_pad,
+    only_grasp,
+    planted_case,
+)
+
+from fem.mismatch.effect import Effect
+from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
+from fem.mismatch.effects.pose_error import NAMES
+from fem.mismatch.explain import plain_ground
+from fem.mismatch.ground import Ground
+from fem.mismatch.normal import BalanceEquations
+
+AIR_S = TIME_S[:3].mean()
+
+
+def gained(gain: float) -> Altered:
+    return lambda pad: replace(pad, force_N=gain * pad.force_N)
+
+
+def drifted(newton_per_s: float) -> Altered:
+    def change(pad: Recording) -> Recording:
+        grown = newton_per_s * (TIME_S - AIR_S) / len(FLAT)
+        return replace(pad, force_N=pad.force_N + grown[:, None, None] * pad.axes[:, 2])
+
+    return change
+
+
+def given_way(mm_per_N: float) -> Altered:
+    def change(pad: Recording) -> Recording:
+        ahead = mm_per_N * pad.pushed_N[:, None] * pad.axes[:, 2]
+        return replace(pad, position_mm=pad.position_mm + ahead[:, None], origin_mm=pad.origin_mm + ahead)
+
+    return change
+
+
+def late(lag_s: float) -> Altered:
+    """Displacement and force are those of a little earlier, poses those of now."""
+
+    def earlier(values: np.ndarray) -> np.ndarray:
+        flat = values.reshape(len(values), -1)
+        read = [np.interp(TIME_S - lag_s, TIME_S, column) for column in flat.T]
+        return np.stack(read, axis=1).reshape(values.shape)
+
+    def change(pad: Recording) -> Recording:
+        gel = earlier(pad.gel_mm)
+        at_rest = pad.position_mm - pad.gel_mm - pad.origin_mm[:, None]
+        position = pad.origin_mm[:, None] + earlier(at_rest) + gel
+        return replace(pad, position_mm=position, gel_mm=gel, force_N=earlier(pad.force_N))
+
+    return change
+
+
+def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
+    """Recorded pose = true pose, then a shift in the gel's plane, then a tilt about the pad's x."""
+    a = np.radians(tilt_deg)
+    tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+
+    def change(pad: Recording) -> Recording:
+        recorded = pad.axes @ tilt
+        moved = pad.axes[:, :2] @ np.asarray(shift_mm)
+
+        def there(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
+            return (points - origin) @ pad.axes @ recorded.T + origin + moved
+
+        return replace(
+            pad,
+            axes=recorded,
+            place_mm=there(pad.place_mm, pad.origin_mm[8]),
+            position_mm=there(pad.position_mm, pad.origin_mm[:, None]),
+            gel_mm=pad.gel_mm @ pad.axes @ recorded.T,
+            force_N=pad.force_N @ pad.axes @ recorded.T,
+            origin_mm=pad.origin_mm + moved,
+        )
+
+    return change
+
+
+def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
+    """Parameters, choice and modulus after a refit of one recording."""
+    ground, _, again = linear_and_refitted(only_grasp(planted_case(altered, **options), 0), effect)
+    return again.parameters[0], again.choices[0], modulus(ground, again)
+
+
+def modulus(ground: Ground, again) -> float:
+    return 1 / (getattr(again, "ground", ground).compliance * (1 + again.fit.amounts[0]))
+
+
+def test_one_pads_gain_over_the_others_is_found():
+    """Which of two pads it is cannot be told from their ratio: Young's modulus takes up what is common."""
+    pad, gain = "right", 0.8
+    parameters, choice, E = found(sensor_gain.EFFECT, on_pad(pad, gained(gain)))
+    as_said = parameters["gain"] if choice == pad else 1 / parameters["gain"]
+    assert as_said == pytest.approx(gain, rel=0.02)
+    assert pytest.approx(E_MPA * (1 if choice == pad else gain), rel=0.03) == E
+
+
+def test_a_pads_drift_is_found_and_which_pad():
+    parameters, choice, E = found(sensor_drift.EFFECT, on_pad("right", drifted(0.1)))
+    assert choice == "right"
+    assert parameters["newton_per_s"] == pytest.approx(0.1, rel=0.05)
+    assert pytest.approx(E_MPA, rel=0.03) == E
+
+
+def test_jaws_that_give_way_are_found():
+    given = found(gripper_compliance.EFFECT, given_way(0.2))[0]["mm_per_N"]
+    sound = found(gripper_compliance.EFFECT, lambda pad: pad)[0]["mm_per_N"]
+    assert given - sound == pytest.approx(0.2, rel=0.05)
+
+
+def test_a_late_clock_is_found():
+    assert found(clock_lag.EFFECT, late(0.12))[0]["lag_s"] == pytest.approx(0.12, rel=0.06)
+
+
+def test_a_pad_that_is_turned_against_its_pose_is_found():
+    parameters, choice, _ = found(pose_error.EFFECT, on_pad("left", misplaced((0.0, 0.0), 4.0)))
+    assert choice == "left"
+    assert parameters[NAMES[2]] == pytest.approx(4.0, rel=0.12)
+    assert max(abs(parameters[name]) for name in NAMES[:2]) < 0.8
+
+
+@pytest.fixture(scope="module")
+def sound() -> Ground:
+    return plain_ground(planted_case(noise=0.0))[0]
+
+
+@pytest.mark.parametrize(
+    ("effect", "altered", "parameters", "choice"),
+    [
+        (sensor_gain.EFFECT, on_pad("left", gained(1.3)), (1.3,), "left"),
+        (sensor_drift.EFFECT, on_pad("right", drifted(0.04)), (0.04,), "right"),
+        (gripper_compliance.EFFECT, given_way(0.15), (0.15,), ""),
+        (pose_error.EFFECT, on_pad("left", misplaced((2.0, -1.5), 4.0)), (2.0, -1.5, 4.0), "left"),
+    ],
+)
+def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happened(
+    sound, effect, altered, parameters, choice
+):
+    """The gel's displacement drives the model, so its forces are those of springs with each pad's gain."""
+    ground, _ = plain_ground(only_grasp(planted_case(altered, noise=0.0), 0))
+    names = [spec.name for spec in effect.parameters]
+    response = effect.respond(ground, dict(zip(names, parameters, strict=True)), choice)
+    true, seen = sound.base.grasps[0], ground.base.grasps[0]
+    shift = 0.0 if response.shift_mm is None else response.shift_mm[0]
+    np.testing.assert_allclose(seen.tracks.position_mm - shift, true.tracks.position_mm, atol=2e-3)
+    off = response.unit[0] - true.tracks.unit_displacement
+    assert np.linalg.norm(off) < 0.02 * np.linalg.norm(true.tracks.unit_displacement)
+    if response.balance is not None:
+        load = np.linalg.norm(seen.force_N, axis=2).sum(axis=1).max()
+        unbalanced = BalanceEquations.of(seen).measured - response.balance[0]
+        assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
+
+
+@pytest.mark.parametrize(
+    ("effect", "choice", "null", "steps", "tolerance"),
+    [
+        (sensor_gain.EFFECT, "left", (1.0,), (1e-4,), 1e-3),
+        (sensor_drift.EFFECT, "right", (0.0,), (1e-3,), 1e-9),
+        (gripper_compliance.EFFECT, "", (0.0,), (1e-3,), 1e-9),
+        (clock_lag.EFFECT, "", (0.0,), (clock_lag.STEP_S,), 1e-9),
+        (pose_error.EFFECT, "left", (0.0, 0.0, 0.0), (0.15, 0.15, 0.15), 0.03),
+    ],
+)
+def test_each_signature_is_the_slope_of_its_own_model(sound, effect, choice, null, steps, tolerance):
+    signature = next(one for one in effect.signatures(sound) if one.label == choice)
+    names = [spec.name for spec in effect.parameters]
+    for k, step in enumerate(steps):
+        sound.memory.pop(("anchored", (effect.name, choice)), None)
+        values = np.array(null)
+        here = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        sound.memory.pop(("anchored", (effect.name, choice)), None)
+        values[k] += step
+        ahead = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        for number, field in enumerate(signature.columns[k].fields):
+            slope = sound.compliance * (ahead.unit[number] - here.unit[number])
+            if ahead.shift_mm is not None:
+                slope = slope + ahead.shift_mm[number] - here.shift_mm[number]
+            assert np.linalg.norm(slope / step - field.markers) <= tolerance * np.linalg.norm(field.markers)
+            if ahead.balance is not None:
+                unbalanced = (ahead.balance[number] - here.balance[number]) / step
+                off = np.linalg.norm(unbalanced - field.balance)
+                assert off <= tolerance * np.linalg.norm(field.balance)
+
+
+def test_no_amount_of_any_of_them_changes_nothing(sound):
+    for effect, choice, values in [
+        (sensor_gain.EFFECT, "left", (1.0,)),
+        (sensor_drift.EFFECT, "left", (0.0,)),
+        (gripper_compliance.EFFECT, "", (0.0,)),
+        (clock_lag.EFFECT, "", (0.0,)),
+    ]:
+        names = [spec.name for spec in effect.parameters]
+        response = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        for number, seen in enumerate(sound.base.grasps):
+            np.testing.assert_allclose(response.unit[number], seen.tracks.unit_displacement, atol=1e-12)
+            if response.shift_mm is not None:
+                np.testing.assert_allclose(response.shift_mm[number], 0, atol=1e-12)

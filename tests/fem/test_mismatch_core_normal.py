@@ -1,0 +1,142 @@
+"""Normal equations of markers and balances: every eliminated unknown written out as a column instead."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from planted_mismatch import only_grasp, planted_case
+
+from fem.mismatch.baseline import Seen, baseline
+from fem.mismatch.fields import ARM_MM
+from fem.mismatch.normal import ALIKE, MARKER_EXCESS, BalanceEquations, MarkerEquations
+from fem.modulus_fit import GAUGE_SD_MM, rigid_motion
+
+COMPLIANCE, SCALE_SD = 4.0, 0.004
+
+
+@cache
+def seen() -> Seen:
+    """One recording, noise and all."""
+    return baseline(only_grasp(planted_case(), 0)).grasps[0]
+
+
+@cache
+def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Which samples touch (flat), their weights, all unknowns' columns (flat rows), their priors' weights.
+
+    Unknown: each contact's place along x, y, z; each marker's gel scale and its shift with the load; each
+    frame's rigid motion and its noise in each force pattern.
+    """
+    one = seen()
+    tracks = one.tracks
+    episode = tracks.episode
+    frames, count = episode.shape
+    columns, prior = [], []
+
+    def add(column: np.ndarray, weight: float) -> None:
+        columns.append(column[episode >= 0].ravel())
+        prior.append(weight)
+
+    def blank() -> np.ndarray:
+        return np.zeros((frames, count, 3))
+
+    for marker in range(count):
+        for contact in np.unique(episode[:, marker][episode[:, marker] >= 0]):
+            for way in range(3):
+                column = blank()
+                column[episode[:, marker] == contact, marker, way] = 1
+                add(column, 0.0)
+        column = blank()
+        column[:, marker] = tracks.gel_displacement_mm[:, marker]
+        add(column, SCALE_SD**-2)
+        for way in range(3):
+            column = blank()
+            column[:, marker, way] = one.load
+            add(column, (COMPLIANCE * one.uneven[marker, way]) ** -2.0)
+    rigid = rigid_motion(tracks.place_mm)
+    felt = COMPLIANCE * one.force_sd_N * one.response
+    for frame in range(frames):
+        for mode in range(6):
+            column = blank()
+            column[frame] = rigid[:, :, mode]
+            add(column, GAUGE_SD_MM**-2)
+        for pattern in felt:
+            column = blank()
+            column[frame] = pattern
+            add(column, 1.0)
+    weight = np.broadcast_to(
+        tracks.sd_mm[None, :, None] ** -2.0 / (MARKER_EXCESS * ALIKE), (frames, count, 3)
+    )
+    return episode >= 0, weight[episode >= 0].ravel(), np.array(columns), np.array(prior)
+
+
+@cache
+def equations() -> MarkerEquations:
+    """The product's own."""
+    return MarkerEquations.of(seen(), compliance=COMPLIANCE, gel_scale_sd=SCALE_SD)
+
+
+def left_by_least_squares(field: np.ndarray) -> np.ndarray:
+    """What ridge regression on all unknowns leaves, samples in contact, flat."""
+    touching, weight, columns, prior = dense()
+    y = field[touching].ravel()
+    normal = (columns * weight) @ columns.T + np.diag(prior)
+    amounts = np.linalg.lstsq(normal, (columns * weight) @ y, rcond=1e-13)[0]
+    return y - amounts @ columns
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_is_left_is_what_least_squares_on_every_unknown_leaves(seed):
+    rng = np.random.default_rng(seed)
+    one = seen()
+    field = rng.normal(size=one.tracks.position_mm.shape) + one.tracks.unit_displacement
+    touching, weight, _, _ = dense()
+    expected = left_by_least_squares(field)
+    np.testing.assert_allclose(equations().left(field)[touching].ravel(), expected, atol=2e-6)
+    np.testing.assert_allclose(
+        equations().weighed(field)[touching].ravel(), weight * expected, atol=2e-6 * weight.max()
+    )
+
+
+def test_products_are_symmetric_and_no_field_counts_less_than_nothing():
+    rng = np.random.default_rng(2)
+    a, b = (rng.normal(size=seen().tracks.position_mm.shape) for _ in range(2))
+    ab, ba = (a * equations().weighed(b)).sum(), (b * equations().weighed(a)).sum()
+    assert ab == pytest.approx(ba, rel=1e-8)
+    assert (a * equations().weighed(a)).sum() > 0
+
+
+def test_rigid_motions_places_and_scales_are_worth_next_to_nothing():
+    one = seen()
+    rng = np.random.default_rng(3)
+    sway = np.einsum("nxk,tk->tnx", rigid_motion(one.tracks.place_mm), rng.normal(size=(len(one.load), 6)))
+    moved = sway + rng.normal(size=(1, *sway.shape[1:]))
+    alone = (moved**2 * equations().weight[:, None]).sum()
+    assert (moved * equations().weighed(moved)).sum() < 1e-4 * alone
+
+
+def test_balance_counts_as_the_dense_marginal_of_noise_and_nuisances():
+    one = seen()
+    balance = BalanceEquations.of(one)
+    flat = balance.nuisances.reshape(len(balance.nuisances), -1)
+    noise = np.diag(np.tile(1 / balance.weight, len(one.load)))
+    spread = np.linalg.inv(balance.inverse) - (flat * np.tile(balance.weight, len(one.load))) @ flat.T
+    covariance = noise + flat.T @ np.linalg.inv(spread) @ flat
+    field = np.random.default_rng(4).normal(size=balance.measured.shape)
+    expected = np.linalg.solve(covariance, field.ravel()).reshape(field.shape)
+    np.testing.assert_allclose(
+        balance.weighed(field), expected, rtol=1e-5, atol=1e-6 * np.abs(expected).max()
+    )
+
+
+def test_noise_of_the_balance_is_that_of_all_markers_forces_together():
+    one = seen()
+    rng = np.random.default_rng(5)
+    position = one.tracks.position_mm
+    centre = position.mean(axis=(0, 1))
+    drawn = []
+    for _ in range(300):
+        force = one.force_sd_N * rng.normal(size=position.shape[1:])
+        drawn.append([*force.sum(axis=0), *(np.cross(position[5] - centre, force).sum(axis=0) / ARM_MM)])
+    found = np.std(drawn, axis=0) * np.sqrt(BalanceEquations.of(one).weight)
+    assert (np.abs(found - 1) < 0.25).all()

@@ -1,0 +1,125 @@
+"""A pit elsewhere, or of another size: against the fruit meshed and solved with it."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from coarse_fruit import NU, fruit_mesh
+from pinched_ground import COMPLIANCE, ground_of
+
+from fem.forward import UnitModulusSolid
+from fem.mismatch.anchored import anchored
+from fem.mismatch.effects import pit_offset, pit_size
+from fem.mismatch.ground import Ground
+from fem.modulus_fit import rigid_motion
+from fem.moved_pit import with_pit_moved
+
+
+@cache
+def ground() -> Ground:
+    return ground_of()
+
+
+def solved(place: tuple[float, float, float, float]) -> np.ndarray:
+    """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
+    seen = ground().base.grasps[0]
+    mesh = with_pit_moved(fruit_mesh(), np.array(place))
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
+    skin = ground().base.solid_of(seen).contact_nodes
+    loads = np.zeros_like(seen.moved)
+    loads[:, skin] = seen.nodal_of(seen.patterns)
+    return seen.over_time(seen.at_markers(solid.displacement(loads)[:, skin]))
+
+
+def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
+    return effect.respond(ground(), dict(zip(names, values, strict=True)), "").unit[0]
+
+
+def forget() -> None:
+    for key in [key for key in ground().memory if isinstance(key, tuple) and key[0] == "anchored"]:
+        del ground().memory[key]
+
+
+@pytest.mark.parametrize("scale", [0.75])
+def test_a_pit_of_another_size_answers_as_the_fruit_solved_with_it(scale):
+    forget()
+    found = responded(pit_size.EFFECT, ("scale",), (scale,))
+    expected = solved((0, 0, 0, np.log(scale)))
+    plain = ground().base.grasps[0].tracks.unit_displacement
+    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected - plain)
+
+
+def test_sizes_near_the_one_solved_for_are_read_off_a_curve():
+    forget()
+    responded(pit_size.EFFECT, ("scale",), (1.2,))
+    plain = ground().base.grasps[0].tracks.unit_displacement
+    for scale in (1.25, 1.1):
+        found = responded(pit_size.EFFECT, ("scale",), (scale,))
+        expected = solved((0, 0, 0, np.log(scale)))
+        assert np.linalg.norm(found - expected) < 0.03 * np.linalg.norm(expected - plain)
+
+
+def test_a_pit_elsewhere_answers_as_the_fruit_solved_with_it():
+    forget()
+    found = responded(pit_offset.EFFECT, pit_offset.NAMES, (1.5, -1.0, 0.5))
+    expected = solved((1.5, -1.0, 0.5, 0.0))
+    plain = ground().base.grasps[0].tracks.unit_displacement
+    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected - plain)
+
+
+@pytest.mark.parametrize(("effect", "way"), [(pit_offset.EFFECT, 0), (pit_size.EFFECT, 3)])
+def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effect, way):
+    step = 0.02 if way == 3 else 0.1
+    place = np.zeros(4)
+    place[way] = step
+    slope = COMPLIANCE * (solved(tuple(place)) - solved(tuple(-place))) / (2 * step)
+    (signature,) = effect.signatures(ground())
+    markers = signature.columns[0].fields[0].markers
+    # rigid motions are every frame's own: what is left without them counts
+    modes = rigid_motion(ground().base.grasps[0].tracks.place_mm).reshape(-1, 6)
+
+    def strained(field: np.ndarray) -> np.ndarray:
+        flat = field.reshape(len(field), -1).T
+        return flat - modes @ np.linalg.lstsq(modes, flat, rcond=None)[0]
+
+    off = np.linalg.norm(strained(slope) - strained(markers))
+    assert off < 0.02 * np.linalg.norm(strained(markers))
+
+
+def test_an_amount_of_the_signature_is_where_the_search_starts():
+    (signature,) = pit_size.EFFECT.signatures(ground())
+    assert pit_size.EFFECT.start(ground(), signature, np.array([np.log(1.2)])) == {
+        "scale": pytest.approx(1.2)
+    }
+    (signature,) = pit_offset.EFFECT.signatures(ground())
+    start = pit_offset.EFFECT.start(ground(), signature, np.array([0.5, -1.0, 9.0]))
+    assert list(start.values()) == pytest.approx([0.5, -1.0, 5.0])
+
+
+def test_an_anchored_response_is_exact_for_any_law_of_second_order_along_its_anchor():
+    J, H = np.array([1.0, -2.0]), np.array([[0.5, 0.2], [0.2, -0.3]])
+    kept: dict = {}
+    asked = []
+
+    class Memory:
+        def kept(self, key, compute):
+            return kept.setdefault(key, kept.get(key) or compute())
+
+    def exact(theta):
+        asked.append(theta)
+        return [[np.atleast_1d(J @ theta + theta @ H @ theta)]]
+
+    def at(*theta: float) -> float:
+        values = anchored(
+            Memory(),
+            "key",
+            np.array(theta),
+            first_order=lambda t: [[np.atleast_1d(J @ t)]],
+            exact=exact,
+        )
+        return float(values[0][0][0])
+
+    anchor = np.array([0.4, 0.8])
+    for k in (1.0, 0.5, 1.3, 0.0):
+        theta = k * anchor
+        assert at(*theta) == pytest.approx(J @ theta + theta @ H @ theta, abs=1e-12)

@@ -1,0 +1,118 @@
+"""Flesh that relaxes: creep against closed forms and the convolution that defines it, and found again."""
+
+import numpy as np
+import pytest
+from pinched_ground import COMPLIANCE, ground_of
+from planted_mismatch import E_MPA, TIME_S, linear_and_refitted, only_grasp, planted_case
+
+from fem.mismatch.effects.viscoelastic import EFFECT
+from fem.mismatch.explain import plain_ground
+from fem.mismatch.ground import over_all_frames
+from fem.mismatch.lagging import lagging
+
+UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])
+
+
+def as_field(series: np.ndarray) -> np.ndarray:
+    return series[:, None, None] * np.ones((1, 1, 3))
+
+
+def test_what_lags_behind_a_ramp_and_a_hold_is_their_closed_form_at_any_steps():
+    T, end = 1.7, 3.0
+    time = np.unique(np.append(UNEVEN_S, end))
+    ramp = np.minimum(time, end)
+    lag = lagging(as_field(ramp), time, T)[:, 0, 0]
+    during = time - T * -np.expm1(-time / T)
+    at_end = end - T * -np.expm1(-end / T)
+    after = end + (at_end - end) * np.exp(-(time - end) / T)
+    np.testing.assert_allclose(lag, np.where(time <= end, during, after), atol=1e-12)
+
+
+def crept(force: np.ndarray, time_s: np.ndarray, g: float, tau_s: float) -> np.ndarray:
+    """Displacement of the law E (1 - g + g exp(-t / tau)) under a force, by its own creep compliance.
+
+    J(t) = 1 + g / (1 - g) (1 - exp(-t / T)), T = tau / (1 - g) (Laplace transform of 1 / (s^2 E(s)));
+    sum over the force's straight pieces of slope times the integral of J. What is there at first has been
+    there for long.
+    """
+    T = tau_s / (1 - g)
+
+    def integral(t: np.ndarray) -> np.ndarray:
+        t = np.maximum(t, 0)
+        return t + g / (1 - g) * (t - T * -np.expm1(-t / T))
+
+    slopes = np.diff(force) / np.diff(time_s)
+    grown = [
+        slope * (integral(time_s - a) - integral(time_s - b))
+        for slope, a, b in zip(slopes, time_s[:-1], time_s[1:], strict=True)
+    ]
+    return force[0] / (1 - g) + np.sum(grown, axis=0)
+
+
+def test_creep_undoes_relaxation():
+    """The stress of the crept strain by the hereditary integral is the force that was put on."""
+    g, tau_s = 0.4, 2.0
+    time = np.linspace(0, 10, 4001)
+    force = np.minimum(time, 3.0)
+    strain = crept(force, time, g, tau_s)
+    middle = (time[1:] + time[:-1]) / 2
+    for at in (400, 1200, 2500, 4000):
+        kernel = 1 - g + g * np.exp(-(time[at] - middle[:at]) / tau_s)
+        assert kernel @ np.diff(strain)[:at] == pytest.approx(force[at], abs=2e-5)
+
+
+@pytest.mark.parametrize(("g", "tau_s"), [(0.3, 0.4), (0.6, 5.0)])
+def test_the_model_creeps_as_the_convolution_says(g, tau_s):
+    ground = ground_of()
+    seen = ground.base.grasps[0]
+    found = EFFECT.respond(ground, {"g": g, "tau_s": tau_s}, "").unit[0]
+    plain = seen.tracks.unit_displacement
+    time = seen.case.history.time_s
+    for marker in (3, 30):
+        for way in range(3):
+            expected = crept(plain[:, marker, way], time, g, tau_s)
+            np.testing.assert_allclose(found[:, marker, way], expected, atol=1e-9)
+
+
+def test_each_signature_is_the_slope_of_the_model_at_no_relaxation():
+    ground = ground_of()
+    small = 1e-5
+    for signature in EFFECT.signatures(ground):
+        tau_s = float(signature.label.split()[1])
+        more = EFFECT.respond(ground, {"g": small, "tau_s": tau_s}, "").unit[0]
+        slope = COMPLIANCE * (more - ground.base.grasps[0].tracks.unit_displacement) / small
+        markers = signature.columns[0].fields[0].markers
+        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
+
+
+def test_a_start_has_the_retardation_time_of_its_signature():
+    ground = ground_of()
+    signature = EFFECT.signatures(ground)[2]
+    start = EFFECT.start(ground, signature, np.array([0.5]))
+    assert start["g"] / (1 - start["g"]) == pytest.approx(0.5)
+    assert start["tau_s"] / (1 - start["g"]) == pytest.approx(3.0)
+
+
+def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_air():
+    ground, _ = plain_ground(only_grasp(planted_case(), 0))
+    seen = ground.base.grasps[0]
+    values = np.random.default_rng(0).normal(size=seen.tracks.position_mm.shape)
+    whole = over_all_frames(seen, values)
+    np.testing.assert_array_equal(whole[seen.used], values)
+    np.testing.assert_array_equal(whole[:3], 0)
+
+
+def test_flesh_that_relaxes_is_found():
+    g, tau_s = 0.4, 1.2
+
+    def relaxed(unit: np.ndarray) -> np.ndarray:
+        flat = unit.reshape(len(unit), -1)
+        return np.stack([crept(own, TIME_S, g, tau_s) for own in flat.T], axis=1).reshape(unit.shape)
+
+    case = only_grasp(planted_case(crept=relaxed), 1)
+    ground, _, again = linear_and_refitted(case, EFFECT)
+    (parameters,) = again.parameters
+    assert parameters["g"] == pytest.approx(g, rel=0.06)
+    assert parameters["tau_s"] == pytest.approx(tau_s, rel=0.08)
+    E = 1 / (getattr(again, "ground", ground).compliance * (1 + again.fit.amounts[0]))
+    assert pytest.approx(E_MPA, rel=0.04) == E
