@@ -48,7 +48,7 @@ def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
     """The coarse fruit, with short edges where the pads press."""
     vertices, faces = ball(points, semi_axes_mm=HALF_AXES_MM)
     vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
-    pit = ball(800, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    pit = ball(300, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
     where = np.array([side * np.eye(3)[k] * HALF_AXES_MM[k] for k in (0, 1) for side in (1, -1)])
     return tetrahedralise(
         vertices,
@@ -56,7 +56,7 @@ def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
         *pit,
         edge_mm=edge_mm,
         refine_at_mm=where,
-        refine_radius_mm=6.0,
+        refine_radius_mm=4.5,
         refine_edge_mm=at_pads_mm,
     )
 
@@ -64,13 +64,13 @@ def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
 @cache
 def finders_mesh() -> FleshMesh:
     """The mesh that the finder is handed."""
-    return meshed(8.0, 2.8, 1500)
+    return meshed(10.0, 2.8, 1000)
 
 
 @cache
 def true_mesh() -> FleshMesh:
     """The mesh that the truth is solved on."""
-    return meshed(6.5, 2.0, 2000)
+    return meshed(9.0, 2.0, 2000)
 
 
 def pad_axes(grasp: int, side: float) -> np.ndarray:

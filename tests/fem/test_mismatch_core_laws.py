@@ -86,7 +86,6 @@ def membrane(ground: Ground) -> csr_array:
 @pytest.mark.parametrize(
     ("effect", "matrix", "value", "off"),
     [
-        (skin.EFFECT, membrane, 1.0, 0.005),
         (skin.EFFECT, membrane, 12.0, 0.06),
         (graded_modulus.EFFECT, graded, 0.8, 0.02),
         (anisotropy.EFFECT, axial, 5.0, 0.005),

@@ -1,0 +1,60 @@
+"""Start to end: a fruit grasped twice with a sensor that says too much, solved on another mesh."""
+
+from dataclasses import replace
+
+import pytest
+from planted_mismatch import E_MPA, Recording, on_pad, planted_case
+
+from fem.mismatch import explain as start_to_end
+from fem.mismatch.effects import (
+    clock_lag,
+    gripper_compliance,
+    pit_size,
+    sensor_drift,
+    sensor_gain,
+    skin,
+    viscoelastic,
+)
+
+SHORT = (viscoelastic, skin, pit_size, sensor_gain, sensor_drift, gripper_compliance, clock_lag)
+
+
+@pytest.fixture(scope="module")
+def answer():
+    """Of a catalogue of seven."""
+
+    def louder(pad: Recording) -> Recording:
+        return replace(pad, force_N=1.2 * pad.force_N)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
+        return start_to_end.explain(planted_case(on_pad("left", louder)))
+
+
+def test_a_pads_gain_is_seen_and_named(answer):
+    assert answer.detected
+    assert answer.p_value < 1e-3
+    assert answer.verdict == "sensor_gain"
+    assert answer.ranking[0].effect == "sensor_gain"
+    assert answer.ranking[0].probability > 0.99
+    assert sum(one.probability for one in answer.ranking) == pytest.approx(1.0)
+
+
+def test_its_gain_comes_back_with_an_interval(answer):
+    found = answer.ranking[0].parameters
+    said, gain = found["pad"].value, found["gain"]
+    assert (gain.value if said == "left" else 1 / gain.value) == pytest.approx(1.2, rel=0.02)
+    assert gain.interval[0] < gain.value < gain.interval[1]
+
+
+def test_the_modulus_without_the_gain_is_the_planted_one(answer):
+    pad = answer.ranking[0].parameters["pad"].value
+    expected = E_MPA * (1.0 if pad == "left" else 1.2)
+    assert abs(answer.after.value - expected) < 0.02 * expected
+    assert abs(answer.before.value - expected) > 2 * abs(answer.after.value - expected)
+
+
+def test_recordings_that_the_fit_did_not_see_are_foretold_better(answer):
+    assert answer.heldout.rms_after < answer.heldout.rms_before
+    assert answer.heldout.rms_after < 1.5 * answer.heldout.noise_rms
+    assert len(answer.traces) == 2
