@@ -58,6 +58,16 @@ def joined(name: str) -> str:
     return "+".join(sorted(name.split("+")))
 
 
+def _true(truth: dict[str, Any]) -> dict[str, Any]:
+    """Parameters by name; those of several effects, which an answer keeps in groups, as "effect.name"."""
+    flat: dict[str, Any] = {}
+    for name, value in truth["parameters"].items():
+        flat |= (
+            {f"{name}.{key}": own for key, own in value.items()} if isinstance(value, dict) else {name: value}
+        )
+    return flat
+
+
 def _family(order: list[str], parts: list[str]) -> bool:
     if not order:
         return False
@@ -70,13 +80,13 @@ def _holds(modulus: Modulus, truth: float) -> bool:
 
 def _parameters(own: Candidate, parts: list[str], truth: dict[str, Any]) -> list[dict[str, Any]]:
     """Each parameter that formats define: value, truth, relative error, inside its 90 % interval."""
-    rows = []
+    rows, known = [], _true(truth)
     for effect in parts:
         for name in PARAMETERS.get(effect, {}):
             key = f"{effect}.{name}" if len(parts) > 1 else name
-            if key not in own.parameters or key not in truth["parameters"] or name == PLACE:
+            if key not in own.parameters or key not in known or name == PLACE:
                 continue
-            parameter, true = own.parameters[key], truth["parameters"][key]
+            parameter, true = own.parameters[key], known[key]
             if isinstance(true, str):
                 rows.append({"name": f"{effect}.{name}", "value": parameter.value, "truth": true})
                 continue
@@ -109,7 +119,8 @@ def _inside(parameter: Parameter, value: np.ndarray, truth: np.ndarray) -> list[
 
 
 def _centre_off(own: Candidate, truth: dict[str, Any]) -> float | None:
+    known = _true(truth)
     for key, parameter in own.parameters.items():
-        if key.endswith(PLACE) and key in truth["parameters"] and isinstance(parameter.value, tuple):
-            return float(np.linalg.norm(np.subtract(parameter.value, truth["parameters"][key])))
+        if key.endswith(PLACE) and key in known and isinstance(parameter.value, tuple):
+            return float(np.linalg.norm(np.subtract(parameter.value, known[key])))
     return None
