@@ -197,7 +197,9 @@ def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray
     pressed = (pad.force_N @ turn[:, 2] > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
     loose = pressed.sum(axis=1) < FEWEST_PRESSED
     gone = np.cumsum(loose)[:, None]
-    return np.where(pressed & ~loose[:, None], pad.episode + gone - gone.min(), -1)
+    number = np.where(pressed & ~loose[:, None], pad.episode + gone, -1)
+    known = np.unique(number[number >= 0])
+    return np.where(number >= 0, np.searchsorted(known, number), -1)
 
 
 def _left_of_noise(shares: Float[np.ndarray, "f r"], frame: int) -> float:

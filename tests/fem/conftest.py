@@ -5,6 +5,7 @@ Array shapes declared in the room are checked while its tests run.
 
 import pytest
 from jaxtyping import install_import_hook
+from threadpoolctl import threadpool_limits
 
 with install_import_hook("fem", "beartype.beartype"):
     import fem.forward
@@ -14,6 +15,8 @@ with install_import_hook("fem", "beartype.beartype"):
     from fem.mesh import FleshMesh, tetrahedralise
 
 from fem_shapes import ball
+
+threadpool_limits(1)  # two workers share two cores
 
 
 @pytest.fixture(scope="session")
