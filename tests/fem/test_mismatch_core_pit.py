@@ -44,7 +44,7 @@ def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
     """Exact for the first size asked for, near it read off a curve."""
     forget()
     plain = ground().base.grasps[0].tracks.unit_displacement
-    for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06), (0.88, 0.06)):
+    for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
         found = responded(pit_size.EFFECT, ("scale",), (scale,))
         expected = solved((0, 0, 0, np.log(scale)))
         assert np.linalg.norm(found - expected) < tolerance * np.linalg.norm(expected - plain)
