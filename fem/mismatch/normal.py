@@ -30,8 +30,8 @@ from fem.modulus_noise import variance_inflation
 MARKER_EXCESS = 1.15
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
 ALIKE = 5.0
-"""How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame. So
-much less do they count together than if they were independent (a design effect; on sound recordings of two
+"""How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame.
+So much less do they count together than if they were independent (a design effect; on sound recordings of two
 solvers the gains of effects that are not there stay below a few units of ln evidence)."""
 
 
