@@ -38,6 +38,11 @@ def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     return p, dict(zip(NAMES, own.tolist(), strict=True))
 
 
+def usual(name: str) -> float:
+    """The median of one statistic over the bank."""
+    return float(np.median(np.array(NULLS)[:, NAMES.index(name)]))
+
+
 def _tail(bank: Float[np.ndarray, " n"], value: float) -> float:
     """Share of the bank at or above the value; beyond its greatest an exponential tail of its upper tenth."""
     n = len(bank)

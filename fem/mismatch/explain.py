@@ -11,7 +11,7 @@ from fem.mismatch.answer import candidates, modulus_of, traces
 from fem.mismatch.baseline import baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import LEVEL, p_values
+from fem.mismatch.detect import LEVEL, p_values, usual
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import Explanation
 from fem.mismatch.friction_cone import cone_evidence
@@ -46,7 +46,8 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
-        found = named(ground, linear, cone_gain=cone.log_ratio, detected=detected)
+        sound = usual("what is left") * sum(one.own.shape[1] for one in recorded)
+        found = named(ground, linear, cone_gain=cone.log_ratio, detected=detected, sound_chi2=sound)
     best = next((one.refit for one in found.ranking if one.refit is not None), None)
     null = (linear.products, linear.nuisances)
     after = null if best is None or not detected else (best.products, (*best.nuisances, *best.slopes))

@@ -24,8 +24,9 @@ ALWAYS = ("pit_size",)
 LIKE = 1 / 20
 PAIR_GAIN, PAIR_SHARE = 10.0, 0.05
 """ln evidence, and share of the best single's, that a pair must add to it."""
-LEFT = 0.35
-"""Share of the excess chi-square that the best explanation may leave; more, and it is none of these."""
+LEFT, MUCH = 0.35, 0.2
+"""Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
+recordings leave; where it leaves more of both, it is none of the catalogue."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +48,14 @@ class Named:
     verdict: str | tuple[str, ...]
 
 
-def named(ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bool) -> Named:
-    """Refits the best singles and pairs; `cone_gain`: what the friction cone adds to slip's evidence."""
+def named(
+    ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bool, sound_chi2: float
+) -> Named:
+    """Refits the best singles and pairs.
+
+    `cone_gain`: what the friction cone adds to slip's evidence; `sound_chi2`: what sound recordings
+    of this size leave.
+    """
 
     def bonus(shown: Sequence[Shown]) -> float:
         return max(cone_gain, 0.0) if any(one.effect.name == "slip" for one in shown) else 0.0
@@ -86,11 +93,11 @@ def named(ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bo
         Ranked(name=name, gain=gain, probability=float(p), shown=shown, refit=again)
         for (name, gain, shown, again), p in zip(found, weight, strict=True)
     )
-    return Named(ranking=ranking, verdict=_verdict(linear, ranking, detected=detected))
+    return Named(ranking=ranking, verdict=_verdict(linear, ranking, detected=detected, sound_chi2=sound_chi2))
 
 
 def _verdict(
-    linear: LinearRound,  # noqa: ARG001
+    linear: LinearRound,
     ranking: Sequence[Ranked],
     *,
     detected: bool,
@@ -100,6 +107,10 @@ def _verdict(
     first = next((one for one in ranking if one.name != NONE), None)
     if first is None or first.gain <= 0:
         return UNKNOWN
+    if first.refit is not None:
+        before, after = linear.null.chi2 - sound_chi2, first.refit.fit.chi2 - sound_chi2
+        if after > max(LEFT * before, MUCH * sound_chi2):
+            return UNKNOWN
     alike = tuple(
         one.name
         for one in ranking
