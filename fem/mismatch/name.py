@@ -97,10 +97,7 @@ def named(
 
 
 def _verdict(
-    linear: LinearRound,
-    ranking: Sequence[Ranked],
-    *,
-    detected: bool,
+    linear: LinearRound, ranking: Sequence[Ranked], *, detected: bool, sound_chi2: float
 ) -> str | tuple[str, ...]:
     if not detected:
         return NONE
