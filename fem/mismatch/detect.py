@@ -1,12 +1,13 @@
 """Is there a mismatch at all: a few statistics, and how they come out where there is none.
 
-Gain of the best single effect and of the best pair (ln evidence), what the plain model leaves per number, and
-the friction cone's pile-up. Each is ranked among the same statistic of sound recordings of many fruits
-(fem.mismatch.null_bank, made by a solver of its own); the smallest of those ranks is ranked once more among
-the bank's own smallest, so that many looks do not add up to a false alarm (conformal p-value, Vovk et al.
-2005, Algorithmic Learning in a Random World):
+Gain of the best single effect and of the best pair (ln evidence), and what the plain model leaves per number.
+Each is ranked among the same statistic of sound recordings of other fruits (fem.mismatch.null_bank, made
+by a solver of its own); the best of those ranks is ranked once more among the bank's own best, so that many
+looks do not add up to a false alarm (conformal p-value, Vovk et al. 2005, Algorithmic Learning in a Random World):
 
     p = (1 + #{bank at least as extreme}) / (n + 1)
+
+Beyond the bank's greatest it falls on, exponentially, with the slope of the bank's upper end.
 """
 
 from collections.abc import Mapping
@@ -21,21 +22,16 @@ LEVEL = 0.05
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
-    """The one p-value, and each statistic's own. Beyond the bank's greatest p falls with the tail's slope."""
+    """The one p-value, and each statistic's own."""
     bank = np.array(NULLS)
+    n, count = bank.shape
     values = np.array([statistics[name] for name in NAMES])
-    own = np.array([_tail(bank[:, k], value) for k, value in enumerate(values)])
-    least = np.array(
-        [
-            min(_tail(np.delete(bank[:, k], row), bank[row, k]) for k in range(len(NAMES)))
-            for row in range(len(bank))
-        ]
-    )
-    smallest = float(own.min())
-    p = (1 + int((least <= smallest).sum())) / (len(bank) + 1)
-    if not (least <= smallest).any():
-        p = min(p, smallest * len(NAMES))
-    return p, dict(zip(NAMES, own.tolist(), strict=True))
+    above = (bank >= values).sum(axis=0)
+    beyond = np.array([_beyond(bank[:, k], values[k]) for k in range(count)])
+    own_best = ((bank[None] >= bank[:, None]).sum(axis=1) - 1).min(axis=1)
+    p = (1 + int((own_best <= above.min()).sum())) / (n + 1) * float(beyond.min())
+    each = (1 + above) / (n + 1) * beyond
+    return float(p), dict(zip(NAMES, each.tolist(), strict=True))
 
 
 def usual(name: str) -> float:
@@ -43,12 +39,13 @@ def usual(name: str) -> float:
     return float(np.median(np.array(NULLS)[:, NAMES.index(name)]))
 
 
-def _tail(bank: Float[np.ndarray, " n"], value: float) -> float:
-    """Share of the bank at or above the value; beyond its greatest an exponential tail of its upper tenth."""
-    n = len(bank)
-    above = int((bank >= value).sum())
-    if above:
-        return (1 + above) / (n + 1)
-    upper = np.sort(bank)[-max(n // 10, 3) :]
-    slope = max(float(np.mean(upper - upper[0])), 1e-9)
-    return float(np.exp(-min((value - upper[-1]) / slope, 600.0)) / (n + 1))
+def _beyond(bank: Float[np.ndarray, " n"], value: float) -> float:
+    """How much rarer than the bank's greatest a value is: one within, falling with the upper end's slope.
+
+    The slope is the mean excess over the bank's upper quartile, as of an exponential tail.
+    """
+    if value <= bank.max():
+        return 1.0
+    quartile = np.quantile(bank, 0.75)
+    slope = max(float(np.mean(bank[bank >= quartile] - quartile)), 1e-9)
+    return float(np.exp(-min((value - bank.max()) / slope, 600.0)))

@@ -42,7 +42,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
     with stage("all effects, linear"):
         linear = linear_round(ground, recorded, EFFECTS)
         cone = cone_evidence(ground)
-        statistics = detection_statistics(linear, recorded, cone_gain=cone.log_ratio)
+        statistics = detection_statistics(linear, recorded)
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
@@ -89,14 +89,11 @@ def plain_ground(case: MismatchCase) -> tuple[Ground, list[CompliantFit]]:
     return Ground(base=base, compliance=compliance), fits
 
 
-def detection_statistics(
-    linear: LinearRound, recorded: Sequence[Recorded], *, cone_gain: float
-) -> dict[str, float]:
+def detection_statistics(linear: LinearRound, recorded: Sequence[Recorded]) -> dict[str, float]:
     """The numbers that fem.mismatch.detect ranks."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
         "best single": max((one.gain for one in linear.best), default=0.0),
         "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0),
         "what is left": linear.null.chi2 / count,
-        "friction cone": cone_gain,
     }
