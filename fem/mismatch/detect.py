@@ -2,8 +2,9 @@
 
 Gain of the best single effect and of the best pair (ln evidence), and what the plain model leaves per number.
 Each is ranked among the same statistic of sound recordings of other fruits (fem.mismatch.null_bank, made
-by a solver of its own); the best of those ranks is ranked once more among the bank's own best, so that many
-looks do not add up to a false alarm (conformal p-value, Vovk et al. 2005, Algorithmic Learning in a Random World):
+by a solver of its own); the best of those ranks is ranked once more among the bank's own best, so that
+many looks do not add up to a false alarm (conformal p-value, Vovk et al. 2005,
+Algorithmic Learning in a Random World):
 
     p = (1 + #{bank at least as extreme}) / (n + 1)
 

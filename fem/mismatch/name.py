@@ -24,7 +24,7 @@ ALWAYS = ("pit_size",)
 LIKE = 1 / 20
 PAIR_GAIN, PAIR_SHARE = 10.0, 0.05
 """ln evidence, and share of the best single's, that a pair must add to it."""
-LEFT, MUCH = 0.35, 0.2
+LEFT, MUCH = 0.6, 0.2
 """Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
 recordings leave; where it leaves more of both, it is none of the catalogue."""
 

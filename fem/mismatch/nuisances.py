@@ -8,6 +8,7 @@ law; these do not, which is what parts them.
 """
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.grasp_sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.baseline import Seen
@@ -16,11 +17,16 @@ from fem.mismatch.ground import Ground
 from fem.mismatch.inner_changes import inner_changes
 from fem.mismatch.pads import own_markers, slid_response
 from fem.modulus_budget import ErrorBudget
+from fem.modulus_fit import rigid_motion
 
 DEPARTURE, ALONG = 0.005, 0.003
 """Standard deviations of a pad's own departures along its normal and along the skin, as shares of its
 response at the greatest load."""
 SMALLEST_POISSON_SD = 0.005
+DENT = 0.04
+"""Standard deviation of the depth of the dent under a patch, as a share of it: markers a millimetre apart see
+the pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
+FEWEST = 8
 
 
 def common_nuisances(ground: Ground) -> list[Column]:
@@ -28,9 +34,11 @@ def common_nuisances(ground: Ground) -> list[Column]:
     budget = ground.base.case.budget
     inner = [_inner(ground, seen) for seen in ground.base.grasps]
     names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
-    return [
+    columns = [
         Column(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
     ]
+    dents = [Field(markers=ground.compliance * _dent(seen)) for seen in ground.base.grasps]
+    return [*columns, Column(name="dent", sd=DENT, fields=dents)]
 
 
 def own_nuisances(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
@@ -63,6 +71,24 @@ def _places(ground: Ground, seen: Seen) -> list[tuple[str, Field]]:
             field = Field(markers=ground.compliance * slid_response(ground, seen, pad, way))
             found.append((f"{seen.pad_names[pad]} {name}", field))
     return found
+
+
+def _dent(seen: Seen) -> Float[np.ndarray, "f n 3"]:
+    """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
+    response, touching = seen.tracks.unit_displacement, seen.tracks.episode >= 0
+    dent = np.zeros_like(response)
+    for pad in range(len(seen.links)):
+        mine = seen.pad_of_marker == pad
+        modes = rigid_motion(seen.tracks.place_mm[mine])
+        for frame, on in enumerate(touching[:, mine]):
+            if on.sum() < FEWEST:
+                continue
+            own = np.flatnonzero(mine)[on]
+            rigid = modes[on].reshape(-1, 6)
+            here = response[frame, own].ravel()
+            motion = np.linalg.lstsq(rigid, here, rcond=None)[0]
+            dent[frame, own] = (here - rigid @ motion).reshape(-1, 3)
+    return dent
 
 
 def _departures(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
