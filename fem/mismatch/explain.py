@@ -13,12 +13,13 @@ from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.detect import LEVEL, p_values, usual
 from fem.mismatch.evidence import Recorded
-from fem.mismatch.explanation import Explanation
+from fem.mismatch.explanation import Explanation, Where
 from fem.mismatch.friction_cone import cone_evidence
 from fem.mismatch.ground import Ground
 from fem.mismatch.locate import located
 from fem.mismatch.name import named
 from fem.mismatch.prove import held_out
+from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound, linear_round
 from fem.mismatch.suggest import next_grasp
 from fem.modulus_fit import CompliantFit, fit_compliance
@@ -60,7 +61,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         detected=detected,
         p_value=p_value,
         statistics=each,
-        where=place.where,
+        where=place.where if best is None or not detected else _where(place.where, best),
         when=place.when,
         component=place.component,
         ranking=candidates(ground, found, linear),
@@ -75,6 +76,17 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         maps=place.maps,
         seconds=seconds,
     )
+
+
+def _where(seen: Where, best: Refit) -> Where:
+    """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
+    for effect, choice, own in zip(best.effects, best.choices, best.parameters, strict=True):
+        if effect.name == "soft_spot":
+            x, y, z = (own[f"centre_mm.{k}"] for k in range(3))
+            return Where(region="flesh", centre_mm=(x, y, z), radius_mm=own["radius_mm"])
+        if any(choice in grasp.pad_names for grasp in best.ground.base.grasps):
+            return Where(region=f"pad {choice}")
+    return seen
 
 
 def plain_ground(case: MismatchCase) -> tuple[Ground, list[CompliantFit]]:

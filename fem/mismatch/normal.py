@@ -55,10 +55,15 @@ class MarkerEquations:
     motions: tuple[np.ndarray, bool]
 
     @classmethod
-    def of(cls, seen: Seen, *, compliance: float, gel_scale_sd: float) -> "MarkerEquations":
-        """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement."""
+    def of(
+        cls, seen: Seen, *, compliance: float, gel_scale_sd: float, alike: float = ALIKE
+    ) -> "MarkerEquations":
+        """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
+
+        `alike`: how many numbers count as one; 1 where what is left is held against noise itself.
+        """
         tracks = seen.tracks
-        weight = marker_weight(tracks) / (MARKER_EXCESS * ALIKE)
+        weight = marker_weight(tracks) / (MARKER_EXCESS * alike)
         noise_N = seen.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
         free = seen.case.support == "free"

@@ -92,6 +92,7 @@ def _grasp_sight(base: Baseline, seen: Seen, points: FleshStrain, compliance: fl
         seen,
         compliance=compliance,
         gel_scale_sd=budget.gel_scale_sd,
+        alike=1.0,
     )
     shapes, share = _polynomials(seen), seen.shares[:, 0]
     waves = share[:, None, None] * shapes[:, None]

@@ -40,13 +40,20 @@ def long_pinch() -> GraspHistory:
     return GraspHistory(time_s=np.arange(FRAMES) * 0.1, phase=phase, pads=tuple(pads))
 
 
+def facing(way: float) -> np.ndarray:
+    """The pose of a pad that pushes along x, forwards or backwards."""
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[0, 0, way], [1, 0, 0], [0, way, 0]])
+    return pose
+
+
 def as_case(history: GraspHistory) -> MismatchCase:
     """One recording of the coarse fruit."""
     pads = tuple(
         PadMotion(
             name=pad.name,
-            pose=np.repeat(np.eye(4)[None], len(history.time_s), axis=0),
-            normal_N=pad.force_N[:, :, 0].sum(axis=1),
+            pose=np.repeat(facing(np.sign(pad.force_N[:, :, 0].sum()))[None], len(history.time_s), axis=0),
+            normal_N=np.abs(pad.force_N[:, :, 0].sum(axis=1)),
             markers=len(pad.rest_mm),
             touch_gap_mm=np.zeros(len(pad.rest_mm)),
         )

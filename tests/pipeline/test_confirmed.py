@@ -9,6 +9,7 @@ import pytest
 
 from fem.failure import FemFailure, FemProblem
 from fem.grasp_model import GraspModel
+from fem.grasp_sensitivity import Sensitivity
 from pipeline.config import Pit, Settings
 from pipeline.confirmed import PARAMETERS, ConfirmedEffect, PitFound, pit_found
 from pipeline.effect_spread import _shifted
@@ -82,7 +83,7 @@ def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
         place_mm=np.zeros((2, 3)),
         normal=np.zeros((2, 3)),
         compliance=np.zeros((6, 6)),
-        sensitivity=None,
+        sensitivity=Sensitivity(causes=(), values=np.zeros((0, 3, 2, 3))),
         discretisation=0.01,
         fruit_moves=True,
     )
