@@ -51,7 +51,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         found = named(ground, linear, cone_gain=cone.log_ratio, detected=detected, sound_chi2=sound)
     best = next((one.refit for one in found.ranking if one.refit is not None), None)
     null = (linear.products, linear.nuisances)
-    after = null if best is None or not detected else (best.products, (*best.nuisances, *best.slopes))
+    after = null if best is None or not detected else (best.near(), (*best.nuisances, *best.slopes))
     with stage("proof"):
         proof = held_out(ground, recorded, null, after)
     with stage("where and when"):

@@ -7,6 +7,7 @@ evidence is that of the linearised model at the end (Laplace), with a prior as w
 
 import time
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ MOST_STEP = 1.0
 DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
 """Laws that are not linear in the strain, and so not in 1/E."""
 SAME_E = 0.01
+TRUST = 10.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +52,18 @@ class Refit:
     fit: Fit
     log_evidence: float
     ground: Ground
+
+    def near(self) -> Products:
+        """The linearised model with its slopes trusted for TRUST standard deviations only.
+
+        Of what a recording alone has seen the others would else foretell anything.
+        """
+        other = copy(self.products)
+        other.columns = list(other.columns)
+        for column, sd in zip(self.slopes, TRUST * np.sqrt(np.diag(self.covariance)), strict=True):
+            own = other.columns[column]
+            other.columns[column] = replace(own, sd=min(own.sd, float(sd)))
+        return other
 
     @property
     def name(self) -> str:
