@@ -16,6 +16,7 @@ from planted_mismatch import (
     planted_case,
 )
 
+from fem.mismatch.answer import modulus_of
 from fem.mismatch.effect import Effect
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
@@ -95,7 +96,8 @@ def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str
 
 
 def modulus(ground: Ground, again) -> float:
-    return 1 / (getattr(again, "ground", ground).compliance * (1 + again.fit.amounts[0]))
+    """E as an answer gives it: by least squares with the effect's response in place."""
+    return modulus_of(getattr(again, "ground", ground), again.response).value
 
 
 def test_one_pads_gain_over_the_others_is_found():

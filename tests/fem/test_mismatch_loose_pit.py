@@ -6,6 +6,7 @@ from functools import cache
 import coarse_fruit
 import numpy as np
 import pytest
+from pinched_ground import facing
 from scipy.optimize import nnls
 
 from fem.forward import UnitModulusSolid
@@ -116,7 +117,7 @@ def grounded(history: GraspHistory) -> Ground:
     pads = tuple(
         PadMotion(
             name=pad.name,
-            pose=np.tile(np.eye(4), (len(history.time_s), 1, 1)),
+            pose=np.tile(facing(np.sign(pad.force_N[:, :, 0].sum())), (len(history.time_s), 1, 1)),
             normal_N=np.abs(pad.force_N[:, :, 0]).sum(axis=1),
             markers=len(pad.rest_mm),
             touch_gap_mm=np.zeros(len(pad.rest_mm)),
