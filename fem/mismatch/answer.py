@@ -61,20 +61,20 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float) ->
         )
     again = one.refit
     columns = (*again.nuisances, *again.slopes)
+    modulus = modulus_of(again.ground, again.response)
     return Candidate(
         effect=one.name,
         probability=one.probability,
-        parameters=_parameters(ground, again),
+        parameters=_parameters(ground, again, modulus),
         log_evidence=one.gain,
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=predictive(again.products, columns) - base,
         refitted=True,
-        modulus=modulus_of(again.ground, again.response),
+        modulus=modulus,
     )
 
 
-def _parameters(ground: Ground, again: Refit) -> dict[str, Parameter]:
-    modulus = modulus_of(again.ground, again.response)
+def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Parameter]:
     sd = SYSTEMATIC * np.sqrt(np.diag(again.covariance))
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}

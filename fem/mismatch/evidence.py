@@ -21,6 +21,7 @@ from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Response
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
+from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
 from fem.mismatch.nuisances import own_nuisances
 
@@ -46,12 +47,7 @@ class Recorded:
     @classmethod
     def of(cls, ground: Ground, seen: Seen) -> "Recorded":
         """The recording's equations, with the case's own spreads of marker scales."""
-        budget = ground.base.case.budget
-        markers = MarkerEquations.of(
-            seen,
-            compliance=ground.compliance,
-            gel_scale_sd=budget.gel_scale_sd,
-        )
+        markers = marker_equations(ground, seen)
         balances = seen.case.support == "free" and len(seen.links) > 1
         none = np.zeros((0, 0))
         bare = cls(seen, markers, BalanceEquations.of(seen) if balances else None, none, none, none)

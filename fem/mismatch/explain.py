@@ -52,6 +52,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
     best = next((one.refit for one in found.ranking if one.refit is not None), None)
     null = (linear.products, linear.nuisances)
     after = null if best is None or not detected else (best.near(), (*best.nuisances, *best.slopes))
+    before = modulus_of(ground)
     with stage("proof"):
         proof = held_out(ground, recorded, null, after)
     with stage("where and when"):
@@ -66,8 +67,8 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         component=place.component,
         ranking=candidates(ground, found, linear),
         verdict=found.verdict,
-        before=modulus_of(ground),
-        after=modulus_of(ground) if best is None or not detected else modulus_of(best.ground, best.response),
+        before=before,
+        after=before if best is None or not detected else modulus_of(best.ground, best.response),
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),

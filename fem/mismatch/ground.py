@@ -58,11 +58,6 @@ class Ground:
         return np.asarray(to_skin / (to_skin + to_pit))
 
     @cached_property
-    def strains(self) -> tuple[Float[np.ndarray, "r m 4 6"], ...]:
-        """Strain of each pattern of each recording, for E = 1 MPa."""
-        return tuple(self.points.strain(seen.moved) for seen in self.base.grasps)
-
-    @cached_property
     def sight(self) -> Sight:
         """What the recordings see of every piece of flesh."""
         return Sight.of(self.base, self.points, compliance=self.compliance)
