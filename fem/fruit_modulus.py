@@ -1,7 +1,12 @@
 """All grasps of one fruit: its modulus, and with two or more of them the pit's place, found where it matters.
 
 The inference is linear about a pit. Where it puts the pit far from there, the mesh is moved and the grasps
-are computed again (Gauss-Newton), so that a pit 25 % too small or 4 mm off is found as well as a slight one.
+are computed again (Gauss-Newton), so that a pit far off the prior's is not judged by slopes at the prior's.
+
+The pit is moved by that share of what the inference says which the data know (`PitPosterior.learnt`), against
+the prior, coordinate by coordinate; the rest of the way stays linear. Where the fruit is symmetric about the
+prior's pit, an offset acts to second order and its sign would be noise: there nothing is learnt, and nothing
+moves. A threshold of `learnt` would split meshes of one fruit into two answers (docs/decisions/0005).
 """
 
 from collections.abc import Callable, Sequence
@@ -21,9 +26,6 @@ from fem.moved_pit import with_pit_moved
 
 FAR_MM, FAR_SIZE = 0.5, 0.05
 """Beyond these the response is no longer linear in the pit's offset and ln size to a hundredth of E."""
-LEARNT = 0.3
-"""Share of the prior's variance that the data must have taken before the pit is moved for its sake: where the
-fruit is symmetric about the prior's pit, an offset acts to second order, and its sign would be noise."""
 MOST_MOVES = 4
 
 
@@ -60,8 +62,7 @@ def infer_modulus(
     at, moves = np.zeros(4), 0
     doubts: tuple[str, ...] = ()
     while found.pit is not None:
-        place = np.append(found.pit.offset_mm, found.pit.ln_size)
-        place = np.where(found.pit.learnt > LEARNT, place, at)
+        place = found.pit.learnt * np.append(found.pit.offset_mm, found.pit.ln_size)
         if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
             break
         if moves == MOST_MOVES:

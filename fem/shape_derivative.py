@@ -90,7 +90,7 @@ def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
 
 
 def skin_velocities(
-    mesh: FleshMesh, pads: Sequence[tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "3"]]] = ()
+    mesh: FleshMesh, pads: Sequence[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "3"]]] = ()
 ) -> Float[np.ndarray, "6 n 3"]:
     """Six waves of the skin along its normal, cosines and sines of WAVE_MM along x, y and z, fading inward.
 

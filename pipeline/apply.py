@@ -37,16 +37,18 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
             text = file.read()
         changed = with_effects(text, effects, note=f"found by drupe explain on {now:%Y-%m-%d}")
         if changed is None:
-            lines = " ".join(_lines(effects[0], note=""))
+            lines = " ".join(line for one in effects for line in _lines(one, note=""))
             return f"Not applied: {path} could not be changed without touching the rest; add by hand: {lines}"
         mode = path.stat().st_mode
         write_whole(path.resolve(), changed)
         path.chmod(mode)
     except OSError as error:
         return f"Not applied: {path} cannot be written ({error.strerror})."
-    whom = f"fruit {case.name} alone" if effects[0].fruits else "every fruit of the batch"
-    names = " and ".join(one.effect for one in effects)
-    return f"Applied: {names} now stands in {path} for {whom}; run `drupe grade` again to use it."
+    told = " and ".join(
+        f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
+        for one in effects
+    )
+    return f"Applied: {path} now holds {told}; run `drupe grade` again to use it."
 
 
 def why_not(found: Explanation) -> str:

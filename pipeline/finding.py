@@ -93,7 +93,6 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
         grasps=tuple(map(grasp_case, fruit.placed)),
         poisson_ratio=fruit.poisson_ratio,
         budget=budget,
-        category_pit=not case.task.folder.pit_ply.is_file(),
     )
 
 

@@ -12,7 +12,7 @@ from fem.mismatch.case import GraspCase, PadMotion
 from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
-from tactile.contact import Contact, PadContact, find_contact
+from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.recording import GelPad, Recording, read_recording
 from tactile.registration import PadRegistration, register
@@ -107,20 +107,12 @@ def grasp_case(grasp: PlacedGrasp) -> GraspCase:
                 pose=contact.pose,
                 normal_N=gels[contact.name].force_N[:, :, 2].sum(axis=1),
                 markers=len(contact.rest_mm),
-                touch_gap_mm=_touch_gap_mm(contact, pad)[contact.patch],
+                gel_N_per_mm=gels[contact.name].marker_kn_N_per_mm,
             )
-            for contact, pad in zip(grasp.contact.pads, grasp.pads, strict=True)
+            for contact in grasp.contact.pads
         ),
-        aperture_mm=grasp.recording.aperture_mm,
         support=grasp.recording.support,
     )
-
-
-def _touch_gap_mm(contact: PadContact, pad: PadRegistration) -> Float[np.ndarray, " n"]:
-    """From each marker at its first touch to the mesh, along the pad's normal (positive: it lies ahead)."""
-    touch = contact.position_mm[contact.onset, np.arange(len(contact.onset))]
-    gap = (pad.surface_mm - touch) @ pad.normal
-    return np.where(contact.onset >= 0, gap, np.nan)
 
 
 def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> GraspRecord:

@@ -14,12 +14,14 @@ from typing import Any, Literal, TypeAlias, cast
 import h5py
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.failure import TactileFailure
 from tactile.recording_fields import GroupReader, first_line, unreadable
 
 FORMAT = "drupe-recording"
 VERSION = 1
+FEWEST_FOR_AREA = 9
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -46,6 +48,24 @@ class GelPad:
     gel_nu: float | None = None
     images: UInt8[np.ndarray, "t h w 3"] | None = None
     images_reference: UInt8[np.ndarray, "h w 3"] | None = None
+
+    @property
+    def marker_kn_N_per_mm(self) -> float | None:
+        """Normal stiffness of the gel under one marker; None where too few markers say its area."""
+        area = marker_area_mm2(self.rest_mm)
+        return None if area is None else self.gel_kn_MPa_per_mm * area
+
+
+def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
+    """The gel's face that belongs to one marker: the median Voronoi cell; None below nine markers."""
+    if len(rest_mm) < FEWEST_FOR_AREA:
+        return None
+    try:
+        cells = Voronoi(rest_mm[:, :2])
+    except QhullError:  # all on a line
+        return None
+    whole = [cells.vertices[r] for r in (cells.regions[k] for k in cells.point_region) if r and -1 not in r]
+    return float(np.median([ConvexHull(corners).volume for corners in whole])) if whole else None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,6 +15,8 @@ law error           density of the error in the constitutive relation of the lea
                     "Application of a posteriori error estimation for structural model updating", Inverse
                     Problems 15); 1 in noise
 visible             signal over noise of a ball with 0.4 of the modulus
+
+Markers and frames are alike (fem.mismatch.normal): ALIKE of them count as one here too.
 """
 
 import numpy as np
@@ -27,6 +29,7 @@ from fem.mismatch.explanation import FruitMap
 from fem.mismatch.flesh_strain import COLUMN, COUNT, ROW, FleshStrain, elastic_stress
 from fem.mismatch.ground import Ground
 from fem.mismatch.inclusion import drop_of, fading
+from fem.mismatch.normal import ALIKE, MARKER_EXCESS
 from fem.mismatch.spot_search import bounded_score
 
 BALL_MM, BELOW_MM = 6.0, 4.0
@@ -48,14 +51,15 @@ def fruit_map(ground: Ground, numbers: Float[np.ndarray, " k"]) -> FruitMap:
     by_volume = csr_array(within * volume)
     pushed = (by_volume @ stress.reshape(len(volume), -1)).reshape(len(vertices), SIX, -1)
     pushed = sight.without_modulus(pushed * COUNT[:, None])
+    thinned = np.sqrt(ALIKE * MARKER_EXCESS)
     law = (by_volume @ density) / np.maximum(by_volume @ expected, np.finfo(float).tiny)
     return FruitMap(
         vertices_mm=vertices,
         triangles=triangles,
-        modulus_score=-bounded_score(drop, numbers)[0],
-        eigenstrain_score=_standard(pushed, numbers),
+        modulus_score=-bounded_score(drop, numbers)[0] / thinned,
+        eigenstrain_score=_standard(pushed, numbers / thinned),
         law_error=np.sqrt(law),
-        visible=np.linalg.norm(drop, axis=1) * drop_of(STANDARD_RATIO, ground.poisson_ratio),
+        visible=np.linalg.norm(drop, axis=1) * drop_of(STANDARD_RATIO, ground.poisson_ratio) / thinned,
     )
 
 

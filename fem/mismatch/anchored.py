@@ -2,7 +2,8 @@
 
     c(theta) = c0 + J theta + k^2 (c(theta_a) - c0 - J theta_a),      k = theta . theta_a / |theta_a|^2
 
-J is the first-order change, theta_a the anchor: the first parameters asked for, in units of their spreads.
+J is the first-order change, theta_a the nearest anchor, in units of the parameters' spreads: where theta is
+farther from all of them than FAR of its own size it becomes one.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,8 +14,8 @@ from jaxtyping import Float
 
 from fem.mismatch.ground import Ground
 
-NEAR = 0.1
-"""Anchors this near to none, in units of the spreads, add nothing to J."""
+NEAR, FAR = 0.1, 0.4
+"""Parameters this near to none, in units of the spreads, add nothing to J."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +38,18 @@ def anchored(
     first_order: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
     exact: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
 ) -> list[list[np.ndarray]]:
-    """The quantities at theta (in spreads); `exact` is called once for each key."""
-
-    def compute() -> Anchored:
-        if np.linalg.norm(theta) < NEAR:
-            return Anchored(theta, [[np.zeros_like(q) for q in own] for own in first_order(theta)])
+    """The quantities at theta (in spreads); `exact` is called where no anchor lies near enough."""
+    known: list[Anchored] = ground.kept(("anchored", key), list)
+    size = float(np.linalg.norm(theta))
+    if size < NEAR:
+        return [list(own) for own in first_order(theta)]
+    nearest = min(known, key=lambda one: float(np.linalg.norm(theta - one.anchor)), default=None)
+    if nearest is None or np.linalg.norm(theta - nearest.anchor) > FAR * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
-        return Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
-
-    known = ground.kept(("anchored", key), compute)
-    share = known.share(theta)
+        nearest = Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
+        known.append(nearest)
+    share = nearest.share(theta)
     return [
         [q + share * more for q, more in zip(own, beyond, strict=True)]
-        for own, beyond in zip(first_order(theta), known.beyond, strict=True)
+        for own, beyond in zip(first_order(theta), nearest.beyond, strict=True)
     ]

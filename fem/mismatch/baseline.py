@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fem.assembly import assemble
+from fem.failure import FemFailure, FemProblem
 from fem.forward import Support, UnitModulusSolid
 from fem.mesh import FleshMesh
 from fem.mismatch.case import GraspCase, MismatchCase
@@ -123,19 +124,28 @@ def baseline(case: MismatchCase) -> Baseline:
         case=case,
         solids=solids,
         grasps=tuple(
-            _seen(grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd)
+            seen_through(grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd)
             for grasp in case.grasps
         ),
     )
 
 
-def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
+def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
+    """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces."""
     history = case.history
     used = loaded_frames(history)
     pairs = [
         (own, pad.pose[int(np.argmax(pad.normal_N)), :3, :3])
         for own, pad in zip(history.pads, case.pads, strict=True)
     ]
+    contacts = [_contacts(*pair)[used] for pair in pairs]
+    for own, contact in zip(history.pads, contacts, strict=True):
+        if not (contact >= 0).any():
+            raise FemFailure(
+                FemProblem.NO_LOAD,
+                f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
+                "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
+            )
     felt = [gel_force(own, turn, used) for own, turn in pairs]
     force = np.concatenate([pad.force_N for pad in felt], axis=1)
     sd_N = max(pad.sd_N for pad in felt)
@@ -167,7 +177,7 @@ def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) ->
             gel_displacement_mm=np.concatenate(
                 [pad.gel_displacement_mm[used] for pad in history.pads], axis=1
             ),
-            episode=np.concatenate([_contacts(*pair)[used] for pair in pairs], axis=1),
+            episode=np.concatenate(contacts, axis=1),
             sd_mm=np.repeat(sd, counts),
             lag1=np.repeat(lag1, counts),
         ),
@@ -186,18 +196,24 @@ def _seen(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) ->
 PRESSED = 3.0
 """A marker presses when its normal force exceeds so many standard deviations of its noise."""
 FEWEST_PRESSED = 6
+RIM, PEAK = 0.25, 20
+"""Markers that press less than this share of the mean of the PEAK that press most are on the patch's rim. The
+skin bends away there within a marker's width, a model is micrometres off, and they are left out."""
 
 
 def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
-    """Numbers of contacts without frames in which the pad has let go, and counted anew after them.
+    """Numbers of contacts without rims and frames in which the pad has let go, and counted anew after these.
 
     A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be
     noise. Where hardly any marker of the pad presses, all of them have let go.
     """
-    pressed = (pad.force_N @ turn[:, 2] > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
+    normal = pad.force_N @ turn[:, 2]
+    pressed = (normal > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
     loose = pressed.sum(axis=1) < FEWEST_PRESSED
     gone = np.cumsum(loose)[:, None]
-    number = np.where(pressed & ~loose[:, None], pad.episode + gone, -1)
+    peak = np.sort(normal, axis=1)[:, -PEAK:].mean(axis=1)
+    inside = pressed & (normal > RIM * peak[:, None]) & ~loose[:, None]
+    number = np.where(inside, pad.episode + gone, -1)
     known = np.unique(number[number >= 0])
     return np.where(number >= 0, np.searchsorted(known, number), -1)
 

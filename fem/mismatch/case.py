@@ -16,40 +16,35 @@ class PadMotion:
     """One pad as the machine drove it, every frame of the recording.
 
     `pose`: pad frame to fruit frame. `normal_N`: the pad's total normal force, all its markers, as recorded
-    (no offset taken out). `markers`: how many markers that is. `touch_gap_mm`: how far each marker of the
-    history was from the mesh, along the pad's normal, when it first touched (NaN: it never did).
+    (no offset taken out). `markers`: how many markers that is. `gel_N_per_mm`: normal
+    stiffness of the gel under one marker as its maker or a calibration says, or None.
     """
 
     name: str
     pose: Float[np.ndarray, "t 4 4"]
     normal_N: Float[np.ndarray, " t"]
     markers: int
-    touch_gap_mm: Float[np.ndarray, " n"]
+    gel_N_per_mm: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspCase:
     """One recording: its history (markers in and around the patch), and how its pads were driven.
 
-    `pads` in the order of `history.pads`. `aperture_mm` as the machine reports it.
+    `pads` in the order of `history.pads`.
     """
 
     name: str
     history: GraspHistory
     pads: tuple[PadMotion, ...]
-    aperture_mm: Float[np.ndarray, " t"]
     support: Support
 
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchCase:
-    """All recordings of one fruit, its flesh round the prior's pit, and what is assumed of them.
-
-    `category_pit`: the pit is the category's own, none was handed in.
-    """
+    """All recordings of one fruit, its flesh round the prior's pit, and what is assumed of them."""
 
     mesh: FleshMesh
     grasps: tuple[GraspCase, ...]
     poisson_ratio: float
     budget: ErrorBudget
-    category_pit: bool = False

@@ -10,7 +10,7 @@ fem/mismatch/effects that holds one such object, and its name to fem.mismatch.ca
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -25,7 +25,8 @@ Family = Literal["object", "interaction", "measurement"]
 class ParameterSpec:
     """One parameter: its name and unit as in an answer, and what it lies between.
 
-    `log`: it is searched for on a logarithmic scale. A vector's components are parameters of their own, named
+    `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation, a quarter of the
+    bounds' distance unless given. A vector's components are parameters of their own, named
     "offset_mm.0" and so on; an answer joins them again.
     """
 
@@ -34,6 +35,7 @@ class ParameterSpec:
     low: float
     high: float
     log: bool = False
+    spread: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,4 +82,13 @@ class Effect(Protocol):
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The nonlinear model; `choice` is the label of the signature it was found with (a pad, a side)."""
+        ...
+
+
+@runtime_checkable
+class Witnessed(Protocol):
+    """An effect of which more is known than the markers' motion says."""
+
+    def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
+        """ln likelihood of that, over the plain model's; counts for as much as the motion itself at most."""
         ...

@@ -4,10 +4,10 @@ With a ~ N(0, L^-1) amounts of fields phi (Column), y the data and W of fem.mism
 
     chi2 = y.Wy - b'(N + L)^-1 b,       ln p(y) = -(chi2 + ln det(N + L) - ln det L) / 2 + const
 
-N = phi.W phi, b = phi.W y. Every sample counts; what is not explained counts as noise. The plain model's own
-amount is 1/E, with a flat prior. Recordings are independent given the amounts that they share, so that what
-one of them would have predicted for another is the difference of two evidences. y counts from the plain
-model's fit, so that no digits are lost.
+N = phi.W phi, b = phi.W y. Every sample counts, ALIKE of them as one; what is not explained counts as noise.
+The plain model's own amount is 1/E, with a flat prior. Recordings are independent given the amounts that they
+share, so that what one of them would have predicted for another is the difference of two evidences. y counts
+from the plain model's fit, so that no digits are lost.
 """
 
 from collections.abc import Sequence
@@ -25,6 +25,8 @@ from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
 from fem.mismatch.nuisances import own_nuisances
 
+NEWTON_PER_MM3 = 9.81e-6
+"""Weight of flesh, which floats or just sinks in water."""
 PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
 
@@ -50,7 +52,9 @@ class Recorded:
         markers = marker_equations(ground, seen)
         balances = seen.case.support == "free" and len(seen.links) > 1
         none = np.zeros((0, 0))
-        bare = cls(seen, markers, BalanceEquations.of(seen) if balances else None, none, none, none)
+        weight_N = NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum())
+        balance = BalanceEquations.of(seen, weight_N=weight_N) if balances else None
+        bare = cls(seen, markers, balance, none, none, none)
         found = own_nuisances(ground, seen)
         plain, weighed = bare.rows([field for _, _, field in found])
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])

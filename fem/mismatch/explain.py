@@ -8,13 +8,13 @@ import numpy as np
 
 from fem.mismatch.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.answer import candidates, modulus_of, traces
-from fem.mismatch.baseline import baseline
+from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import LEVEL, p_values, usual
+from fem.mismatch.checks import checks
+from fem.mismatch.detect import LEVEL, excess_of_soft, of_sound, p_values
 from fem.mismatch.evidence import Recorded
-from fem.mismatch.explanation import Explanation, Where
-from fem.mismatch.friction_cone import cone_evidence
+from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.locate import located
 from fem.mismatch.name import named
@@ -22,6 +22,7 @@ from fem.mismatch.prove import held_out
 from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound, linear_round
 from fem.mismatch.suggest import next_grasp
+from fem.mismatch.touched_skin import with_touched_skin
 from fem.modulus_fit import CompliantFit, fit_compliance
 
 
@@ -42,19 +43,26 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
     with stage("all effects, linear"):
         linear = linear_round(ground, recorded, EFFECTS)
-        cone = cone_evidence(ground)
-        statistics = detection_statistics(linear, recorded)
+        usual_gain = excess_of_soft(ground)
+        statistics = detection_statistics(linear, recorded, usual_gain)
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
-        sound = usual("what is left") * sum(one.own.shape[1] for one in recorded)
-        found = named(ground, linear, cone_gain=cone.log_ratio, detected=detected, sound_chi2=sound)
-    best = next((one.refit for one in found.ranking if one.refit is not None), None)
+        sound = of_sound("what is left") * sum(one.own.shape[1] for one in recorded)
+        found = named(
+            ground,
+            linear,
+            detected=detected,
+            sound_chi2=sound,
+            sound_gain=usual_gain * of_sound("best single", 0.95),
+        )
+    best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
-    after = null if best is None or not detected else (best.near(), (*best.nuisances, *best.slopes))
+    after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
     before = modulus_of(ground)
     with stage("proof"):
         proof = held_out(ground, recorded, null, after)
+        foretold = traces(ground, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.beyond(k, linear.null) for k in range(len(recorded))]
         place = located(ground, residual)
@@ -62,19 +70,21 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         detected=detected,
         p_value=p_value,
         statistics=each,
-        where=place.where if best is None or not detected else _where(place.where, best),
+        where=place.where if best is None else _where(place.where, best),
         when=place.when,
         component=place.component,
         ranking=candidates(ground, found, linear),
         verdict=found.verdict,
         before=before,
-        after=before if best is None or not detected else modulus_of(best.ground, best.response),
+        after=before if best is None else modulus_of(best.ground, best.response),
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),
         variance=analysis_of_variance(ground, fits),
-        traces=traces(ground, recorded, null, after),
+        traces=foretold,
+        checks=checks(foretold, ground.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
+        notes=tuple(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
         seconds=seconds,
     )
 
@@ -92,21 +102,31 @@ def _where(seen: Where, best: Refit) -> Where:
 
 def plain_ground(case: MismatchCase) -> tuple[Ground, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
-    base = baseline(case)
-    scale_sd = case.budget.gel_scale_sd
-    fits = [
+    first = baseline(case)
+    base = with_touched_skin(first, compliance=_median_compliance(_fits(first)))
+    fits = _fits(base)
+    return Ground(base=base, compliance=_median_compliance(fits)), fits
+
+
+def _fits(base: Baseline) -> list[CompliantFit]:
+    scale_sd = base.case.budget.gel_scale_sd
+    return [
         fit_compliance(seen.tracks, scale_sd=scale_sd, fruit_moves=seen.case.support == "free")
         for seen in base.grasps
     ]
-    compliance = float(np.median([fit.compliance for fit in fits]))
-    return Ground(base=base, compliance=compliance), fits
 
 
-def detection_statistics(linear: LinearRound, recorded: Sequence[Recorded]) -> dict[str, float]:
-    """The numbers that fem.mismatch.detect ranks."""
+def _median_compliance(fits: Sequence[CompliantFit]) -> float:
+    return float(np.median([fit.compliance for fit in fits]))
+
+
+def detection_statistics(
+    linear: LinearRound, recorded: Sequence[Recorded], usual_gain: float
+) -> dict[str, float]:
+    """The numbers that fem.mismatch.detect ranks; gains over `usual_gain` (excess_of_soft)."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": max((one.gain for one in linear.best), default=0.0),
-        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0),
+        "best single": max((one.gain for one in linear.best), default=0.0) / usual_gain,
+        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / usual_gain,
         "what is left": linear.null.chi2 / count,
     }

@@ -32,22 +32,10 @@ MOST_PER_MARKER = 20.0
 TRIED = np.geomspace(0.05, 1.2, 65)
 LEAST_LOSS = 6.0
 """Markers that refute a mu by more than this together: it is too small."""
+NO_SPRING = 1e-9
+"""Stiffness, N/mm, of a gel whose forces do not grow with its displacement."""
 LOCAL = 2.0
 """Variance of the forces about their springs, over their noise, up to which the gel is a bed of springs."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConeEvidence:
-    """What the cone says of slip.
-
-    `mu`, `mu_sd`: where markers pile up most (infinite: nowhere). `log_ratio`: ln of the likelihood with a
-    pile-up there over that of a smooth distribution. `least_mu`: smaller ones are refuted.
-    """
-
-    mu: float
-    mu_sd: float
-    log_ratio: float
-    least_mu: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,25 +88,10 @@ def shear_ratios(ground: Ground) -> ShearRatios:
     return ShearRatios(ratio=np.concatenate(ratio), sd=np.concatenate(sd), marker=np.concatenate(marker))
 
 
-def cone_evidence(ground: Ground) -> ConeEvidence:
-    """The best mu of those tried, none of which the markers beyond its cone refute."""
-    ratios = shear_ratios(ground)
-    allowed = [float(mu) for mu in TRIED if ratios.loss(mu) < LEAST_LOSS]
-    if not len(ratios.ratio) or not allowed:
-        return ConeEvidence(mu=float(TRIED[-1]), mu_sd=np.inf, log_ratio=0.0, least_mu=float(TRIED[-1]))
-    found = np.array([ratios.log_ratio(mu) for mu in allowed])
-    best = allowed[int(found.argmax())]
-    weight = np.exp(found - found.max())
-    weight /= weight.sum()
-    mean = float(weight @ np.array(allowed))
-    spread = float(np.sqrt(weight @ (np.array(allowed) - mean) ** 2))
-    step = best * float(np.log(TRIED[1] / TRIED[0])) / np.sqrt(12)
-    return ConeEvidence(
-        mu=best,
-        mu_sd=float(np.hypot(spread, step)) if found.max() > 0 else np.inf,
-        log_ratio=float(found.max()),
-        least_mu=allowed[0],
-    )
+def least_mu(ratios: ShearRatios) -> float:
+    """The smallest of the mu tried that no marker beyond its cone refutes; the greatest where all are."""
+    allowed = (float(mu) for mu in TRIED if ratios.loss(mu) < LEAST_LOSS)
+    return next(allowed, float(TRIED[-1])) if len(ratios.ratio) else float(TRIED[-1])
 
 
 def in_pad_frame(seen: Seen, pad: int, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 3"]:
@@ -131,6 +104,11 @@ def spring_ratio(ground: Ground, pad_name: str) -> float:
     """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
     normal, shear, _ = _springs(ground, pad_name)
     return shear / normal
+
+
+def normal_stiffness(ground: Ground, pad_name: str) -> float:
+    """k_n of one marker of a pad's gel, N/mm, all recordings together."""
+    return _springs(ground, pad_name)[0]
 
 
 def _springs(ground: Ground, pad_name: str) -> tuple[float, float, bool]:
@@ -152,7 +130,7 @@ def _springs(ground: Ground, pad_name: str) -> tuple[float, float, bool]:
             left += float(((force + stiffness * gel) ** 2).sum())
             noise += force.size * (force_sd**2 + (stiffness * gel_sd) ** 2)
         local &= stiffness > 0 and left < LOCAL * noise
-        found.append(max(stiffness, 1e-9))
+        found.append(max(stiffness, NO_SPRING))
     return found[0], found[1], local
 
 

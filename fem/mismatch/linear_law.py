@@ -2,17 +2,15 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
-from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
-from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_law
+from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_laws
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,6 +28,7 @@ class LinearLaw:
     null: Callable[[Ground], float] = lambda ground: 0.0
     family: Family = "object"
     positive: bool = False
+    needs_pit: bool = False
 
     @property
     def parameters(self) -> tuple[ParameterSpec, ...]:
@@ -37,7 +36,9 @@ class LinearLaw:
         return (self.parameter,)
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
-        """dc/dtheta at the plain law."""
+        """dc/dtheta at the plain law; none where the law needs a pit and there is none."""
+        if self.needs_pit and not len(ground.base.mesh.pit_nodes):
+            return []
         fields = [Field(markers=ground.compliance * law.first) for law in self._laws(ground)]
         return [
             Signature(
@@ -61,11 +62,11 @@ class LinearLaw:
         return Response(unit=[law.response(amounts) for law in self._laws(ground)])
 
     def _laws(self, ground: Ground) -> list[ReducedLaw]:
-        def law(seen: Seen) -> ReducedLaw:
+        def laws() -> list[ReducedLaw]:
             derivative, parts = self.operators(ground)
-            return reduced_law(ground, seen, derivative=derivative, parts=parts)
+            return reduced_laws(ground, derivative=derivative, parts=parts)
 
-        return [ground.kept((self.name, seen.case.name), partial(law, seen)) for seen in ground.base.grasps]
+        return ground.kept(self.name, laws)
 
 
 def plain_stiffness(ground: Ground) -> Operator:

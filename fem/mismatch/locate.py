@@ -16,6 +16,7 @@ from fem.mismatch.adjoint_maps import fruit_map
 from fem.mismatch.explanation import FruitMap, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.normal import MARKER_EXCESS
+from fem.mismatch.pads import pads_of
 from fem.mismatch.spot_search import best_spots
 from fem.modulus_fit import rigid_motion
 
@@ -70,7 +71,8 @@ def located(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> L
 def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Excess:
     """The sums that where, when and component are read from."""
     grasps = ground.base.grasps
-    shape = (len(grasps), max(len(seen.links) for seen in grasps), len(PHASES), 2)
+    names = pads_of(ground)
+    shape = (len(grasps), len(names), len(PHASES), 2)
     amount, count = np.zeros(shape), np.zeros(shape)
     for k, (seen, sight, field) in enumerate(zip(grasps, ground.sight.grasps, residual, strict=True)):
         touching = seen.tracks.episode >= 0
@@ -85,10 +87,11 @@ def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) ->
         for pad in range(len(seen.links)):
             for at, name in enumerate(PHASES):
                 chosen = touching & (seen.pad_of_marker == pad) & (phase == name)[:, None]
+                place = names.index(seen.pad_names[pad])
                 samples = float(chosen.sum())
                 for component, (squares, each) in enumerate(((normal, 1.0), (shear, 2.0))):
-                    count[k, pad, at, component] = each * samples
-                    amount[k, pad, at, component] = (
+                    count[k, place, at, component] = each * samples
+                    amount[k, place, at, component] = (
                         float(squares[chosen].sum()) - MARKER_EXCESS * each * samples
                     )
     return Excess(amount=np.maximum(amount, 0.0), count=count)
@@ -112,8 +115,11 @@ def _where(ground: Ground, excess: Excess, numbers: Float[np.ndarray, " k"]) -> 
     if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
         x, y, z = map(float, best.centre_mm)
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
+    names = pads_of(ground)
+    if len(names) == 1:
+        return Where(region=f"pad {names[0]}")
     pad = excess.most(excess.amount.sum(axis=(0, 2, 3)))
-    return Where(region="both" if pad is None else f"pad {ground.base.grasps[0].pad_names[pad]}")
+    return Where(region="both" if pad is None else f"pad {names[pad]}")
 
 
 def _when(excess: Excess) -> str:

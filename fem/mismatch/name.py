@@ -1,15 +1,17 @@
 """Which explanation: the linear round's short list refitted in full, and what to call it.
 
-Probabilities are those of the refitted explanations and of none, by evidence tempered by TEMPER: sound
-recordings show spurious gains that many times what independent noise would. Explanations whose probability is
+Probabilities are those of the refitted explanations and of none, by evidence tempered by TEMPER: models of
+two effects are alike in their faults too. Explanations whose probability is
 within LIKE of the best cannot be told apart. Two effects at once must earn it.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fem.mismatch.added import added
+from fem.mismatch.effect import Witnessed
 from fem.mismatch.explanation import NONE, UNKNOWN
 from fem.mismatch.ground import Ground
 from fem.mismatch.refit import Refit, refit
@@ -19,11 +21,17 @@ SINGLES, PAIRS = 5, 2
 TEMPER = 1.5
 HOPE = 0.15
 """Share of the best linear gain from which an effect is worth its nonlinear refit."""
+ENOUGH, EQUAL = 0.9, 0.5
+"""Once a refit gains such a share of all that there is to gain, only near equals of it in the linear round
+are refitted too."""
 ALWAYS = ("pit_size",)
 """Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
 LIKE = 1 / 20
-PAIR_GAIN, PAIR_SHARE = 10.0, 0.05
-"""ln evidence, and share of the best single's, that a pair must add to it."""
+PAIR_GAIN, PAIR_SHARE, PAIR_LEFT = 10.0, 0.05, 0.5
+"""ln evidence, and share of the best single's, that a pair must add to it; and the share of the excess
+chi-square left by that one which a pair may leave: what smooths over half a fault is no second effect."""
+NOT_DETECTED = TEMPER * 3.0
+"""By so much ln evidence none leads where nothing was detected: 95 % to 5."""
 LEFT, MUCH = 0.6, 0.2
 """Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
 recordings leave; where it leaves more of both, it is none of the catalogue."""
@@ -48,66 +56,112 @@ class Named:
     verdict: str | tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class _Tried:
+    name: str
+    gain: float
+    shown: tuple[Shown, ...] = ()
+    refit: Refit | None = None
+
+
 def named(
-    ground: Ground, linear: LinearRound, *, cone_gain: float, detected: bool, sound_chi2: float
+    ground: Ground, linear: LinearRound, *, detected: bool, sound_chi2: float, sound_gain: float
 ) -> Named:
     """Refits the best singles and pairs.
 
-    `cone_gain`: what the friction cone adds to slip's evidence; `sound_chi2`: what sound recordings
-    of this size leave.
+    `sound_chi2`: what sound recordings of this size leave; `sound_gain`: what some effect gains even on
+    these: less names nothing. Where nothing was detected none is the first.
     """
-
-    def bonus(shown: Sequence[Shown]) -> float:
-        return max(cone_gain, 0.0) if any(one.effect.name == "slip" for one in shown) else 0.0
-
-    singles = sorted(linear.best, key=lambda one: -(one.gain + bonus([one])))
-    found: list[tuple[str, float, tuple[Shown, ...], Refit | None]] = []
-    first = max((one.gain + bonus([one]) for one in singles), default=0.0)
-    for number, one in enumerate(singles):
-        again = None
-        hopeful = number < SINGLES and one.gain + bonus([one]) > HOPE * first
-        if detected and (hopeful or one.effect.name in ALWAYS):
-            again = refit(ground, linear, [one])
-        gain = one.gain if again is None else again.log_evidence - linear.null.log_evidence
-        found.append((one.effect.name, gain + bonus([one]), (one,), again))
-    best = max((entry[1] for entry in found), default=0.0)
+    found = [_Tried(one.effect.name, one.gain, (one,)) for one in linear.best]
     if detected:
-        for gain, a, b in linear.pairs[:PAIRS]:
-            if gain + bonus([a, b]) < best + PAIR_GAIN:
-                continue
-            again = refit(ground, linear, [a, b])
-            if again is not None:
-                own = again.log_evidence - linear.null.log_evidence + bonus([a, b])
-                if own > best + max(PAIR_GAIN, PAIR_SHARE * best):
-                    found.append((again.name, own, (a, b), again))
-    found.append((NONE, 0.0, (), None))
-    found.sort(key=lambda entry: -entry[1])
-    name, gain, shown, winner = found[0]
-    if winner is not None:
-        polished = refit(ground, linear, shown, known=winner)
-        if polished is not None and polished.log_evidence > winner.log_evidence:
-            found[0] = (name, gain + polished.log_evidence - winner.log_evidence, shown, polished)
-    weight = np.exp((np.array([entry[1] for entry in found]) - found[0][1]) / TEMPER)
+        found = _singles(ground, linear, found, sound_chi2)
+        if found and found[0].refit is not None:
+            found += _pairs(ground, linear, found[0], found[0].refit, sound_chi2)
+    none = 0.0 if detected else max([sound_gain, *(one.gain for one in found)]) + NOT_DETECTED
+    found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
+    if found[0].refit is not None:
+        found[0] = _polished(ground, linear, found[0], found[0].refit)
+    weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
     weight /= weight.sum()
     ranking = tuple(
-        Ranked(name=name, gain=gain, probability=float(p), shown=shown, refit=again)
-        for (name, gain, shown, again), p in zip(found, weight, strict=True)
+        Ranked(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
+        for one, p in zip(found, weight, strict=True)
     )
-    return Named(ranking=ranking, verdict=_verdict(linear, ranking, detected=detected, sound_chi2=sound_chi2))
+    verdict = _verdict(linear, ranking, sound_chi2, sound_gain) if detected else NONE
+    return Named(ranking=ranking, verdict=verdict)
+
+
+def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound_chi2: float) -> list[_Tried]:
+    """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
+    most = max((one.gain for one in found), default=0.0)
+    best, tried = 0.0, []
+    for number, one in enumerate(found):
+        enough = best > ENOUGH * (linear.null.chi2 - sound_chi2) / 2
+        hopeful = number < SINGLES and one.gain > (EQUAL if enough else HOPE) * most
+        again = _refitted(ground, linear, one, best) if hopeful or one.name in ALWAYS else one
+        tried.append(again)
+        best = max(best, again.gain if again.refit is not None else 0.0)
+    for _ in found:
+        tried.sort(key=lambda one: -one.gain)
+        if tried[0].refit is not None:
+            break
+        again = _refitted(ground, linear, tried[0], best)
+        tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
+    return tried
+
+
+def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float) -> _Tried:
+    """As it was where its model cannot be computed."""
+    again = refit(ground, linear, one.shown, beat=best)
+    return one if again is None else replace(one, gain=_gain(linear, again), refit=again)
+
+
+def _gain(linear: LinearRound, again: Refit) -> float:
+    beside = sum(
+        effect.beside(again.ground, own, choice)
+        for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
+        if isinstance(effect, Witnessed)
+    )
+    moved = again.log_evidence - linear.null.log_evidence
+    return moved + min(beside, max(moved, 0.0))
+
+
+def _pairs(
+    ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound_chi2: float
+) -> list[_Tried]:
+    """Pairs of the best single with what adds most to it, refitted, that earn their place."""
+    found = []
+    least, excess = max(PAIR_GAIN, PAIR_SHARE * best.gain), single.fit.chi2 - sound_chi2
+    for gain, other in added(linear, single)[:PAIRS]:
+        if gain < least:
+            break
+        both = (*best.shown, other)
+        again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
+        if again is None:
+            continue
+        pair = _Tried(again.name, _gain(linear, again), both, again)
+        if pair.gain > best.gain + least and again.fit.chi2 - sound_chi2 < PAIR_LEFT * excess:
+            found.append(pair)
+    return found
+
+
+def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit) -> _Tried:
+    """The refit carried on for as long as it gains."""
+    again = refit(ground, linear, one.shown, known=first)
+    if again is None or again.log_evidence <= first.log_evidence:
+        return one
+    return replace(one, gain=_gain(linear, again), refit=again)
 
 
 def _verdict(
-    linear: LinearRound, ranking: Sequence[Ranked], *, detected: bool, sound_chi2: float
+    linear: LinearRound, ranking: Sequence[Ranked], sound_chi2: float, sound_gain: float
 ) -> str | tuple[str, ...]:
-    if not detected:
-        return NONE
     first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.gain <= 0:
+    if first is None or first.refit is None or first.gain <= sound_gain:
         return UNKNOWN
-    if first.refit is not None:
-        before, after = linear.null.chi2 - sound_chi2, first.refit.fit.chi2 - sound_chi2
-        if after > max(LEFT * before, MUCH * sound_chi2):
-            return UNKNOWN
+    before, after = linear.null.chi2 - sound_chi2, first.refit.fit.chi2 - sound_chi2
+    if after > max(LEFT * before, MUCH * sound_chi2):
+        return UNKNOWN
     alike = tuple(
         one.name
         for one in ranking

@@ -29,10 +29,11 @@ from fem.modulus_noise import variance_inflation
 
 MARKER_EXCESS = 1.15
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
-ALIKE = 5.0
+ALIKE = 15.0
 """How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame.
-So much less do they count together than if they were independent (a design effect; on sound recordings of two
-solvers the gains of effects that are not there stay below a few units of ln evidence)."""
+So much less do they count together than if they were independent (a design effect). Effects that are not
+there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
+soft jaws gain ten times as much, and one that is there only twice."""
 
 
 @dataclass(frozen=True)
@@ -112,14 +113,16 @@ class MarkerEquations:
 
 SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3
 """A priori: pads' places, their turns, and the share of force that scales of single markers leave uneven."""
+CENTRE_SD_MM, NO_WEIGHT_N = 10.0, 1e-6
+"""How far the centre of weight may lie from the middle between the pads; a weight that is none."""
 
 
 @dataclass(frozen=True)
 class BalanceEquations:
     """W of the six sums of force and moment of a fruit that nothing but its pads holds.
 
-    Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, and an
-    imbalance that grows with the load, from the scales of single markers.
+    Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, an
+    imbalance that grows with the load, from the scales of single markers, and the fruit's own weight.
     """
 
     measured: Float[np.ndarray, "f 6"]
@@ -128,8 +131,8 @@ class BalanceEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, seen: Seen) -> "BalanceEquations":
-        """From the recording's own forces."""
+    def of(cls, seen: Seen, *, weight_N: float = 0.0) -> "BalanceEquations":
+        """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
         position, force = seen.tracks.position_mm, seen.force_N
         centre = position.mean(axis=(0, 1))
         columns, spreads = [], []
@@ -144,6 +147,9 @@ class BalanceEquations:
         for way in np.eye(6):
             columns.append(load[:, None] * way)
             spreads.append(UNEVEN)
+        for k, way in enumerate(np.eye(6)):
+            columns.append(np.tile(way, (len(force), 1)))
+            spreads.append(max(weight_N, NO_WEIGHT_N) * (1.0 if k < 3 else CENTRE_SD_MM / ARM_MM))
         noise = seen.force_sd_N
         around = np.abs(position - centre).reshape(-1, 3)
         reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM

@@ -1,23 +1,37 @@
-"""Detection statistics of sound recordings: fruits, noise, surfaces, pits and places drawn anew.
+"""Detection statistics of sound recordings: noise, surfaces, pits and places drawn anew.
 
-14 cases of four grasps, made by the samples' own contact solver on hexahedra
-(`benchmarks/mismatch_bank.py FOLDER null`), 2026-11-20. One row per case, columns as in NAMES.
+27 cases of four grasps, 14 fruits, by the samples' own contact solver on
+hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, 2026-11-20.
+One row per case, columns as in NAMES.
 """
 
 NAMES = ("best single", "best pair", "what is left")
 NULLS: tuple[tuple[float, ...], ...] = (
-    (4.116, 6.794, 0.1139),
-    (2.667, 10.31, 0.1151),
-    (11.95, 18.85, 0.1158),
-    (4.956, 9.023, 0.1146),
-    (5.549, 16.95, 0.1133),
-    (23.3, 26.18, 0.1129),
-    (10.01, 17.26, 0.1134),
-    (10.93, 13.37, 0.1113),
-    (27, 33.06, 0.1133),
-    (23.94, 31.39, 0.111),
-    (26.45, 85.81, 0.1217),
-    (48.89, 87.8, 0.1204),
-    (11.74, 19.98, 0.1135),
-    (10.43, 19.19, 0.1114),
+    (2.521, 1.413, 0.05436),
+    (2.653, 6.96, 0.05345),
+    (1.741, 0.5341, 0.05215),
+    (1.882, 4.447, 0.0462),
+    (2.163, 4.528, 0.0458),
+    (2.908, 5.346, 0.05536),
+    (10.48, 10.46, 0.05492),
+    (2.407, 8.458, 0.0524),
+    (2.968, 5.707, 0.05012),
+    (1.37, 4.463, 0.04774),
+    (0.7315, 2.783, 0.04821),
+    (3.775, 6.69, 0.04983),
+    (8.304, 12.77, 0.05167),
+    (0.07722, 5.903, 0.05388),
+    (0.3838, 2.013, 0.05209),
+    (2.165, 3.779, 0.04664),
+    (1.634, 4.389, 0.04772),
+    (4.575, 6.801, 0.05329),
+    (5.612, 7.749, 0.05346),
+    (4.583, 6.356, 0.05338),
+    (5.116, 6.704, 0.05197),
+    (1.323, 7.205, 0.0535),
+    (-0.3982, 1.382, 0.05299),
+    (4.408, 10.26, 0.05725),
+    (1.687, 8.982, 0.05613),
+    (0.5354, 4.063, 0.04736),
+    (3.003, 8.068, 0.04657),
 )

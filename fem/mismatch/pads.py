@@ -1,5 +1,7 @@
 """One pad among a recording's pads: its markers, its frame, the response to what it alone does."""
 
+from functools import partial
+
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -41,21 +43,37 @@ def response_to(
     return ground.base.answer(seen, loads)
 
 
-def slid_response(
-    ground: Ground, seen: Seen, pad: int, way: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "f n 3"]:
-    """Change of c per mm by which the pad is moved along the skin, mm MPa / mm, by a central difference."""
-    solid = ground.base.solid_of(seen)
+def slid_response(ground: Ground, seen: Seen, pad: int) -> Float[np.ndarray, "2 f n 3"]:
+    """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
+
+    By central differences; of all pads at once, kept.
+    """
+    kept = ground.kept(("slid", seen.case.name), partial(_slid_responses, ground, seen))
+    return np.asarray(kept[pad])
+
+
+def _slid_responses(ground: Ground, seen: Seen) -> Float[np.ndarray, "p 2 f n 3"]:
+    solid, pads = ground.base.solid_of(seen), range(len(seen.links))
     split = np.cumsum([len(other.rest_mm) for other in seen.case.history.pads])[:-1]
     patterns = np.split(seen.patterns, split, axis=1)
-    loads = np.zeros((2, len(seen.patterns), len(ground.base.mesh.nodes_mm), 3))
-    moved_links = [slid(seen.links[pad], solid, step * way) for step in (SLIDE_MM, -SLIDE_MM)]
-    others = sum(link.nodal_force(patterns[k]) for k, link in enumerate(seen.links) if k != pad)
-    for end, link in enumerate(moved_links):
-        loads[end][:, solid.contact_nodes] = others + link.nodal_force(patterns[pad])
-    moved = solid.displacement(loads.reshape(-1, *loads.shape[2:]))[:, solid.contact_nodes]
-    ends = []
-    for end, own in enumerate(np.split(moved, 2)):
-        links = [moved_links[end] if k == pad else link for k, link in enumerate(seen.links)]
-        ends.append(np.concatenate([link.seen(own) for link in links], axis=1))
-    return seen.over_time((ends[0] - ends[1]) / (2 * SLIDE_MM))
+    unmoved = [link.nodal_force(own) for link, own in zip(seen.links, patterns, strict=True)]
+    links, loads = [], []
+    for pad in pads:
+        for way in turn_of(seen, pad).T[:2]:
+            for step in (SLIDE_MM, -SLIDE_MM):
+                link = slid(seen.links[pad], solid, step * way)
+                nodal = [link.nodal_force(patterns[k]) if k == pad else unmoved[k] for k in pads]
+                links.append([link if k == pad else seen.links[k] for k in pads])
+                whole = np.zeros((len(seen.patterns), len(ground.base.mesh.nodes_mm), 3))
+                whole[:, solid.contact_nodes] = sum(nodal)
+                loads.append(whole)
+    moved = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
+    ends = [
+        np.concatenate([link.seen(own) for link in several], axis=1)
+        for several, own in zip(links, np.split(moved, len(links)), strict=True)
+    ]
+    found = [
+        seen.over_time((ahead - back) / (2 * SLIDE_MM))
+        for ahead, back in zip(ends[::2], ends[1::2], strict=True)
+    ]
+    return np.stack(found).reshape(len(seen.links), 2, *found[0].shape)

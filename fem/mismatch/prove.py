@@ -39,9 +39,11 @@ def held_out(
     )
 
 
-def predictive(products: Products, columns: Sequence[int]) -> float:
-    """Sum over recordings of ln p(recording | all others)."""
+def predictive(products: Products, columns: Sequence[int]) -> float | None:
+    """Sum over recordings of ln p(recording | all others); None where there are no others."""
     count = len(products.rows)
+    if count < 2:
+        return None
     whole = products.fit(columns).log_evidence
     return sum(
         whole - products.fit(columns, keep=[j for j in range(count) if j != k]).log_evidence

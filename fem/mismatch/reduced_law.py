@@ -42,22 +42,42 @@ class ReducedLaw:
         return np.asarray(np.tensordot(self.shares @ moved.T, self.seen, axes=(1, 0)))
 
 
-def reduced_law(ground: Ground, seen: Seen, *, derivative: Operator, parts: Sequence[Operator]) -> ReducedLaw:
-    """The reduced law; the first of `parts` is positive on every strain (it sets the scale)."""
-    solid = ground.base.solid_of(seen)
-    steps = [seen.moved]
+def reduced_laws(ground: Ground, *, derivative: Operator, parts: Sequence[Operator]) -> list[ReducedLaw]:
+    """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
+    grasps = ground.base.grasps
+    first = np.cumsum([0, *(len(seen.moved) for seen in grasps)])
+    steps = [np.concatenate([seen.moved for seen in grasps])]
     for _ in range(CORRECTIONS):
-        steps.append(-solid.displacement(derivative(steps[-1])))
-    space = np.concatenate(steps)
+        cost, moved = derivative(steps[-1]), np.empty_like(steps[-1])
+        held = np.repeat([seen.case.support for seen in grasps], np.diff(first))
+        for support, solid in ground.base.solids.items():
+            own = held == support
+            moved[own] = -solid.displacement(cost[own])
+        steps.append(moved)
+    pulled = [[part(step) for step in steps] for part in parts]
+    return [
+        _of_recording(
+            ground,
+            seen,
+            np.concatenate([step[a:b] for step in steps]),
+            [np.concatenate([step[a:b] for step in own]) for own in pulled],
+        )
+        for seen, a, b in zip(grasps, first, first[1:], strict=False)
+    ]
+
+
+def _of_recording(
+    ground: Ground, seen: Seen, space: Float[np.ndarray, "q m 3"], pulled: Sequence[np.ndarray]
+) -> ReducedLaw:
+    """`pulled`: what each part's law costs of each field of the space."""
+    solid, count = ground.base.solid_of(seen), len(seen.moved)
     flat = space.reshape(len(space), -1)
     projected = []
-    for part in parts:
-        own = flat @ part(space).reshape(len(space), -1).T
+    for force in pulled:
+        own = flat @ force.reshape(len(space), -1).T
         projected.append((own + own.T) / 2)
-    skin = solid.contact_nodes
-    load = flat @ (solid.stiffness @ seen.moved.reshape(len(seen.moved), -1).T)
-    at_markers = seen.at_markers(space[:, skin])
-    count = len(seen.moved)
+    load = flat @ (solid.stiffness @ seen.moved.reshape(count, -1).T)
+    at_markers = seen.at_markers(space[:, solid.contact_nodes])
     return ReducedLaw(
         np.stack(projected), load, at_markers, seen.shares, seen.over_time(at_markers[count : 2 * count])
     )

@@ -5,7 +5,6 @@ differences, are columns like any other; their amounts are the step, their covar
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
 
-import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -20,8 +19,10 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
 from fem.mismatch.singles import LinearRound, Shown
 
-ROUNDS, MOST_S, POLISH_S = 6, 6.0, 15.0
-"""Rounds at most, and CPU seconds after which no further one is begun: of the short list, of the winner."""
+ROUNDS, POLISH = 3, 6
+"""Rounds at most: of the short list, of the winner."""
+CHANCE = 0.7
+"""An explanation that even with what its slopes promise gains less than such a share of another is left."""
 STEP = 0.03
 """Difference step as a share of the prior spread."""
 LEAST_GAIN = 0.3
@@ -72,33 +73,39 @@ class Refit:
 
 
 def refit(
-    ground: Ground, linear: LinearRound, shown: Sequence[Shown], *, known: Refit | None = None
+    ground: Ground,
+    linear: LinearRound,
+    shown: Sequence[Shown],
+    *,
+    known: Refit | None = None,
+    starts: Sequence[dict[str, float] | None] = (),
+    near: Ground | None = None,
+    beat: float = 0.0,
 ) -> Refit | None:
     """The effects of these signatures, refitted; None where a model cannot be computed from any start.
 
-    `known`: a first refit of the same, to be carried on for as long as it gains.
+    `known`: a first refit of the same, to be carried on for as long as it gains. `starts`: parameters to
+    start from where they are known, `near` the ground that they were found on; else the amounts say. `beat`:
+    what another explanation gains; one that cannot come near it is not followed to its end.
     """
     specs = [spec for one in shown for spec in one.effect.parameters]
-    joint = linear.products.fit([*linear.nuisances, *(j for one in shown for j in one.columns)])
-    amounts = np.split(
-        joint.amounts[1 + len(linear.nuisances) :], np.cumsum([len(one.columns) for one in shown])[:-1]
-    )
     try:
-        starts = [
-            one.effect.start(ground, one.signature, own) for one, own in zip(shown, amounts, strict=True)
-        ]
         if known is not None:
-            starts, ground = list(known.parameters), known.ground
+            starts, near = known.parameters, known.ground
+        begin = [
+            one.effect.start(ground, one.signature, one.amounts) if start is None else start
+            for one, start in zip(shown, starts or [None] * len(shown), strict=True)
+        ]
+        ground = ground if near is None else near
         search = _Search(ground, linear, tuple(shown), specs)
         at = search.scaled(
-            [start[s.name] for one, start in zip(shown, starts, strict=True) for s in one.effect.parameters]
+            [start[s.name] for one, start in zip(shown, begin, strict=True) for s in one.effect.parameters]
         )
         now = search.linearised(at)
         if search.follow(now.fit):
             now = search.linearised(at)
-        until = time.process_time() + (MOST_S if known is None else POLISH_S)
-        for _ in range(ROUNDS):
-            if time.process_time() > until:
+        for _ in range(ROUNDS if known is None else POLISH):
+            if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
                 break
             step = now.fit.amounts[-len(specs) :]
             step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
@@ -166,7 +173,9 @@ class _Search:
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
-        self.spread = (self.high - self.low) / 4
+        quarter = (self.high - self.low) / 4
+        own = [spec.spread for spec in specs]
+        self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.known: dict[bytes, tuple[Response, float]] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.failure import FemFailure
-from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.effect import Effect, Signature, Witnessed
 from fem.mismatch.evidence import Fit, Products, Recorded
 from fem.mismatch.fields import Column
 from fem.mismatch.ground import Ground
@@ -19,7 +19,7 @@ from fem.mismatch.nuisances import common_nuisances
 class Shown:
     """One signature of one effect among the columns of a case, and how well it does alone.
 
-    `gain`: ln evidence over that of the nuisances alone.
+    `gain`: ln evidence over that of the nuisances alone, with what is said `beside` (fem.mismatch.effect).
     """
 
     effect: Effect
@@ -27,6 +27,7 @@ class Shown:
     columns: tuple[int, ...]
     amounts: Float[np.ndarray, " k"]
     gain: float
+    beside: float
     chi2_drop: float
 
 
@@ -65,7 +66,7 @@ def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence
     products = Products(ground, recorded, columns)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
-    shown = tuple(_shown(products, own, null, *one) for one in found)
+    shown = tuple(_shown(ground, products, own, null, *one) for one in found)
     best: dict[str, Shown] = {}
     for one in sorted(shown, key=lambda s: -s.gain):
         best.setdefault(one.effect.name, one)
@@ -73,8 +74,8 @@ def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence
     for a, b in combinations(best.values(), 2):
         both = (*a.columns, *b.columns)
         fit = products.fit([*own, *both])
-        if not _senseless(products, both, fit.amounts[-len(both) :]):
-            pairs.append((fit.log_evidence - null.log_evidence, a, b))
+        if not senseless(products, both, fit.amounts[-len(both) :]):
+            pairs.append((fit.log_evidence - null.log_evidence + a.beside + b.beside, a, b))
     return LinearRound(
         products=products,
         nuisances=own,
@@ -87,6 +88,7 @@ def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence
 
 
 def _shown(
+    ground: Ground,
     products: Products,
     own: tuple[int, ...],
     null: Fit,
@@ -95,19 +97,26 @@ def _shown(
     columns: tuple[int, ...],
 ) -> Shown:
     fit = products.fit([*own, *columns])
-    senseless = _senseless(products, columns, fit.amounts[-len(columns) :])
-    gain = fit.log_evidence - null.log_evidence
+    amounts = fit.amounts[-len(columns) :]
+    wrong = senseless(products, columns, amounts)
+    moved = fit.log_evidence - null.log_evidence
+    beside = 0.0
+    if isinstance(effect, Witnessed):
+        said = effect.beside(ground, effect.start(ground, signature, amounts), signature.label)
+        beside = min(said, max(moved, 0.0))
+    gain = moved + beside
     return Shown(
         effect=effect,
         signature=signature,
         columns=columns,
-        amounts=fit.amounts[-len(columns) :],
-        gain=min(gain, 0.0) if senseless else gain,
-        chi2_drop=0.0 if senseless else null.chi2 - fit.chi2,
+        amounts=amounts,
+        gain=min(gain, 0.0) if wrong else gain,
+        beside=beside,
+        chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
     )
 
 
-def _senseless(products: Products, columns: tuple[int, ...], amounts: Float[np.ndarray, " k"]) -> bool:
+def senseless(products: Products, columns: Sequence[int], amounts: Float[np.ndarray, " k"]) -> bool:
     """Whether an amount has the wrong sign."""
     return any(
         products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)

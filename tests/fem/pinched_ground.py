@@ -55,13 +55,10 @@ def as_case(history: GraspHistory) -> MismatchCase:
             pose=np.repeat(facing(np.sign(pad.force_N[:, :, 0].sum()))[None], len(history.time_s), axis=0),
             normal_N=np.abs(pad.force_N[:, :, 0].sum(axis=1)),
             markers=len(pad.rest_mm),
-            touch_gap_mm=np.zeros(len(pad.rest_mm)),
         )
         for pad in history.pads
     )
-    grasp = GraspCase(
-        name="grasp-1", history=history, pads=pads, aperture_mm=np.zeros(len(history.time_s)), support="free"
-    )
+    grasp = GraspCase(name="grasp-1", history=history, pads=pads, support="free")
     return MismatchCase(mesh=fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget())
 
 

@@ -245,16 +245,13 @@ def planted_case(
                     pose=pose,
                     normal_N=(force @ pad.axes[:, 2]).sum(axis=1),
                     markers=len(FLAT),
-                    touch_gap_mm=np.zeros(len(FLAT)),
                 )
             )
-        gap = np.linalg.norm(motions[0].pose[:, :3, 3] - motions[1].pose[:, :3, 3], axis=1)
         grasps.append(
             GraspCase(
                 name=f"grasp-{grasp + 1}",
                 history=_history(histories),
                 pads=tuple(motions),
-                aperture_mm=gap,
                 support="free",
             )
         )

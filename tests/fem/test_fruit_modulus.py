@@ -155,13 +155,20 @@ def test_the_pit_is_found_within_its_error_bar(found):
 
 
 def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(found):
-    """Flesh is thin along x and thick along y; nothing presses along z."""
-    _, y, z, size = found.modulus.pit.learnt
-    assert y > 0.3
-    assert size > 0.3
-    assert z < 0.2
-    assert found.modulus.pit.offset_mm[1] == pytest.approx(OFFSET_MM[1], rel=0.6)
-    assert found.modulus.pit.ln_size < 0
+    """Both grasps change with the pit's y and size; nothing presses along z.
+
+    Of a share l that is learnt, l / (1 - l) is the information over the prior's. How large all of it is
+    depends on the noise, and that on what the mesh leaves of the markers: on one mesh three times as much as
+    on another. How much more of y than of z the grasps feel does not.
+    """
+    pit = found.modulus.pit
+    _, y, z, size = pit.learnt / (1 - pit.learnt)
+    assert y > 10 * z
+    assert size > 10 * z
+    assert pit.sd[2] > 0.97 * pit.prior_sd[2]
+    _, y, z, size = pit.moved * np.sign(np.append(OFFSET_MM, np.log(SIZE)))
+    assert y > 3 * abs(z)
+    assert size > 3 * abs(z)
 
 
 def test_the_pit_was_moved_in_the_mesh_and_each_grasp_keeps_its_modulus_with_the_priors_pit(found):
@@ -195,10 +202,16 @@ def test_no_grasp_with_a_load_raises_every_reason():
 
 
 def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monkeypatch):
+    asked = []
+
     def refuse(mesh, place):
+        asked.append(place)
         raise FemFailure(FemProblem.INVERTED_ELEMENTS, "too close to the skin")
 
     monkeypatch.setattr("fem.fruit_modulus.with_pit_moved", refuse)
     found = infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
     assert found.moves == 0
-    assert found.modulus.pit is not None
+    pit = found.modulus.pit
+    assert pit is not None
+    known = pit.learnt * np.append(pit.offset_mm, pit.ln_size)
+    np.testing.assert_allclose(asked, [known, known / 2, known / 4], rtol=1e-9)

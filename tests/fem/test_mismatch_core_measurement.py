@@ -7,6 +7,7 @@ import pytest
 from planted_mismatch import (
     E_MPA,
     FLAT,
+    GEL_N_PER_MM,
     TIME_S,
     Altered,
     Recording,
@@ -98,6 +99,18 @@ def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str
 def modulus(ground: Ground, again) -> float:
     """E as an answer gives it: by least squares with the effect's response in place."""
     return modulus_of(getattr(again, "ground", ground), again.response).value
+
+
+@pytest.mark.parametrize("pad", ["left", "right"])
+def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
+    case = only_grasp(planted_case(on_pad(pad, gained(0.8))), 0)
+    grasp = case.grasps[0]
+    known = tuple(replace(own, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for own in grasp.pads)
+    case = replace(case, grasps=(replace(grasp, pads=known),))
+    ground, _, again = linear_and_refitted(case, sensor_gain.EFFECT)
+    assert again.choices == (pad,)
+    assert again.parameters[0]["gain"] == pytest.approx(0.8, rel=0.02)
+    assert modulus(ground, again) == pytest.approx(E_MPA, rel=0.03)
 
 
 def test_one_pads_gain_over_the_others_is_found():

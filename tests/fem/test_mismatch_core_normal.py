@@ -140,3 +140,12 @@ def test_noise_of_the_balance_is_that_of_all_markers_forces_together():
         drawn.append([*force.sum(axis=0), *(np.cross(position[5] - centre, force).sum(axis=0) / ARM_MM)])
     found = np.std(drawn, axis=0) * np.sqrt(BalanceEquations.of(one).weight)
     assert (np.abs(found - 1) < 0.25).all()
+
+
+def test_the_weight_of_the_fruit_is_no_imbalance():
+    one = seen()
+    pull = np.tile([0.3, 0.0, -1.2, 0.0, 0.2, 0.0], (len(one.force_N), 1))
+    without, with_weight = (
+        float((pull * BalanceEquations.of(one, weight_N=weight).weighed(pull)).sum()) for weight in (0.0, 1.5)
+    )
+    assert with_weight < 3.0 < 1e-3 * without

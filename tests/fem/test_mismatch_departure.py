@@ -82,7 +82,6 @@ def case_of(history: GraspHistory) -> MismatchCase:
             pose=np.repeat(np.diag([1.0, -side, -side, 1.0])[None], len(history.time_s), axis=0),
             normal_N=np.zeros(len(history.time_s)),
             markers=len(pad.rest_mm),
-            touch_gap_mm=np.zeros(len(pad.rest_mm)),
         )
         for pad, side in zip(history.pads, (1.0, -1.0), strict=True)
     )
@@ -90,7 +89,6 @@ def case_of(history: GraspHistory) -> MismatchCase:
         name="grasp-1",
         history=history,
         pads=pads,
-        aperture_mm=np.zeros(len(history.time_s)),
         support="free",
     )
     return MismatchCase(mesh=coarse_ball(), grasps=(one,), poisson_ratio=NU, budget=BUDGET)

@@ -181,15 +181,34 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
     assert ratio == pytest.approx(1.0, abs=0.1)
 
 
-def test_plastic_signature_points_where_flesh_that_hardly_yields_goes():
+def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
+    monkeypatch.setattr(plastic_set, "RELATIVE", (relative,))
+    monkeypatch.setattr(plastic_set._LAST, "more", None)
     ground = ground_of()
-    signature = plastic_set.EFFECT.signatures(ground)[2]
+    signature = plastic_set.EFFECT.signatures(ground)[0]
     Y = plastic_set.EFFECT.start(ground, signature, np.ones(1))["yield_over_E"]
     unit = plastic_set.EFFECT.respond(ground, {"yield_over_E": Y}, "").unit[0]
     moved = ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement)
-    cosine, ratio = cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
-    assert cosine > 0.97
-    assert 0.9 < ratio < 4.0
+    return cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
+
+
+def test_plastic_signature_is_the_start_of_its_response_where_flesh_hardly_yields(monkeypatch):
+    ground = ground_of()
+    stress, level = plastic_set._stress_seen(ground, plastic_set._LAST.state(ground.base))
+    hardly = 0.99 * stress.max() / level
+    monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-8)
+    cosine, ratio = plastic_against_signature(monkeypatch, hardly)
+    assert cosine > 0.999
+    stays = 2 * (4 - 5 * ground.poisson_ratio) / (15 * (1 - ground.poisson_ratio))
+    assert 0.99 < ratio < 1 / (1 - stays)  # Eshelby 1957: the share of a sphere's shear that stays in it
+
+
+def test_plastic_response_outgrows_its_signature_the_more_the_flesh_yields(monkeypatch):
+    cosines, ratios = zip(
+        *(plastic_against_signature(monkeypatch, relative) for relative in (0.7, 0.85, 1.0)), strict=True
+    )
+    assert min(cosines) > 0.95
+    assert ratios[0] > ratios[1] > ratios[2] > 0.9
 
 
 @cache

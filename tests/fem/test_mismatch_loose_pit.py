@@ -120,12 +120,10 @@ def grounded(history: GraspHistory) -> Ground:
             pose=np.tile(facing(np.sign(pad.force_N[:, :, 0].sum())), (len(history.time_s), 1, 1)),
             normal_N=np.abs(pad.force_N[:, :, 0]).sum(axis=1),
             markers=len(pad.rest_mm),
-            touch_gap_mm=np.zeros(len(pad.rest_mm)),
         )
         for pad in history.pads
     )
-    aperture = np.zeros(len(history.time_s))
-    grasp = GraspCase(name="pinch", history=history, pads=pads, aperture_mm=aperture, support="free")
+    grasp = GraspCase(name="pinch", history=history, pads=pads, support="free")
     case = MismatchCase(
         mesh=coarse_fruit.fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget()
     )

@@ -24,6 +24,7 @@ EFFECT = LinearLaw(
     name="graded_modulus",
     parameter=ParameterSpec(name="gamma", unit="1", low=-0.9, high=0.9),
     sd=0.4,
+    needs_pit=True,
     operators=_operators,
     amounts=lambda ground, theta: (1.0, theta),
 )

@@ -110,8 +110,8 @@ def _first_order(
         axes, own = turn_of(seen, number), own_markers(seen, number)
         mine = np.where(own, force, 0.0)
         origin = seen.pose[number][:, None, :3, 3]
+        unit[:2] = -slid_response(ground, seen, number)
         for k in range(2):
-            unit[k] = -slid_response(ground, seen, number, axes[:, k])
             shift[k] = np.where(own, axes[:, k], 0.0)
             balance[k, :, 3:] = np.cross(axes[:, k], mine.sum(axis=1)) / ARM_MM
         degree = np.pi / 180

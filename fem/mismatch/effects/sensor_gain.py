@@ -1,7 +1,9 @@
 """`sensor_gain`: one pad records its force times a gain.
 
 The true force is the recorded one over the gain, on that pad alone; the pads' recorded forces no longer
-balance. A gain common to both pads is Young's modulus, and cannot be told from it.
+balance. A gain common to both pads is Young's modulus, and cannot be told from it. Which of two pads has the
+gain is E too, but for the gel: a pad's force over its gel's displacement, against what the gel's maker or a
+calibration says of it, grows by the gain.
 """
 
 from collections.abc import Mapping, Sequence
@@ -14,8 +16,14 @@ from jaxtyping import Bool, Float
 from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field, wrench
+from fem.mismatch.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.ground import Ground
 from fem.mismatch.pads import own_markers, pads_of, response_to
+
+GEL_SD, COMMON_GEL_SD = 0.04, 0.07
+"""Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""
+MOST_BESIDE = 20.0
+"""What a gel's maker says never outweighs more ln evidence of the markers than this."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +52,18 @@ class SensorGain:
         """The amount is the gain less one, as 1 - 1/gain."""
         return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
 
+    def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
+        """ln of the pads' stiffness being as said with this gain, over that without."""
+        stiffer = [(pad, _stiffer(ground, pad)) for pad in pads_of(ground)]
+        known = [(pad, z) for pad, z in stiffer if z is not None]
+        if not known:
+            return 0.0
+        z = np.array([z for _, z in known])
+        gained = np.array([np.log(parameters["gain"]) if pad == choice else 0.0 for pad, _ in known])
+        weight = np.linalg.inv(GEL_SD**2 * np.eye(len(z)) + COMMON_GEL_SD**2)
+        found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
+        return float(np.clip(found, -MOST_BESIDE, MOST_BESIDE))
+
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The forces of that pad divided by the gain."""
         share = 1 - 1 / parameters["gain"]
@@ -55,6 +75,18 @@ class SensorGain:
             ],
             balance=[share * balance for _, balance in parts],
         )
+
+
+def _stiffer(ground: Ground, pad: str) -> float | None:
+    """ln of a pad's normal force per displacement over what is said of its gel; None where nothing is."""
+    said = [
+        motion.gel_N_per_mm
+        for seen in ground.base.grasps
+        for motion in seen.case.pads
+        if motion.name == pad and motion.gel_N_per_mm is not None
+    ]
+    felt = normal_stiffness(ground, pad)
+    return float(np.log(felt / np.mean(said))) if said and felt > NO_SPRING else None
 
 
 def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:

@@ -18,9 +18,10 @@ from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
-from fem.mismatch.friction_cone import cone_evidence, spring_ratio
+from fem.mismatch.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.ground import Ground
 from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.pads import pads_of
 from fem.mismatch.slip_path import slip_path
 
 MU = "mu"
@@ -43,7 +44,7 @@ class Slip:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each mu at which something slips."""
-        least = cone_evidence(ground).least_mu
+        least = least_mu(_ratios(ground))
         found = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
             paths = _paths(ground, mu)
@@ -62,6 +63,10 @@ class Slip:
         """The signature's own mu: its amount is one."""
         return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
 
+    def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
+        """Markers piled up on this cone."""
+        return max(_ratios(ground).log_ratio(parameters[MU]), 0.0)
+
     def respond(
         self,
         ground: Ground,
@@ -78,9 +83,12 @@ class Slip:
 EFFECT = Slip()
 
 
+def _ratios(ground: Ground) -> ShearRatios:
+    return ground.kept("shear ratios", lambda: shear_ratios(ground))
+
+
 def _paths(ground: Ground, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
-    names = ground.base.grasps[0].pad_names
-    stiffness = {name: spring_ratio(ground, name) for name in names}
+    stiffness = {name: spring_ratio(ground, name) for name in pads_of(ground)}
     return [
         slip_path(
             seen,

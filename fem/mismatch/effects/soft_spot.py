@@ -33,7 +33,7 @@ class SoftSpot:
     name: str = "soft_spot"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        *(ParameterSpec(name=name, unit="mm", low=-80.0, high=80.0) for name in CENTRE),
+        *(ParameterSpec(name=name, unit="mm", low=-500.0, high=500.0, spread=40.0) for name in CENTRE),
         ParameterSpec(name=RADIUS, unit="mm", low=3.0, high=10.0, log=True),
         ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95),
     )

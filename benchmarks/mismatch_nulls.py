@@ -1,0 +1,88 @@
+"""Detection statistics of sound cases, and from them the bank that detection is calibrated on.
+
+    python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write]
+
+FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
+records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
+those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
+"""
+
+import argparse
+import json
+import tempfile
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.detect import NAMES, excess_of_soft
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.explain import detection_statistics, plain_ground
+from fem.mismatch.singles import linear_round
+from pipeline.case import open_case
+from pipeline.diary import Diary
+from pipeline.finding import mismatch_case
+from pipeline.grasped import grasped_fruit
+
+BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
+
+
+def row_of(folder: Path) -> dict[str, Any]:
+    """The statistics of one case, and the effects that came nearest."""
+    with tempfile.TemporaryDirectory() as work:
+        case = open_case(folder, fruit_id=None, work=Path(work), out=None)
+        ground, _ = plain_ground(mismatch_case(case, grasped_fruit(case.task, Diary(str))))
+    recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
+    linear = linear_round(ground, recorded, EFFECTS)
+    statistics = detection_statistics(linear, recorded, excess_of_soft(ground))
+    best = [(one.effect.name, round(one.gain, 1)) for one in linear.best[:4]]
+    return {"case": f"{folder.parent.name}/{folder.name}", **statistics, "best": best}
+
+
+def bank_of(rows: list[dict[str, Any]]) -> str:
+    """The source of the module that holds the bank."""
+    fruits = {row["case"].rsplit("-", 1)[0] for row in rows}
+    lines = "".join(
+        f"    ({', '.join(f'{row[name]:.4g}' for name in NAMES)}),\n"
+        for row in sorted(rows, key=lambda row: str(row["case"]))
+    )
+    return (
+        '"""Detection statistics of sound recordings: noise, surfaces, pits and places drawn anew.\n\n'
+        f"{len(rows)} cases of four grasps, {len(fruits)} fruits, by the samples' own contact solver on\n"
+        "hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, "
+        f'{datetime.now(UTC):%Y-%m-%d}.\nOne row per case, columns as in NAMES.\n"""\n\n'
+        f"NAMES = {json.dumps(NAMES).replace('[', '(').replace(']', ')')}\n"
+        f"NULLS: tuple[tuple[float, ...], ...] = (\n{lines})\n"
+    )
+
+
+def main() -> None:
+    """Run what is not yet done, then write the bank where that is asked for."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folders", nargs="*", type=Path)
+    parser.add_argument("--rows", type=Path, required=True)
+    parser.add_argument("--records", type=int, default=2)
+    parser.add_argument("--write", action="store_true")
+    chosen = parser.parse_args()
+    known = (
+        [json.loads(line) for line in chosen.rows.read_text().splitlines()] if chosen.rows.is_file() else []
+    )
+    done = {row["case"] for row in known}
+    for folder in chosen.folders:
+        for path in sorted(folder.glob("null-*-*/case.toml")):
+            name = f"{folder.name}/{path.parent.name}"
+            if name in done or int(path.parent.name.rsplit("-", 1)[1]) > chosen.records:
+                continue
+            row = row_of(path.parent)
+            known.append(row)
+            with chosen.rows.open("a") as file:
+                file.write(json.dumps(row) + "\n")
+            print(row["case"], *(f"{one} {row[one]:.4g}" for one in NAMES), row["best"][0], flush=True)
+    if chosen.write:
+        BANK.write_text(bank_of(known))
+
+
+if __name__ == "__main__":
+    main()

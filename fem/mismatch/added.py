@@ -1,0 +1,34 @@
+"""What else is at work beside an effect that has been refitted: all other signatures about its model."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fem.mismatch.refit import Refit
+from fem.mismatch.singles import LinearRound, Shown, senseless
+
+
+def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
+    """Each other effect's best signature with its amount there, and how much it adds in ln evidence.
+
+    Greatest first. The refitted effect's own parameters are free to move along their slopes.
+    """
+    mine = {effect.name for effect in known.effects}
+    others = [one for one in linear.shown if one.effect.name not in mine]
+    columns = [j for one in others for j in one.columns]
+    slopes = [known.products.columns[j] for j in known.slopes]
+    products, chosen = linear.products.about(
+        known.ground, known.response, [*linear.nuisances, *columns], slopes
+    )
+    place = dict(zip([*linear.nuisances, *columns], chosen, strict=False))
+    free = [*(place[j] for j in linear.nuisances), *chosen[len(chosen) - len(slopes) :]]
+    before = products.fit(free).log_evidence
+    best: dict[str, tuple[float, Shown]] = {}
+    for one in others:
+        own = [place[j] for j in one.columns]
+        fit = products.fit([*free, *own])
+        amounts = fit.amounts[-len(own) :]
+        gain = fit.log_evidence - before
+        if not senseless(products, own, amounts) and gain > best.get(one.effect.name, (-np.inf,))[0]:
+            best[one.effect.name] = gain, replace(one, amounts=amounts)
+    return sorted(best.values(), key=lambda pair: -pair[0])

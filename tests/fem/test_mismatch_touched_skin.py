@@ -1,0 +1,71 @@
+"""Markers sit on the skin that they touched, which had been pushed aside: closed forms of a stretch."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from planted_mismatch import only_grasp, planted_case
+
+from fem.grasp_sensitivity import mean_normal
+from fem.mismatch.baseline import Baseline, baseline
+from fem.mismatch.touched_skin import with_touched_skin
+
+STRETCH, COMPLIANCE = 0.02, 2.0
+
+
+@cache
+def plain() -> Baseline:
+    return baseline(only_grasp(planted_case(noise=0.0), 0))
+
+
+def moving(field) -> Baseline:
+    """The same recording, its skin moved by field(place, normal) times the load, for E = 1 MPa."""
+    base = plain()
+    seen = base.grasps[0]
+    unit = np.zeros_like(seen.tracks.unit_displacement)
+    for pad, link in enumerate(seen.links):
+        mine = seen.pad_of_marker == pad
+        place = seen.tracks.place_mm[mine]
+        unit[:, mine] = seen.load[:, None, None] * field(
+            place - place.mean(axis=0), mean_normal(link.place.normal)
+        )
+    return replace(base, grasps=(replace(seen, tracks=replace(seen.tracks, unit_displacement=unit)),))
+
+
+def moved_places(base: Baseline) -> np.ndarray:
+    after = with_touched_skin(base, compliance=COMPLIANCE).grasps[0].case.history.pads
+    before = base.grasps[0].case.history.pads
+    return np.concatenate([a.surface_mm - b.surface_mm for a, b in zip(after, before, strict=True)])
+
+
+def test_places_go_back_by_half_the_step_in_which_the_marker_touched():
+    base = moving(lambda place, normal: STRETCH * (place - np.outer(place @ normal, normal)))
+    seen = base.grasps[0]
+    back = moved_places(base)
+    episode = np.concatenate([pad.episode[seen.used] for pad in seen.case.history.pads], axis=1)
+    first = (episode >= 0).argmax(axis=0)
+    late = (episode >= 0).any(axis=0) & (first == first.max())
+    assert late.sum() > 3
+    k = first.max()
+    middle = (seen.load[k - 1] + seen.load[k]) / 2
+    for pad, link in enumerate(seen.links):
+        own = late & (seen.pad_of_marker == pad)
+        place = seen.tracks.place_mm - seen.tracks.place_mm[seen.pad_of_marker == pad].mean(axis=0)
+        normal = mean_normal(link.place.normal)
+        along = place - np.outer(place @ normal, normal)
+        got = np.einsum("nx,nx->n", back[own], along[own]) / (along[own] ** 2).sum(axis=1)
+        assert got == pytest.approx(-COMPLIANCE * STRETCH * middle, rel=0.15)
+        assert np.abs(back[own] @ normal).max() < 1e-9
+
+
+def test_a_dent_along_the_normal_moves_no_place():
+    dent = moving(lambda place, normal: np.outer(-0.1 * np.exp(-(place**2).sum(axis=1) / 8), normal))
+    assert np.abs(moved_places(dent)).max() < 0.02
+
+
+def test_flesh_that_gives_way_nowhere_leaves_places_as_they_were():
+    base = plain()
+    after = with_touched_skin(base, compliance=0.0).grasps[0].case.history.pads
+    for one, other in zip(after, base.grasps[0].case.history.pads, strict=True):
+        assert (one.surface_mm == other.surface_mm).all()
