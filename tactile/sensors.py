@@ -1,0 +1,94 @@
+"""What a tactile sensor is: its camera, its gel, its markers and its lights.
+
+Two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel face, z out
+of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0) the centre of the
+first pixel. A camera behind the gel that looks out through it and is not turned has `gel_from_camera` =
+identity with a shift along negative z.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+from jaxtyping import Float
+
+SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "photometric", "fields"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole camera with OpenCV's lens distortion, and where it stands.
+
+    `image_px` and every pair is (x, y), so width first. `distortion` is (k1, k2, p1, p2, k3).
+    `gel_from_camera` takes camera coordinates to gel coordinates, lengths in mm.
+    """
+
+    image_px: tuple[int, int]
+    focal_px: tuple[float, float]
+    centre_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float]
+    gel_from_camera: Float[np.ndarray, "4 4"]
+
+    @property
+    def matrix(self) -> Float[np.ndarray, "3 3"]:
+        """The intrinsics as OpenCV takes them, px."""
+        (fx, fy), (cx, cy) = self.focal_px, self.centre_px
+        return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def camera_from_gel(self) -> Float[np.ndarray, "4 4"]:
+        """The inverse of `gel_from_camera`."""
+        inverse: Float[np.ndarray, "4 4"] = np.linalg.inv(self.gel_from_camera)
+        return inverse
+
+
+@dataclass(frozen=True, kw_only=True)
+class Light:
+    """A distant light: the unit vector from the gel to it (gel frame) and its strength in R, G and B."""
+
+    direction: Float[np.ndarray, "3"]
+    colour: Float[np.ndarray, "3"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """One sensor; what a kind does not need is None or empty.
+
+    `markers-mono` and `photometric` have a `camera`, `markers-stereo` also a `second_camera`, and all three the
+    gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back). `fields` is a sensor that gives displacement and
+    force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a marker's place is
+    where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the layer's normal and
+    shear stiffness per area, are stated where they were measured. `calibration_file` is a photometric look-up.
+    """
+
+    kind: SensorKind
+    name: str
+    serial: str = ""
+    camera: Camera | None = None
+    second_camera: Camera | None = None
+    thickness_mm: float | None = None
+    E_MPa: float | None = None
+    nu: float | None = None
+    gel_kn_MPa_per_mm: float | None = None
+    gel_kt_MPa_per_mm: float | None = None
+    face_mm: tuple[float, float] | None = None
+    rest_mm: Float[np.ndarray, "n 3"] | None = None
+    lights: tuple[Light, ...] = ()
+    calibration_file: Path | None = None
+
+
+def marker_grid(
+    rows: int, columns: int, *, pitch_mm: tuple[float, float], first_mm: tuple[float, float, float] | None
+) -> Float[np.ndarray, "n 3"]:
+    """A grid of markers, row by row: columns run along x, rows along y, `pitch_mm` is (x, y).
+
+    `first_mm` is the marker of row 0 and column 0; None centres the grid on the gel.
+
+    >>> marker_grid(1, 2, pitch_mm=(2.0, 2.0), first_mm=None).tolist()
+    [[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+    x, y = np.meshgrid(np.arange(columns) * pitch_mm[0], np.arange(rows) * pitch_mm[1])
+    grid = np.stack([x.ravel(), y.ravel(), np.zeros(rows * columns)], axis=1)
+    start = np.array([-x[0, -1] / 2, -y[-1, 0] / 2, 0.0]) if first_mm is None else np.asarray(first_mm)
+    return np.asarray(grid + start)
