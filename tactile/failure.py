@@ -10,6 +10,11 @@ class TactileProblem(StrEnum):
     NEVER_TOUCHES = "never-touches"
     NO_MARKERS = "no-markers"
     PADS_OFF_FRUIT = "pads-off-fruit"
+    UNREADABLE_SENSOR = "unreadable-sensor"
+    UNREADABLE_FRAMES = "unreadable-frames"
+    WRONG_SENSOR = "wrong-sensor"
+    SATURATED = "gel-saturated"
+    MARKERS_LOST = "markers-lost"
 
 
 class TactileFailure(Exception):

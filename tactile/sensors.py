@@ -1,9 +1,9 @@
 """What a tactile sensor is: its camera, its gel, its markers and its lights.
 
-Two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel face, z out
-of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0) the centre of the
-first pixel. A camera behind the gel that looks out through it and is not turned has `gel_from_camera` =
-identity with a shift along negative z.
+Two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel face, z
+out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0) the
+centre of the first pixel. A camera behind the gel that looks out through it and is not turned has
+`gel_from_camera` = identity with a shift along negative z.
 """
 
 from dataclasses import dataclass
@@ -55,11 +55,12 @@ class Light:
 class Sensor:
     """One sensor; what a kind does not need is None or empty.
 
-    `markers-mono` and `photometric` have a `camera`, `markers-stereo` also a `second_camera`, and all three the
-    gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back). `fields` is a sensor that gives displacement and
-    force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a marker's place is
-    where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the layer's normal and
-    shear stiffness per area, are stated where they were measured. `calibration_file` is a photometric look-up.
+    `markers-mono` and `photometric` have a `camera`, `markers-stereo` also a `second_camera`, and all three
+    the gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back). `fields` is a sensor that gives
+    displacement and force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a
+    marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the
+    layer's normal and shear stiffness per area, are stated where they were measured. `calibration_file` is a
+    photometric look-up.
     """
 
     kind: SensorKind

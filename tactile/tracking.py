@@ -10,9 +10,9 @@ from jaxtyping import Float
 class TrackedMarkers:
     """Where every marker is in every frame of one camera, px, pixel (0, 0) being the first one's centre.
 
-    `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is NaN
-    where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference). `rest_mm` is
-    each marker's place on the undeformed gel, gel frame: the sensor's own where it states a grid.
+    `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
+    NaN where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference). `rest_mm`
+    is each marker's place on the undeformed gel, gel frame: the sensor's own where it states a grid.
     """
 
     time_s: Float[np.ndarray, " t"]

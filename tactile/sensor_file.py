@@ -1,0 +1,155 @@
+"""A sensor's description in TOML, one file per sensor.
+
+```toml
+kind = "markers-mono"            # markers-mono, markers-stereo, photometric, fields
+name = "GelSight Mini"
+serial = "2A47"                  # optional; frames that name another serial are refused
+
+[gel]                            # not needed by kind "fields"
+thickness_mm = 4.0
+E_MPa = 0.25
+nu = 0.48
+face_mm = [18.6, 14.3]           # optional: what of the gel is in view, x and y
+gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
+gel_kt_MPa_per_mm = 0.02
+
+[camera]                         # and [second_camera] for markers-stereo
+image_px = [640, 480]
+focal_px = [520.0, 520.0]
+centre_px = [319.5, 239.5]
+distortion = [0.0, 0.0, 0.0, 0.0, 0.0]      # k1, k2, p1, p2, k3
+gel_from_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -16], [0, 0, 0, 1]]
+
+[markers]                        # optional: a grid, or rest_mm = [[x, y, z], ...]
+rows = 7
+columns = 9
+pitch_mm = [2.0, 2.0]
+first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
+
+[[lights]]                       # photometric: three lights or more, or calibration_file = "look-up.npz"
+direction = [1.0, 0.0, 0.5]
+colour = [1.0, 0.0, 0.0]
+```
+"""
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.failure import TactileProblem
+from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
+from tactile.toml_table import Table, read_table
+
+KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
+TOP = {"kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file"}
+FEWEST_LIGHTS = 3
+RIGID_TOLERANCE = 1e-4
+"""Largest entry of R'R - I that still counts as a rotation."""
+
+
+def read_sensor(path: Path) -> Sensor:
+    """The sensor that `path` describes.
+
+    Raises TactileFailure (unreadable-sensor) that names the file, the field, what was found and what was
+    expected: no such file, not TOML, an unknown key, a missing one, a value of a wrong kind or out of range,
+    or a table that the kind needs and the file lacks.
+    """
+    top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description")
+    top.refuse_unknown(TOP)
+    kind = top.choice("kind", KINDS)
+    photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
+    gel = top.table("gel", needed=images)
+    gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "face_mm", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
+    nu = gel.number("nu", needed=images, above=0.0)
+    if nu is not None and nu >= 0.5:
+        raise gel.refusal("nu", repr(nu), "a number below 0.5 (0.48 for a soft gel)")
+    face = gel.numbers("face_mm", (2,), needed=False)
+    lights = tuple(_light(table) for table in top.tables("lights"))
+    calibration = _calibration(top)
+    if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
+        found = f"{len(lights)} lights and no calibration_file"
+        raise top.refusal("lights", found, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
+    return Sensor(
+        kind=cast(SensorKind, kind),
+        name=top.text("name"),
+        serial=top.text("serial", default=""),
+        camera=_camera(top.table("camera", needed=images)),
+        second_camera=_camera(top.table("second_camera", needed=stereo)),
+        thickness_mm=gel.number("thickness_mm", needed=images, above=0.0),
+        E_MPa=gel.number("E_MPa", needed=images, above=0.0),
+        nu=nu,
+        gel_kn_MPa_per_mm=gel.number("gel_kn_MPa_per_mm", needed=False, above=0.0),
+        gel_kt_MPa_per_mm=gel.number("gel_kt_MPa_per_mm", needed=False, above=0.0),
+        face_mm=None if face is None else _two(face),
+        rest_mm=_rest(top.table("markers", needed=False)),
+        lights=lights,
+        calibration_file=calibration,
+    )
+
+
+def _camera(table: Table) -> Camera | None:
+    if not table:
+        return None
+    table.refuse_unknown({"image_px", "focal_px", "centre_px", "distortion", "gel_from_camera"})
+    width, height = table.numbers("image_px", (2,)).tolist()
+    if not (width >= 1 and height >= 1 and width % 1 == 0 and height % 1 == 0):
+        raise table.refusal("image_px", f"[{width:g}, {height:g}]", "width and height in whole pixels")
+    focal = table.numbers("focal_px", (2,))
+    if not (focal > 0).all():
+        raise table.refusal("focal_px", str(focal.tolist()), "two numbers above 0")
+    distortion = table.numbers("distortion", (5,), needed=False)
+    pose = table.numbers("gel_from_camera", (4, 4))
+    turn = pose[:3, :3]
+    rigid = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
+    if not (rigid and np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE):
+        raise table.refusal("gel_from_camera", "a matrix that is no rotation and shift", "a rigid motion, mm")
+    return Camera(
+        image_px=(int(width), int(height)),
+        focal_px=(float(focal[0]), float(focal[1])),
+        centre_px=_two(table.numbers("centre_px", (2,))),
+        distortion=(0.0, 0.0, 0.0, 0.0, 0.0) if distortion is None else tuple(distortion.tolist()),
+        gel_from_camera=pose,
+    )
+
+
+def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
+    if not table:
+        return None
+    if "rest_mm" in table.values:
+        table.refuse_unknown({"rest_mm"})
+        rest: Float[np.ndarray, "n 3"] = table.numbers("rest_mm", (None, 3))
+        return rest
+    table.refuse_unknown({"rows", "columns", "pitch_mm", "first_mm"})
+    pitch = table.numbers("pitch_mm", (2,))
+    if not (pitch > 0).all():
+        raise table.refusal("pitch_mm", str(pitch.tolist()), "two numbers above 0")
+    first = table.numbers("first_mm", (3,), needed=False)
+    return marker_grid(
+        table.whole("rows"),
+        table.whole("columns"),
+        pitch_mm=_two(pitch),
+        first_mm=None if first is None else (float(first[0]), float(first[1]), float(first[2])),
+    )
+
+
+def _light(table: Table) -> Light:
+    table.refuse_unknown({"direction", "colour"})
+    direction = table.numbers("direction", (3,))
+    length = float(np.linalg.norm(direction))
+    if length == 0.0:
+        raise table.refusal("direction", "zero", "the direction from the gel to the light")
+    return Light(direction=direction / length, colour=table.numbers("colour", (3,)))
+
+
+def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    return float(pair[0]), float(pair[1])
+
+
+def _calibration(top: Table) -> Path | None:
+    name = top.text("calibration_file", default="")
+    path = top.path.parent / name
+    if name and not path.is_file():
+        raise top.refusal("calibration_file", f"no file {name}", "a file beside this one")
+    return path if name else None

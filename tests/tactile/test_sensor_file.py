@@ -1,0 +1,100 @@
+"""A sensor's description is read as written, and a wrong one is refused by file and field."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.sensor_file import read_sensor
+
+MONO = """
+kind = "markers-mono"
+name = "dots"
+serial = "A1"
+[gel]
+thickness_mm = 4.0
+E_MPa = 0.25
+nu = 0.48
+[camera]
+image_px = [640, 480]
+focal_px = [520.0, 521.0]
+centre_px = [319.5, 239.5]
+distortion = [-0.1, 0.01, 0.0, 0.0, 0.0]
+gel_from_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -16], [0, 0, 0, 1]]
+[markers]
+rows = 2
+columns = 3
+pitch_mm = [2.0, 1.0]
+"""
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "sensor.toml"
+    path.write_text(text)
+    return path
+
+
+def test_every_field_is_read_as_written(tmp_path: Path) -> None:
+    sensor = read_sensor(written(tmp_path, MONO))
+    assert (sensor.kind, sensor.name, sensor.serial) == ("markers-mono", "dots", "A1")
+    assert (sensor.thickness_mm, sensor.E_MPa, sensor.nu) == (4.0, 0.25, 0.48)
+    assert sensor.camera is not None
+    assert sensor.camera.image_px == (640, 480)
+    assert sensor.camera.distortion == (-0.1, 0.01, 0.0, 0.0, 0.0)
+    np.testing.assert_array_equal(sensor.camera.matrix, [[520, 0, 319.5], [0, 521, 239.5], [0, 0, 1]])
+    np.testing.assert_array_equal(sensor.camera.camera_from_gel[:3, 3], [0, 0, 16])
+    assert sensor.rest_mm is not None
+    expected = [[-2, -0.5, 0], [0, -0.5, 0], [2, -0.5, 0], [-2, 0.5, 0], [0, 0.5, 0], [2, 0.5, 0]]
+    np.testing.assert_array_equal(sensor.rest_mm, expected)
+
+
+def test_a_fields_sensor_needs_a_name_only(tmp_path: Path) -> None:
+    sensor = read_sensor(written(tmp_path, 'kind = "fields"\nname = "Tac3D"\n'))
+    assert sensor.camera is None
+    assert sensor.rest_mm is None
+
+
+def test_light_directions_become_unit_vectors(tmp_path: Path) -> None:
+    text = MONO.replace("markers-mono", "photometric") + "".join(
+        f"[[lights]]\ndirection = {d}\ncolour = [1, 0, 0]\n" for d in ([3, 0, 4], [0, 3, 4], [-3, 0, 4])
+    )
+    lights = read_sensor(written(tmp_path, text)).lights
+    np.testing.assert_allclose(lights[0].direction, [0.6, 0, 0.8])
+
+
+REFUSALS = [
+    ('kind = "markers-mono"', 'kind = "dots"', "kind", "'dots'"),
+    ("thickness_mm = 4.0", "thickness = 4.0", "gel.thickness", "not known"),
+    ("thickness_mm = 4.0", "", "gel.thickness_mm", "nothing"),
+    ("thickness_mm = 4.0", "thickness_mm = -4.0", "gel.thickness_mm", "-4"),
+    ("thickness_mm = 4.0", 'thickness_mm = "4"', "gel.thickness_mm", "'4'"),
+    ("thickness_mm = 4.0", "thickness_mm = true", "gel.thickness_mm", "True"),
+    ("nu = 0.48", "nu = 0.5", "gel.nu", "0.5"),
+    ("image_px = [640, 480]", "image_px = [640.5, 480]", "camera.image_px", "640.5"),
+    ("focal_px = [520.0, 521.0]", "focal_px = [520.0]", "camera.focal_px", "shape (1,)"),
+    ("[[1, 0, 0, 0]", "[[2, 0, 0, 0]", "camera.gel_from_camera", "no rotation"),
+    ("rows = 2", "rows = 0", "markers.rows", "0"),
+    ('kind = "markers-mono"', 'kind = "markers-stereo"', "second_camera", "nothing"),
+    ('kind = "markers-mono"', 'kind = "photometric"', "lights", "0 lights"),
+    ('name = "dots"', 'name = "dots', "the file", "line"),
+    ('name = "dots"', 'name = "dots"\ncalibration_file = "x.npz"', "calibration_file", "no file x.npz"),
+]
+
+
+@pytest.mark.parametrize(("written_as", "instead", "field", "found"), REFUSALS)
+def test_a_wrong_field_is_named(
+    tmp_path: Path, written_as: str, instead: str, field: str, found: str
+) -> None:
+    assert written_as in MONO
+    path = written(tmp_path, MONO.replace(written_as, instead))
+    with pytest.raises(TactileFailure) as caught:
+        read_sensor(path)
+    assert caught.value.problem is TactileProblem.UNREADABLE_SENSOR
+    assert str(caught.value).startswith(f"sensor.toml: {field}: found ")
+    assert found in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(TactileFailure, match=r"none\.toml: the file: found no such file"):
+        read_sensor(tmp_path / "none.toml")
