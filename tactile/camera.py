@@ -1,0 +1,48 @@
+"""From gel points to pixels and back, through a pinhole with OpenCV's lens distortion."""
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from tactile.sensors import Camera
+
+UNDISTORT_STEPS = 50
+
+
+def project(camera: Camera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    """Pixels at which the camera sees points of the gel frame."""
+    pose = camera.camera_from_gel
+    turn, shift = cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3]
+    seen, _ = cv2.projectPoints(
+        np.ascontiguousarray(points_mm, dtype=np.float64)[:, None],
+        turn,
+        shift,
+        camera.matrix,
+        np.array(camera.distortion),
+    )
+    return np.asarray(seen[:, 0], dtype=np.float64)
+
+
+def rays(
+    camera: Camera, pixels: Float[np.ndarray, "n 2"]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "n 3"]]:
+    """The camera's centre (mm) and each pixel's unit direction, both in the gel frame."""
+    stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, UNDISTORT_STEPS, 1e-12)
+    plane = cv2.undistortPoints(
+        np.ascontiguousarray(pixels, dtype=np.float64)[:, None],
+        camera.matrix,
+        np.array(camera.distortion),
+        criteria=stop,
+    )[:, 0]
+    forward = np.concatenate([plane, np.ones((len(plane), 1))], axis=1)
+    turned = forward @ camera.gel_from_camera[:3, :3].T
+    return camera.gel_from_camera[:3, 3].copy(), turned / np.linalg.norm(turned, axis=1, keepdims=True)
+
+
+def on_face(
+    camera: Camera, pixels: Float[np.ndarray, "n 2"], *, z_mm: float = 0.0
+) -> Float[np.ndarray, "n 3"]:
+    """Where each pixel's ray meets the plane z = `z_mm` of the gel frame; z = 0 is the undeformed face."""
+    centre, direction = rays(camera, pixels)
+    reach = (z_mm - centre[2]) / direction[:, 2:]
+    return np.asarray(centre + reach * direction)
