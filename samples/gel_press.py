@@ -1,0 +1,229 @@
+"""A gel pad pressed by a rigid ball, as truth for gel images: finite elements, contact and friction.
+
+The gel is a block of 27-node bricks, small strain, its back fixed and its sides free. The ball's surface is
+followed where the gel's face is now: a node at distance d from the ball's centre carries the pressure
+c_n (R - d) where that is positive, and a shear c_t times the way it has been dragged on the ball since it
+first touched, at most friction times pressure (Coulomb; both c are stiff penalties). Pad frame: the face is
+z = 0, the gel lies below it, z points out. Forces here are those on the ball, as recordings have them.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from samples.factors import Solve, factorise
+from samples.failure import NotInEquilibrium
+from samples.flesh import _integrated as integrated
+from samples.flesh import assembled
+from samples.hexahedra import _with_middles as with_middles
+from samples.hexahedra import lagrange
+
+SHIPPED_X = (-13.0, -10.5, -8.5, -7.2, *np.arange(-6.2, 6.3, 1.0333333), 7.2, 8.5, 10.5, 13.0)
+SHIPPED_Y = (-11.0, -9.2, -8.0, -7.1, *np.arange(-6.2, 6.3, 1.0333333), 7.1, 8.0, 9.2, 11.0)
+SHIPPED_DEPTHS = (0.0, 0.18, 0.4, 0.68, 1.0)
+NORMAL_MPA_PER_MM, SHEAR_MPA_PER_MM = 20.0, 8.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelBlock:
+    """A block of gel: cell borders, and compliance (mm/N) from loads on `reach` to every node of the face.
+
+    `face_mm` (a, b, 2) are the face's nodes, `weights_mm2` (a, b) the area each stands for.
+    """
+
+    x_mm: Float[np.ndarray, " a"]
+    y_mm: Float[np.ndarray, " b"]
+    weights_mm2: Float[np.ndarray, " n"]
+    reach: Int[np.ndarray, " r"]
+    compliance: Float[np.ndarray, "3n 3r"]
+
+    @property
+    def face_mm(self) -> Float[np.ndarray, "n 2"]:
+        """Nodes of the face, x slowest."""
+        return np.stack(np.meshgrid(self.x_mm, self.y_mm, indexing="ij"), axis=-1).reshape(-1, 2)
+
+    def at(
+        self, values: Float[np.ndarray, "n c"], where_mm: Float[np.ndarray, "m 2"]
+    ) -> Float[np.ndarray, "m c"]:
+        """Nodal values read at points of the face through the cells' own biquadratic functions."""
+        grid = values.reshape(len(self.x_mm), len(self.y_mm), -1)
+        (i, a), (j, b) = _read(self.x_mm, where_mm[:, 0]), _read(self.y_mm, where_mm[:, 1])
+        near = grid[i[:, :, None], j[:, None, :]]
+        return np.asarray(np.einsum("mp,mq,mpqc->mc", a, b, near))
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallPose:
+    """Where the ball is: its centre (pad frame) and its turn about z since the start."""
+
+    centre_mm: tuple[float, float, float]
+    turn_rad: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressed:
+    """The gel's face at one instant: displacement of its nodes and force on the ball, node by node."""
+
+    displacement_mm: Float[np.ndarray, "n 3"]
+    force_N: Float[np.ndarray, "n 3"]
+
+
+def gel_block(
+    *,
+    thickness_mm: float,
+    E_MPa: float,
+    nu: float,
+    reach_mm: float,
+    x_mm: Sequence[float] = SHIPPED_X,
+    y_mm: Sequence[float] = SHIPPED_Y,
+    depths: Sequence[float] = SHIPPED_DEPTHS,
+) -> GelBlock:
+    """Mesh and condense a block; `depths` are relative cell borders, loads reach `reach_mm` far."""
+    x, y = with_middles(np.asarray(x_mm)), with_middles(np.asarray(y_mm))
+    z = -thickness_mm * with_middles(np.asarray(depths))[::-1]
+    a, b, c = len(x), len(y), len(z)
+    number = np.arange(a * b * c).reshape(c, a, b)
+    corner = np.meshgrid(*[np.arange(0, n - 2, 2) for n in (c, a, b)], indexing="ij")
+    start = np.stack(corner, axis=-1).reshape(-1, 3)
+    step = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
+    place = start[:, None] + step
+    cells = number[place[..., 0], place[..., 1], place[..., 2]]
+    grid = np.meshgrid(z, x, y, indexing="ij")
+    nodes = np.stack([grid[1], grid[2], grid[0]], axis=-1).reshape(-1, 3)
+    mu, lam = E_MPa / (2 * (1 + nu)), E_MPa * nu / ((1 + nu) * (1 - 2 * nu))
+    slopes, volumes = integrated(nodes[cells])
+    stiffness = assembled(cells, slopes, volumes, mu, lam, len(nodes))
+    fixed = 3 * a * b
+    solve = factorise(stiffness[fixed:][:, fixed:])
+    face = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
+    reach = np.flatnonzero(np.linalg.norm(face, axis=1) < reach_mm)
+    top = stiffness.shape[0] - fixed - 3 * a * b
+    return GelBlock(
+        x_mm=x,
+        y_mm=y,
+        weights_mm2=(_simpson(x)[:, None] * _simpson(y)).ravel(),
+        reach=reach,
+        compliance=_columns(solve, top, 3 * a * b, reach),
+    )
+
+
+def pressed(block: GelBlock, path: Sequence[BallPose], *, radius_mm: float, friction: float) -> list[Pressed]:
+    """The gel along a path of the ball, instant by instant (the first should be in the air).
+
+    Raises NotInEquilibrium when the contact does not settle or grows past the block's reach.
+    """
+    at = np.column_stack([block.face_mm[block.reach], np.zeros(len(block.reach))])
+    weight = block.weights_mm2[block.reach][:, None]
+    rows = (3 * block.reach[:, None] + np.arange(3)).ravel()
+    small = block.compliance[rows]
+    edge = np.linalg.norm(at, axis=1) > np.linalg.norm(at, axis=1).max() - 0.3
+    u, touching = np.zeros_like(at), np.zeros(len(at), dtype=bool)
+    held = np.zeros_like(at)
+    instants = []
+    for pose in path:
+        turn = Rotation.from_rotvec([0.0, 0.0, pose.turn_rad])
+        centre = np.asarray(pose.centre_mm)
+        law = _ball_law(at, centre, turn, held, touching, radius_mm, friction)
+        u, force = _settled(small, law, weight, u)
+        if np.any(force[edge]):
+            raise NotInEquilibrium("the ball's contact grew past the part of the gel that can be loaded")
+        # what a node holds on to is a point of the ball, in the ball's own frame
+        own = turn.inv().apply(at + u - centre)
+        now = force[:, 2] / weight[:, 0] < 0
+        stretch = _shear(force / weight, at + u - centre) / SHEAR_MPA_PER_MM
+        held = np.where(now[:, None], own - turn.inv().apply(stretch), own)
+        touching = now
+        every = np.zeros((len(block.face_mm), 3))
+        every[block.reach] = -force
+        shift = (block.compliance @ force.ravel()).reshape(-1, 3)
+        instants.append(Pressed(displacement_mm=shift, force_N=every))
+    return instants
+
+
+Law = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def _shear(traction: np.ndarray, arm: np.ndarray) -> np.ndarray:
+    normal = arm / np.linalg.norm(arm, axis=1, keepdims=True)
+    return np.asarray(traction - (traction * normal).sum(1, keepdims=True) * normal)
+
+
+def _ball_law(
+    at: np.ndarray, centre: np.ndarray, turn: Rotation, held: np.ndarray, touching: np.ndarray,
+    radius: float, friction: float,
+) -> Law:  # fmt: skip
+    """Traction on the gel (MPa) at displacement u, and its slope by u, by differences."""
+    foot = centre + turn.apply(held)
+
+    def law(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def load(v: np.ndarray) -> np.ndarray:
+            arm = at + v - centre
+            distance = np.linalg.norm(arm, axis=1, keepdims=True)
+            outward = arm / distance
+            pressure = NORMAL_MPA_PER_MM * np.maximum(radius - distance, 0.0)
+            drag = np.where(touching[:, None], at + v - foot, 0.0)
+            trial = -SHEAR_MPA_PER_MM * (drag - (drag * outward).sum(1, keepdims=True) * outward)
+            size = np.maximum(np.linalg.norm(trial, axis=1, keepdims=True), 1e-12)
+            return np.asarray(pressure * outward + trial * np.minimum(1.0, friction * pressure / size))
+
+        here, tiny = load(u), 1e-7
+        slope = np.stack([(load(u + tiny * e) - here) / tiny for e in np.eye(3)], axis=2)
+        return here, slope
+
+    return law
+
+
+def _settled(small: np.ndarray, law: Law, weight: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Solve u = C f(u) by Newton with halved steps; the force on the gel, N."""
+    for _ in range(80):
+        traction, slope = law(u)
+        force = traction * weight
+        miss = u - (small @ force.ravel()).reshape(-1, 3)
+        if np.abs(miss).max() < 1e-8:
+            return u, force
+        active = np.flatnonzero(np.abs(slope).max(axis=(1, 2)) > 0)
+        block = (3 * active[:, None] + np.arange(3)).ravel()
+        pushed = slope[active] * weight[active][:, :, None]
+        product = np.einsum("anj,njk->ank", small[np.ix_(block, block)].reshape(len(block), -1, 3), pushed)
+        inner = np.linalg.solve(np.eye(len(block)) - product.reshape(len(block), -1), -miss[active].ravel())
+        force_step = np.einsum("nij,nj->ni", pushed, inner.reshape(-1, 3))
+        move = -miss + (small[:, block] @ force_step.ravel()).reshape(-1, 3)
+        best, share = np.linalg.norm(miss), 1.0
+        while share > 0.01:
+            trial = u + share * move
+            left = trial - (small @ (law(trial)[0] * weight).ravel()).reshape(-1, 3)
+            if np.linalg.norm(left) < (1 - 0.1 * share) * best:
+                break
+            share /= 2
+        u = trial
+    raise NotInEquilibrium(f"the ball's contact did not settle: {np.abs(miss).max():.1e} mm are left")
+
+
+def _columns(solve: Solve, top: int, size: int, reach: Int[np.ndarray, " r"]) -> Float[np.ndarray, "3n 3r"]:
+    dofs = top + (3 * reach[:, None] + np.arange(3)).ravel()
+    out = np.empty((size, len(dofs)))
+    for part in np.array_split(np.arange(len(dofs)), max(1, len(dofs) // 100)):
+        unit = np.zeros((top + size, len(part)))
+        unit[dofs[part], np.arange(len(part))] = 1.0
+        out[:, part] = solve(unit)[top:]
+    return out
+
+
+def _simpson(x: Float[np.ndarray, " a"]) -> Float[np.ndarray, " a"]:
+    weight = np.zeros(len(x))
+    for k in range(0, len(x) - 2, 2):
+        weight[k : k + 3] += (x[k + 2] - x[k]) / 6.0 * np.array([1.0, 4.0, 1.0])
+    return weight
+
+
+def _read(
+    x: Float[np.ndarray, " a"], at: Float[np.ndarray, " m"]
+) -> tuple[Int[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
+    """Nodes and weights of a quadratic line element at each point."""
+    cell = np.clip(np.searchsorted(x[::2], at) - 1, 0, (len(x) - 3) // 2)
+    low, high = x[2 * cell], x[2 * cell + 2]
+    value, _ = lagrange(2.0 * (at - low) / (high - low) - 1.0)
+    return 2 * cell[:, None] + np.arange(3), value

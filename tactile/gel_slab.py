@@ -1,0 +1,171 @@
+"""How the face of a gel gives way under traction: an elastic slab whose back is bonded to a rigid plate.
+
+The slab 0 < z < h carries traction t exp(i k x) on its face z = h and is fixed at z = 0. With wave number
+k = |k|, H = k h, T = tanh H, s = 1 - 2 nu and a = 2 (1 - nu), Papkovich and Neuber's form
+2 mu u = -grad(phi + z psi) + 4 (1 - nu) psi e_z, both functions harmonic, leaves two amplitudes g:
+
+    [normal, shear traction] / k = [[-s T - H, a - H T], [a + H T, H - s T]] g
+    2 mu [along k, normal]       = [[(3 - 4 nu) T + H, H T], [-H T, (3 - 4 nu) T - H]] g
+
+(both over cosh H), and for shear across k: displacement = T / (mu k) traction. k -> 0 gives h / mu in shear
+and h (1 + nu)(1 - 2 nu) / (E (1 - nu)) under pressure, k -> infinity Boussinesq's and Cerruti's half space.
+The kernel is exact for small strain at any nu < 0.5 and holds for a slab that is wide compared with h: at nu
+0.48 what free sides change falls to a third every 1.2 thicknesses. It is a flat slab's: a dome is refused.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.ndimage import map_coordinates, spline_filter
+
+FLAT_TO = 0.1
+"""A gel whose face departs from a plane by more than this part of its thickness is not a flat slab."""
+FINE_PER_PITCH = 8
+CLEAR_THICKNESSES = 8.0
+
+
+class GelLayer(Protocol):
+    """What a gel is to the inverse: surface displacement per traction at each wave number, mm/MPa."""
+
+    @property
+    def decay_mm(self) -> float:
+        """How far a load is felt along the face."""
+        ...
+
+    def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
+        """Along k by shear along k, along k by pressure (over -i), normal by pressure, across by across."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelSlab:
+    """A bonded elastic slab."""
+
+    thickness_mm: float
+    E_MPa: float
+    nu: float
+
+    @property
+    def decay_mm(self) -> float:
+        """The thickness."""
+        return self.thickness_mm
+
+    @property
+    def shear_MPa(self) -> float:
+        """mu = E / (2 (1 + nu))."""
+        return self.E_MPa / (2.0 * (1.0 + self.nu))
+
+    @property
+    def oedometric_MPa(self) -> float:
+        """Modulus of a layer that cannot spread: E (1 - nu) / ((1 + nu)(1 - 2 nu)); infinite at nu = 0.5."""
+        nu = self.nu
+        return float(np.divide(self.E_MPa * (1.0 - nu), (1.0 + nu) * (1.0 - 2.0 * nu)))
+
+    def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
+        """The kernel of the module's docstring; k = 0 by its limit."""
+        mu, nu, h = self.shear_MPa, self.nu, self.thickness_mm
+        k = np.maximum(np.asarray(k_per_mm, dtype=float), 1e-4 / h)
+        H = k * h
+        T = np.tanh(H)
+        s, a, kappa = 1.0 - 2.0 * nu, 2.0 * (1.0 - nu), 3.0 - 4.0 * nu
+        normal, shear = (-s * T - H, a - H * T), (a + H * T, H - s * T)
+        # past H = 20 the layer is a half space; T = 1 then, and H^2 would only cost digits
+        determinant = normal[0] * shear[1] - normal[1] * shear[0]
+        along, up = (kappa * T + H, H * T), (-H * T, kappa * T - H)
+        scale = 1.0 / (2.0 * mu * k * determinant)
+        # inverse of [[n0, n1], [s0, s1]] is [[s1, -n1], [-s0, n0]] / determinant: columns pressure, shear
+        along_by_shear = (-along[0] * normal[1] + along[1] * normal[0]) * scale
+        along_by_pressure = (along[0] * shear[1] - along[1] * shear[0]) * scale
+        up_by_pressure = (up[0] * shear[1] - up[1] * shear[0]) * scale
+        return np.stack([along_by_shear, along_by_pressure, up_by_pressure, T / (mu * k)], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpringBed:
+    """A layer so thin that every point gives way alone: normal and shear stiffness per area."""
+
+    kn_MPa_per_mm: float
+    kt_MPa_per_mm: float
+
+    @property
+    def decay_mm(self) -> float:
+        """Nothing is felt beyond the load."""
+        return 0.0
+
+    def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
+        """The same at every wave number."""
+        kt, kn = 1.0 / self.kt_MPa_per_mm, 1.0 / self.kn_MPa_per_mm
+        return np.tile([kt, 0.0, kn, kt], (len(k_per_mm), 1))
+
+
+def traction_response(
+    layer: GelLayer, traction_MPa: Float[np.ndarray, "a b 3"], *, spacing_mm: float
+) -> Float[np.ndarray, "a b 3"]:
+    """Displacement (mm) of the face under a traction sampled on a grid, x along the first axis.
+
+    The grid repeats itself for ever: leave a margin of some thicknesses without load round what counts.
+    """
+    kernel = _tensor(layer, traction_MPa.shape[:2], spacing_mm)
+    loaded = np.fft.fft2(traction_MPa, axes=(0, 1))
+    return np.real(np.fft.ifft2(np.einsum("abij,abj->abi", kernel, loaded), axes=(0, 1)))
+
+
+def tent_compliance(
+    layer: GelLayer,
+    at_mm: Float[np.ndarray, "n 2"],
+    nodes_mm: Float[np.ndarray, "m 2"],
+    *,
+    pitch_mm: float,
+) -> Float[np.ndarray, "n 3 m 3"]:
+    """Displacement (mm) at points of the face per newton on tents of traction round `nodes_mm`.
+
+    A tent is (1 - |x| / pitch)(1 - |y| / pitch) / pitch^2 within one pitch: the nodes of a square grid of
+    that pitch make every bilinear traction. The response of one tent is tabulated on a grid 8 times finer
+    than the pitch and read by cubic splines.
+    """
+    offset = at_mm[:, None] - nodes_mm
+    fine = pitch_mm / FINE_PER_PITCH
+    reach = float(np.abs(offset).max()) + 2.0 * pitch_mm
+    half = int(np.ceil((reach + CLEAR_THICKNESSES * layer.decay_mm) / fine))
+    axis = fine * np.fft.fftfreq(2 * half, 1.0 / (2 * half))
+    tent = np.maximum(1.0 - np.abs(axis) / pitch_mm, 0.0) / pitch_mm
+    load = tent[:, None] * tent
+    kernel = _tensor(layer, load.shape, fine)
+    table = np.real(np.fft.ifft2(kernel * np.fft.fft2(load)[:, :, None, None], axes=(0, 1)))
+    place = (offset / fine % (2 * half)).reshape(-1, 2).T
+    out = np.empty((len(at_mm), 3, len(nodes_mm), 3))
+    for i in range(3):
+        for j in range(i, 3):
+            smooth = spline_filter(table[:, :, i, j], order=3, mode="grid-wrap")
+            read = map_coordinates(smooth, place, order=3, mode="grid-wrap", prefilter=False)
+            out[:, i, :, j] = read.reshape(offset.shape[:2])
+            if i != j:
+                # reciprocity: even under exchange in the face, odd where the normal takes part
+                out[:, j, :, i] = out[:, i, :, j] if j < 2 else -out[:, i, :, j]
+    return out
+
+
+def _tensor(layer: GelLayer, shape: tuple[int, ...], spacing_mm: float) -> Complex[np.ndarray, "a b 3 3"]:
+    """The 3 x 3 kernel at the wave vectors of an FFT over a grid of this shape."""
+    kx, ky = (2.0 * np.pi * np.fft.fftfreq(n, spacing_mm) for n in shape)
+    k = np.hypot(kx[:, None], ky)
+    unit = np.stack([kx[:, None] + 0.0 * k, ky + 0.0 * k], axis=-1) / np.maximum(k, 1e-30)[..., None]
+    shear, cross, normal, across = layer.spectrum(k.ravel()).reshape(*k.shape, 4).transpose(2, 0, 1)
+    flat = unit[..., :, None] * unit[..., None, :]
+    tensor = np.zeros((*k.shape, 3, 3), dtype=complex)
+    tensor[..., :2, :2] = (shear - across)[..., None, None] * flat + across[..., None, None] * np.eye(2)
+    tensor[..., :2, 2] = -1j * cross[..., None] * unit
+    tensor[..., 2, :2] = 1j * cross[..., None] * unit
+    tensor[..., 2, 2] = normal
+    # the highest wave number of an even grid has no partner of opposite sign
+    for axis, n in enumerate(shape[:2]):
+        if n % 2 == 0:
+            edge = np.take(tensor, n // 2, axis=axis)
+            real = np.real(edge)
+            if axis == 0:
+                tensor[n // 2] = real
+            else:
+                tensor[:, n // 2] = real
+    return tensor
