@@ -60,7 +60,7 @@ def places_of(
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
             f"{source}: found {int(near.sum())} of {len(near)} markers where the sensor's description "
-            f"has one (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} px), expected at least "
-            f"{ENOUGH:.0%}; is it this sensor's description, and are the pads not swapped?",
+            f"has one (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} px), expected "
+            f"at least {ENOUGH:.0%}; is it this sensor's description, and are the pads not swapped?",
         )
     return Places(kept, rest_mm[np.asarray(which)[kept]], float(np.median(np.asarray(away)[kept])))
