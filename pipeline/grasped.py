@@ -15,7 +15,7 @@ from pipeline.grasp import PlacedGrasp, foreign, place_grasp
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import FleshRecord, GraspRecord
-from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, other_height, write_meshes
+from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
 from reports.mesh_picture import mesh_picture
 from tactile.failure import TactileFailure
@@ -46,7 +46,7 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
     with diary.stage("mesh"):
         shape = fruit_shape(task)
         known["mesh"] = shape.record
-        diary.warnings += [*shape.warnings, *other_height(task, shape)]
+        diary.warnings += shape.warnings
     with diary.stage("pit"):
         pit = embedded_pit(task, shape)
         known["pit"] = pit.record

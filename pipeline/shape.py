@@ -1,7 +1,7 @@
 """A fruit's surface and its pit, in the fruit frame, from photos or from ready meshes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -14,17 +14,17 @@ from pipeline.confirmed import PitFound, pit_found
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.records import MeshRecord, PitRecord
+from pipeline.size_doubts import size_doubts
 from pipeline.task import FruitTask
 from recon.closed import volume_mm3
 from recon.fruit_frame import to_fruit_frame
 from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
 from recon.mesh_file import Mesh, mesh_bytes, read_mesh
+from recon.photo_check import checked_photos
 from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
+from recon.verdict import require_seen, shape_doubts
 from reports.photo import thumbnail_jpeg
-
-HEIGHTS_APART = 0.08
-"""A calliper and a mesh agree to a millimetre or two."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +49,16 @@ class Pit:
 
 
 def fruit_shape(task: FruitTask) -> Shape:
-    """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure."""
+    """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure.
+
+    Its warnings say where photos, size and stance are doubtful.
+    """
+    shape = _fruit_shape(task)
+    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=task.mat is not None)
+    return replace(shape, warnings=(*shape.warnings, *doubts))
+
+
+def _fruit_shape(task: FruitTask) -> Shape:
     folder = task.folder
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
@@ -81,13 +90,16 @@ def fruit_shape(task: FruitTask) -> Shape:
 
 
 def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
-    photos = read_photos(task.folder.photos)
-    recon = task.settings.recon
+    given = read_photos(task.folder.photos)
+    checked = checked_photos(given, task.mat)
+    photos, recon = checked.photos, task.settings.recon
     options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
     route = reconstruct if model is None else partial(reconstruct_with_model, model=model)
     made = route(photos, mat=task.mat, height_mm=task.given.height_mm, options=options)
+    quality = replace(made.quality, views_given=len(given))
+    require_seen(quality)
     vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
-    small = thumbnail_jpeg(photos[0].image)
+    small = thumbnail_jpeg(given[0].image)
     return Artifact(
         arrays={
             "vertices": vertices,
@@ -98,8 +110,8 @@ def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
         facts={
             "scale_sd": made.scale_sd,
             "surface_sd_mm": made.surface_sd_mm,
-            "quality": {k: v for k, v in asdict(made.quality).items() if np.isfinite(v)},
-            "warnings": list(made.warnings),
+            "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
+            "warnings": [*checked.warnings, *made.warnings, *shape_doubts(vertices, made.faces)],
         },
     )
 
@@ -171,14 +183,3 @@ def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
     for path, part in ((results.fruit_ply, shape), (results.pit_ply, pit)):
         placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
         write_whole(path, mesh_bytes(placed, part.faces))
-
-
-def other_height(task: FruitTask, shape: Shape) -> list[str]:
-    """A warning where the mesh is not as high as staff measured: another fruit, unit, or mat."""
-    given, found = task.given.height_mm, shape.record.height_mm
-    if given is None or abs(found / given - 1) < HEIGHTS_APART:
-        return []
-    return [
-        f"The mesh is {found:.1f} mm high and fruits.csv says {given:g} mm: check the unit (mm), that the "
-        "photos show this fruit, and that mat.json is of the mat that was printed."
-    ]

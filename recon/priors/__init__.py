@@ -20,7 +20,8 @@ class PitPrior:
     Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k; its centre lies `raised[k]`
     half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
     `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh.
-    `sources` says where each number comes from.
+    `fruit_mm` is the least and the greatest size (cube root of the box's volume) that a whole fruit of the
+    kind is taken to have, if the file says so. `sources` says where each number comes from.
     """
 
     category: str
@@ -32,6 +33,7 @@ class PitPrior:
     poisson_ratio: float
     poisson_ratio_sd: float
     sources: dict[str, str]
+    fruit_mm: tuple[float, float] | None = None
 
 
 def known_categories() -> tuple[str, ...]:
@@ -87,6 +89,7 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
         size_sd=number("size_sd", 0.0, 0.5),
         poisson_ratio=number("poisson_ratio", 0.0, 0.4999),
         poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2),
+        fruit_mm=number("fruit_mm", 5.0, 200.0, 2) if "fruit_mm" in table else None,
         sources=sources,
     )
 

@@ -1,0 +1,211 @@
+"""Spoil a good set of photos in every way that was thought of, and see that no wrong mesh goes unwarned.
+
+    python benchmarks/recon_faults.py PHOTOS_FOLDER --out CSV [--only WORDS] [--side PX]
+
+PHOTOS_FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json (mm, the mat's frame). Every
+second photo at 640 pixels is used (all of them where there is no mat). Each case ends as
+
+    right     RMS distance from the truth's seen surface <= 0.3 mm, volume within 2 %, no warning
+    warned    a mesh with warnings; the table says how good it is all the same
+    refused   no mesh, and a sentence why
+    unknown   a wrong mesh that nothing in the photos or in fruits.csv can tell (said so in the case)
+    WRONG     a wrong mesh without a warning: must not happen
+"""
+
+import argparse
+import csv
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from fault_cases import Case, PhotoSet, cases
+from fault_pictures import TrueView
+from jaxtyping import Bool, Float
+
+from pipeline.config import Recon, Settings
+from pipeline.layout import FruitFolder, FruitResults
+from pipeline.outcome import FruitEnded
+from pipeline.records import Given
+from pipeline.shape import fruit_shape
+from pipeline.task import FruitTask
+from recon.closed import vertex_normals, volume_mm3
+from recon.failure import ReconFailure
+from recon.mat import parse_mat
+from recon.mesh_file import Mesh, read_mesh
+from recon.photos import read_photos
+from recon.priors import load_prior
+from recon.similarity import fitted_similarity
+from recon.surface import distances_mm, open3d
+
+RIGHT_RMS_MM, RIGHT_VOLUME = 0.3, 0.02
+COLUMNS = ("case", "route", "photos", "ending", "rms_mm", "volume", "sentence", "seconds")
+
+
+def photo_set(folder: Path, *, side: int, every: int) -> PhotoSet:
+    """The good set, with true views and true outlines."""
+    photos = read_photos(folder / "photos", longest_side_px=side)[::every]
+    truth = json.loads((folder / "cameras_truth.json").read_text())
+    shrink = photos[0].image.shape[1] / truth["width"]
+    f, cx, cy = (shrink * truth[k] for k in ("f", "cx_colmap", "cy_colmap"))
+    K = np.array([[f, 0, cx - 0.5], [0, f, cy - 0.5], [0, 0, 1]])
+    known = {v["name"]: TrueView(np.array(v["R"]), np.array(v["t"]), K) for v in truth["views"]}
+    views = {p.name: known[p.name] for p in photos}
+    skin = read_mesh(folder / "fruit_truth.ply")[0]
+    pictures = {p.name: p.image for p in photos}
+    return PhotoSet(
+        pictures=pictures,
+        views=views,
+        masks={n: outlined(v, skin, pictures[n].shape[:2]) for n, v in views.items()},
+        mat=json.loads((folder / "mat.json").read_text()),
+    )
+
+
+def outlined(
+    view: TrueView, skin: Float[np.ndarray, "n 3"], shape: tuple[int, ...]
+) -> Bool[np.ndarray, "h w"]:
+    """The fruit's pixels: the hull of its points (the stem cavity never reaches the outline)."""
+    mask = np.zeros(shape, np.uint8)
+    hull = cv2.convexHull(view.project(skin).astype(np.float32))
+    cv2.fillConvexPoly(mask, np.rint(hull).astype(np.int32), 1)
+    return mask > 0
+
+
+def seen_points(mesh: Mesh, views: list[TrueView]) -> Float[np.ndarray, "n 3"]:
+    """Vertices of the truth that at least three photos see, less than 70 degrees off their normal."""
+    o3d = open3d()
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor(mesh[0].astype(np.float32)), o3d.core.Tensor(mesh[1].astype(np.uint32))
+    )
+    normals = vertex_normals(*mesh)
+    count = np.zeros(len(mesh[0]), int)
+    for view in views:
+        place = -view.R.T @ view.t
+        ahead = mesh[0] - place
+        far = np.linalg.norm(ahead, axis=1, keepdims=True)
+        rays = np.concatenate([np.broadcast_to(place, ahead.shape), ahead / far], axis=1).astype(np.float32)
+        hit = scene.cast_rays(o3d.core.Tensor(rays), nthreads=1)["t_hit"].numpy()
+        facing = -np.einsum("ij,ij->i", ahead / far, normals) > np.cos(np.radians(70))
+        count += facing & (hit > far[:, 0] - 0.05)
+    return np.asarray(mesh[0][count >= 3])
+
+
+def how_wrong(made: Mesh, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, align: bool) -> tuple[float, float]:
+    """RMS distance (mm) of the truth's seen points from the mesh, and the volume's relative error.
+
+    `align`: the mesh has a frame of its own, and is first turned and shifted onto the truth (30 steps of
+    closest points; no change of size).
+    """
+    points = seen.copy()
+    if align:
+        points = points - (truth[0].min(0) + truth[0].max(0)) / 2 + (made[0].min(0) + made[0].max(0)) / 2
+        o3d = open3d()
+        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        scene.add_triangles(
+            o3d.core.Tensor(made[0].astype(np.float32)), o3d.core.Tensor(made[1].astype(np.uint32))
+        )
+        for _ in range(30):
+            found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=1)
+            T, _ = fitted_similarity(points, np.asarray(found["points"].numpy(), float))
+            turn = T[:3, :3] / np.cbrt(np.linalg.det(T[:3, :3]))
+            goal = points @ T[:3, :3].T + T[:3, 3]
+            points = points @ turn.T
+            points += goal.mean(0) - points.mean(0)
+    rms = float(np.sqrt(np.mean(distances_mm(points, *made) ** 2)))
+    return rms, volume_mm3(*made) / volume_mm3(*truth) - 1
+
+
+def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"]) -> dict[str, Any]:
+    """One case from files to ending, by the pipeline's own way."""
+    spoiled = case.fault(good)
+    content = spoiled.content()
+    row: dict[str, Any] = {"case": case.name, "route": case.route, "photos": len(content)}
+    started = time.perf_counter()
+    with tempfile.TemporaryDirectory() as scratch:
+        root = Path(scratch)
+        photos = root / "fruits" / "N" / "photos"
+        photos.mkdir(parents=True)
+        for name, data in content.items():
+            (photos / name).write_bytes(data)
+        try:
+            mat = None
+            if spoiled.mat is not None:
+                (root / "mat.json").write_text(json.dumps(spoiled.mat))
+                mat = parse_mat(spoiled.mat, source="mat.json")
+            task = FruitTask(
+                fruit_id="N",
+                folder=FruitFolder(root / "fruits" / "N"),
+                batch_root=root,
+                results=FruitResults(root / "out"),
+                settings=Settings(category="nectarine", recon=Recon(max_faces=3000)),
+                mat=mat,
+                prior=load_prior("nectarine"),
+                given=Given(
+                    height_mm=spoiled.height_mm, diameter_mm=spoiled.diameter_mm, mass_g=spoiled.mass_g
+                ),
+                key="",
+            )
+            shape = fruit_shape(task)
+        except (ReconFailure, FruitEnded) as failure:
+            return row | {
+                "ending": "refused",
+                "sentence": str(failure),
+                "seconds": round(time.perf_counter() - started, 1),
+            }
+    to_mesh = shape.mesh_from_fruit
+    made = shape.vertices @ to_mesh[:3, :3].T + to_mesh[:3, 3], shape.faces
+    rms, volume = how_wrong(made, truth, seen, align=mat is None)
+    warnings = list(shape.warnings)
+    right = rms <= RIGHT_RMS_MM and abs(volume) <= RIGHT_VOLUME
+    ending = "warned" if warnings else "right" if right else "unknown" if case.unknowable else "WRONG"
+    return row | {
+        "ending": ending,
+        "rms_mm": round(rms, 3),
+        "volume": round(volume, 4),
+        "sentence": " | ".join(warnings),
+        "seconds": round(time.perf_counter() - started, 1),
+    }
+
+
+def main() -> None:
+    """Run the cases, print and keep one row each."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--only", default="", help="cases whose name holds these words")
+    parser.add_argument("--side", type=int, default=640)
+    chosen = parser.parse_args()
+    truth = read_mesh(chosen.folder / "fruit_truth.ply")
+    box = np.ptp(truth[0], axis=0)
+    numbers = {
+        "height_mm": float(box[2]),
+        "diameter_mm": float(box[:2].mean()),
+        "mass_g": 1.02e-3 * volume_mm3(*truth),
+    }
+    good = {"mat": photo_set(chosen.folder, side=chosen.side, every=2)}
+    seen = seen_points(truth, list(good["mat"].views.values()))
+    todo = [c for c in cases(numbers) if any(w in c.name for w in chosen.only.split("|"))]
+    if any(c.route == "height" for c in todo):
+        good["height"] = photo_set(chosen.folder, side=chosen.side, every=1)
+    with chosen.out.open("w", newline="") as file:
+        table = csv.DictWriter(file, COLUMNS)
+        table.writeheader()
+        for case in todo:
+            row = tried(case, good[case.route], truth, seen)
+            table.writerow(row)
+            file.flush()
+            print(
+                f"{row['ending']:8} {case.name:48} {row.get('rms_mm', ''):>6} {row.get('volume', ''):>8} "
+                f"{row['seconds']:>6} {row['sentence']}",
+                flush=True,
+            )
+    rows = list(csv.DictReader(chosen.out.open(newline="")))
+    print({e: sum(r["ending"] == e for r in rows) for e in sorted({r["ending"] for r in rows})})
+
+
+if __name__ == "__main__":
+    main()

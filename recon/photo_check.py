@@ -1,0 +1,242 @@
+"""Photos looked at before any geometry: which are of no use, which need their light evened, and why, by
+name.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.mat import Mat, detect_tags, standard_mat
+from recon.photos import FEWEST_PHOTOS, Photo
+from recon.tag_optics import TagOptics, tag_optics
+
+FEWEST_TAGS = 4
+ENOUGH_VIEWS = 12
+MOST_BLUR_PX = 1.25
+LEAST_SHARP = 0.35
+LEAST_SHARP_ALONE = 0.06
+"""99 % of the second differences of a sharp photo of a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
+MOST_CLIPPED = 0.35
+LEAST_WHITE = 90.0
+LEAST_BRIGHT = 45.0
+MOST_UNEVEN = 0.12
+MOST_FALL_OFF = 0.4
+LEAST_MAT_SEEN = 0.75
+FEW_NAMES = 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedPhotos:
+    """The photos to work on, and sentences about those that were left out or are doubtful."""
+
+    photos: tuple[Photo, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Look:
+    """What one photo shows at first sight."""
+
+    photo: Photo
+    sharpness: float
+    clipped: float
+    bright: float
+    tags: tuple[int, ...]
+    optics: TagOptics | None
+    mirrored: bool
+
+
+def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
+    """The photos that can serve, at one brightness, and what is to be said of the rest.
+
+    Left out, by name and with the reason: photos that are mirrored, that show fewer than four tags of the
+    mat, and, while twelve good ones stay, blurred, overexposed or dark ones. Copies of a photo count once.
+    Where the paper of the mat shows that photos differ in brightness by more than 12 %, or are dark, all are
+    brought to the same. Raises ReconFailure: mirrored photos all through, unreadable-photo (all too dark to
+    tell fruit from paper), mat-not-found, too-few-views.
+    """
+    known = mat if mat is not None else standard_mat()
+    distinct, copies = _without_copies(photos)
+    looks = [_look(p, known, on_mat=mat is not None) for p in distinct]
+    _refuse_mirrored(looks, on_mat=mat is not None)
+    lost = _reasons(looks, on_mat=mat is not None)
+    weak = _weak(looks, on_mat=mat is not None)
+    good = [look for look in looks if look.photo.name not in lost]
+    best = [look for look in good if look.photo.name not in weak]
+    warnings = [*copies]
+    for reason, names in _by_reason(lost).items():
+        warnings.append(f"Left out: {_listed(names)}: {reason}.")
+    kept = best if len(best) >= ENOUGH_VIEWS else good
+    done = "left out" if kept is best else "used all the same, for want of better ones"
+    for reason, names in _by_reason({n: r for n, r in weak.items() if n not in lost}).items():
+        warnings.append(f"{_listed(names)}: {reason}; {done}.")
+    if len(kept) < FEWEST_PHOTOS:
+        _refuse_rest(looks, lost)
+    warnings += _of_the_mat(kept, mat) if mat is not None else []
+    return CheckedPhotos(photos=_evened(kept), warnings=tuple(warnings))
+
+
+def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
+    first: dict[bytes, Photo] = {}
+    copies = []
+    for photo in photos:
+        original = first.setdefault(photo.image.tobytes(), photo)
+        if original is not photo:
+            copies.append((photo.name, original.name))
+    if not copies:
+        return list(photos), []
+    told = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
+        ", ..." if len(copies) > FEW_NAMES else ""
+    )
+    noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
+    return list(first.values()), [
+        f"{len(copies)} {noun} of another ({told}) and count once; take a photo from every direction."
+    ]
+
+
+def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
+    grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
+    tags, corners = detect_tags(photo.image, mat)
+    mirrored = False
+    if len(tags) < FEWEST_TAGS:
+        back = np.ascontiguousarray(photo.image[:, ::-1])
+        mirrored = len(detect_tags(back, mat)[0]) >= FEWEST_TAGS
+    small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
+    return _Look(
+        photo=photo,
+        sharpness=float(np.percentile(edges, 99)) / max(float(np.percentile(small, 95)), 1.0),
+        clipped=float((photo.image.max(axis=2) >= 254).mean()),
+        bright=float(np.percentile(small, 95)),
+        tags=tuple(tags.tolist()),
+        optics=tag_optics(grey, corners) if on_mat and len(tags) >= FEWEST_TAGS else None,
+        mirrored=mirrored,
+    )
+
+
+def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
+    """Refuse a set whose every photo that shows tags shows them mirrored."""
+    mirrored = [look for look in looks if look.mirrored]
+    upright = [look for look in looks if len(look.tags) >= FEWEST_TAGS]
+    if mirrored and (not upright if on_mat else len(mirrored) > len(upright)):
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"{len(mirrored)} of {len(looks)} photos are mirrored "
+            f"({_listed([m.photo.name for m in mirrored])}): the "
+            "mat's tags can be read in a mirror only; turn the camera's mirroring off, or flip the files "
+            "back.",
+        )
+
+
+def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
+    """Photos that cannot be placed, and why."""
+    usual = float(np.median([look.sharpness for look in looks]))
+    lost = {}
+    for look in looks:
+        if look.mirrored:
+            lost[look.photo.name] = "mirrored (the mat's tags can be read in a mirror only); flip it back"
+        elif on_mat and len(look.tags) < FEWEST_TAGS:
+            blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
+            what = (
+                "too blurred for its tags to be read" if blurred else "shows fewer than four tags of the mat"
+            )
+            lost[look.photo.name] = f"{what}; retake it, in focus and with the mat in view"
+    return lost
+
+
+def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
+    """Photos that can be placed but show the fruit badly, and how."""
+    usual = float(np.median([look.sharpness for look in looks]))
+    weak = {}
+    for look in looks:
+        optics = look.optics
+        if look.clipped > MOST_CLIPPED:
+            weak[look.photo.name] = "overexposed (over a third of the picture is plain white); expose less"
+        elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
+            weak[look.photo.name] = "too dark (paper should come out above 90 of 255); expose more"
+        elif optics is not None and optics.blur_px > MOST_BLUR_PX:
+            weak[look.photo.name] = (
+                "blurred (edges of the tags run over several pixels); hold still and focus"
+            )
+        elif not on_mat and look.sharpness < LEAST_SHARP * usual:
+            weak[look.photo.name] = "blurred beside the others; hold still and focus"
+    return weak
+
+
+def _refuse_rest(looks: list[_Look], lost: dict[str, str]) -> None:
+    """Refuse a set of which fewer than three photos can be placed."""
+    if not lost:
+        return
+    most = max(len(look.tags) for look in looks)
+    if most == 0 and not any("blurred" in reason for reason in lost.values()):
+        return
+    why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
+    raise ReconFailure(
+        ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
+        f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
+        f"{_listed(sorted(lost))}); at "
+        f"least {FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
+    )
+
+
+def _of_the_mat(looks: list[_Look], mat: Mat) -> list[str]:
+    """What the tags tell of mat and lens."""
+    out = []
+    seen = {tag for look in looks for tag in look.tags}
+    if looks and len(seen) < LEAST_MAT_SEEN * len(mat.corners_mm):
+        missing = [str(t) for t in mat.corners_mm if t not in seen]
+        out.append(
+            f"{len(missing)} of the mat's {len(mat.corners_mm)} tags are in no photo (tags "
+            f"{_listed(missing)}): "
+            "clear the mat, or check that mat.json is of the mat that was printed."
+        )
+    found = [look.optics for look in looks if look.optics is not None]
+    if found:
+        radius2 = np.concatenate([o.radius2 for o in found])
+        share = np.concatenate([o.whites / o.white for o in found])
+        slope, start = np.polyfit(radius2, share, 1)
+        fall = -slope / start
+        if fall > MOST_FALL_OFF:
+            out.append(
+                f"The photos darken by {100 * fall:.0f} % towards their corners, so that outlines are less "
+                f"sure "
+                "there: stop the lens down, or take the shade or filter off."
+            )
+    return out
+
+
+def _evened(looks: list[_Look]) -> tuple[Photo, ...]:
+    """All photos with the paper as white as in the middle one, where they differ or are dark."""
+    whites = np.array([look.optics.white for look in looks if look.optics is not None])
+    if len(whites) < len(looks) or len(whites) == 0:
+        return tuple(look.photo for look in looks)
+    goal = max(float(np.median(whites)), 1.7 * LEAST_WHITE)
+    gains = goal / whites
+    if np.abs(gains - 1).max() <= MOST_UNEVEN:
+        return tuple(look.photo for look in looks)
+    return tuple(
+        replace(look.photo, image=_brightened(look.photo.image, float(gain)))
+        for look, gain in zip(looks, gains, strict=True)
+    )
+
+
+def _brightened(image: UInt8[np.ndarray, "h w 3"], gain: float) -> UInt8[np.ndarray, "h w 3"]:
+    levels: Float[np.ndarray, 256] = np.clip(np.arange(256) * gain + 0.5, 0, 255)
+    return np.asarray(cv2.LUT(image, levels.astype(np.uint8)), np.uint8)
+
+
+def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
+    grouped: dict[str, list[str]] = defaultdict(list)
+    for name, reason in reasons.items():
+        grouped[reason].append(name)
+    return dict(grouped)
+
+
+def _listed(names: Sequence[str]) -> str:
+    some = ", ".join(names[:FEW_NAMES])
+    return some if len(names) <= FEW_NAMES else f"{some} and {len(names) - FEW_NAMES} more"

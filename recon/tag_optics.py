@@ -1,0 +1,70 @@
+"""What printed tags tell of a photo's optics: how wide an edge is smeared, and how bright the paper came
+out.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+STEPS = 33
+ROWS = 9
+LEAST_CONTRAST = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TagOptics:
+    """Smear of edges (standard deviation, px), median grey of the paper beside the tags (0 to 255), the same
+    for each edge, and each edge's squared distance from the picture's middle (1 in the corners).
+    """
+
+    blur_px: float
+    white: float
+    whites: Float[np.ndarray, " e"]
+    radius2: Float[np.ndarray, " e"]
+
+
+def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2"]) -> TagOptics | None:
+    """Edges from paper to a tag's black border, read across; None where no edge has contrast.
+
+    A step smeared by a Gaussian of standard deviation s has its steepest slope (white - black) / (s sqrt(2
+    pi)). The way across reaches a sixteenth of the tag's side, half of the narrowest printed cell, to each
+    side.
+    """
+    middle = corners.mean(axis=1, keepdims=True)
+    a, b = corners, np.roll(corners, -1, axis=1)
+    side = np.linalg.norm(b - a, axis=2, keepdims=True)
+    out = (a + b) / 2 - middle
+    out = out / np.linalg.norm(out, axis=2, keepdims=True)
+    along = np.linspace(0.25, 0.75, ROWS)[:, None]
+    across = np.linspace(-1, 1, STEPS)
+    at = (a + 0 * b)[:, :, None, None] + along[..., None] * (b - a)[:, :, None, None]
+    at = at + (across[:, None] * (side / 16)[:, :, None] * out[:, :, None])[:, :, None]
+    flat = at.reshape(-1, STEPS, 2).astype(np.float32)
+    rows = [
+        cv2.remap(
+            grey.astype(np.float32),
+            part[..., 0],
+            part[..., 1],
+            cv2.INTER_LINEAR,
+            borderMode=cv2.BORDER_REPLICATE,
+        )
+        for part in np.array_split(flat, max(1, len(flat) // 8000))
+    ]
+    profile = np.concatenate(rows).reshape(-1, ROWS, STEPS).mean(axis=1)
+    white, black = np.percentile(profile, [95, 5], axis=1)
+    good = white - black > LEAST_CONTRAST
+    if not good.any():
+        return None
+    step = side.reshape(-1) / 16 * (across[1] - across[0])
+    slope = np.abs(np.diff(profile, axis=1)).max(axis=1) / step
+    size = np.array([grey.shape[1], grey.shape[0]])
+    place = (((a + b) / 2).reshape(-1, 2) - size / 2) / (np.linalg.norm(size) / 2)
+    smear = (white - black)[good] / (slope[good] * np.sqrt(2 * np.pi))
+    return TagOptics(
+        blur_px=float(np.median(smear)),
+        white=float(np.median(white[good])),
+        whites=np.asarray(white[good]),
+        radius2=np.asarray(np.sum(place**2, axis=1)[good]),
+    )

@@ -1,0 +1,60 @@
+"""Is the mesh that came out to be believed? Refusals, and doubts about its shape, for staff to act on."""
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
+
+from recon.closed import volume_mm3
+from recon.failure import ReconFailure, ReconProblem
+from recon.quality import ReconQuality
+
+FEWEST_VIEWS = 6
+WIDEST_GAP_DEG = 120.0
+LEAST_CONVEX = 0.93
+LONGEST = 1.45
+
+
+def require_seen(quality: ReconQuality) -> None:
+    """Refuse a shape that was seen from too few directions to be more than a guess.
+
+    With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
+    off by half to all of its volume. Raises ReconFailure (too-few-views).
+    """
+    if quality.views_used < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
+            f"at least "
+            f"{FEWEST_VIEWS} must be; take 24 sharp ones from all around, at two or three heights.",
+        )
+    if quality.widest_gap_deg > WIDEST_GAP_DEG:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"Too few views: no photo that could be used was taken over {quality.widest_gap_deg:.0f} "
+            f"degrees around the "
+            f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too.",
+        )
+
+
+def shape_doubts(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> tuple[str, ...]:
+    """Sentences where the mesh is no single stone fruit: long, or hollow between lumps.
+
+    Stone fruit fill 0.95 to 0.99 of their convex hull and are at most 1.35 times as long as wide (estimates).
+    """
+    out = []
+    box = np.ptp(vertices, axis=0)
+    if box.max() > LONGEST * box.min():
+        out.append(
+            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, longer than stone fruit are: two "
+            f"fruits may "
+            "stand in view, or a hand or leaf beside the fruit; photograph one fruit alone."
+        )
+    share = volume_mm3(vertices, faces) / float(ConvexHull(vertices).volume)
+    if share < LEAST_CONVEX:
+        out.append(
+            f"The mesh fills {100 * share:.0f} % of its convex hull only, one stone fruit at least "
+            f"{100 * LEAST_CONVEX:.0f} %: two fruits may stand in view, or something beside the fruit; "
+            f"photograph one "
+            "fruit alone."
+        )
+    return tuple(out)

@@ -1,0 +1,130 @@
+"""Photos at first sight: useless ones are left out by name and reason, good ones pass without a word."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import cv2
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.mat import detect_tags, standard_mat
+from recon.photo_check import checked_photos
+from recon.tag_optics import tag_optics
+
+MAT = standard_mat()
+
+
+@cache
+def photos(count=13):
+    return tuple(photographed(ring(count, width=640, height=480), egg=Egg(), mat=MAT))
+
+
+def spoilt(which, change):
+    return [replace(p, image=change(p.image)) if i in which else p for i, p in enumerate(photos())]
+
+
+def blurred(sigma):
+    return lambda image: cv2.GaussianBlur(image, (0, 0), sigma)
+
+
+def mirrored(image):
+    return np.ascontiguousarray(image[:, ::-1])
+
+
+def brighter(gain):
+    return lambda image: np.clip(image * gain, 0, 255).astype(np.uint8)
+
+
+def test_good_photos_pass_unchanged_without_a_word():
+    checked = checked_photos(photos(), MAT)
+    assert checked.warnings == ()
+    assert all(a is b for a, b in zip(checked.photos, photos(), strict=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (mirrored, r"Left out: 004\.png: mirrored"),
+        (blurred(8), r"Left out: 004\.png: too blurred for its tags"),
+        (lambda image: np.full_like(image, 120), r"Left out: 004\.png: .*; retake it"),
+        (brighter(0.3), r"004\.png: too dark .*; left out"),
+        (brighter(3.0), r"004\.png: overexposed .*; left out"),
+    ],
+)
+def test_a_useless_photo_is_left_out_by_name_and_reason(change, words):
+    checked = checked_photos(spoilt({4}, change), MAT)
+    (warning,) = checked.warnings
+    assert re.search(words, warning)
+    assert "004.png" not in [p.name for p in checked.photos]
+    assert len(checked.photos) == len(photos()) - 1
+
+
+def test_poor_photos_are_kept_with_a_warning_where_too_few_good_ones_stay():
+    checked = checked_photos(spoilt({1, 4, 7}, brighter(0.4)), MAT)
+    assert len(checked.photos) == len(photos())
+    assert "used all the same" in checked.warnings[0]
+
+
+def test_photos_of_unequal_brightness_are_brought_to_one():
+    checked = checked_photos(spoilt({0, 2, 4, 6, 8, 10}, brighter(0.6)), MAT)
+    assert checked.warnings == ()
+    whites = []
+    for photo in checked.photos:
+        grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
+        whites.append(tag_optics(grey, detect_tags(photo.image, MAT)[1]).white)
+    assert np.ptp(whites) < 0.06 * np.median(whites)
+
+
+def test_mirrored_sets_are_refused_with_and_without_a_mat():
+    for mat in (MAT, None):
+        with pytest.raises(ReconFailure, match="13 of 13 photos are mirrored") as caught:
+            checked_photos(spoilt(range(13), mirrored), mat)
+        assert caught.value.problem is ReconProblem.MAT_NOT_FOUND
+
+
+def test_blurred_sets_are_refused_as_blurred():
+    with pytest.raises(ReconFailure, match=r"Only 0 of 13 photos can be placed \(13 too blurred") as caught:
+        checked_photos(spoilt(range(13), blurred(8)), MAT)
+    assert caught.value.problem is ReconProblem.MAT_NOT_FOUND
+
+
+def test_copies_count_once():
+    again = [replace(p, name=f"copy of {p.name}") for p in photos()[:2]]
+    checked = checked_photos([*photos(), *again], MAT)
+    assert len(checked.photos) == len(photos())
+    assert "copy of 000.png = 000.png" in checked.warnings[0]
+
+
+def test_a_covered_mat_is_told():
+    def halved(image):
+        image = image.copy()
+        tags, corners = detect_tags(image, MAT)
+        for tag, quad in zip(tags.tolist(), corners, strict=True):
+            if MAT.corners_mm[tag][:, 0].mean() < 0:
+                cv2.fillPoly(image, [np.rint(quad).astype(np.int32)], (225, 225, 225))
+        return image
+
+    checked = checked_photos(spoilt(range(13), halved), MAT)
+    assert "of the mat's 40 tags are in no photo" in checked.warnings[0]
+
+
+@pytest.mark.parametrize("sigma", [1.5, 2.5])
+def test_smear_of_edges_is_that_of_the_blur(sigma):
+    """The pictures' own smear (pixel box, 0.3 to 0.6 px) adds in squares."""
+    image = cv2.resize(photos()[0].image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+    corners = detect_tags(image, MAT)[1]
+    sharp = tag_optics(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), corners).blur_px
+    soft = tag_optics(cv2.cvtColor(blurred(sigma)(image), cv2.COLOR_BGR2GRAY), corners).blur_px
+    assert np.sqrt(soft**2 - sharp**2) == pytest.approx(sigma, rel=0.25)
+
+
+def test_a_lens_that_darkens_corners_is_told():
+    v, u = np.mgrid[:480, :640]
+    light = 1 - 0.75 * ((u - 320) ** 2 + (v - 240) ** 2) / (320**2 + 240**2)
+    checked = checked_photos(
+        spoilt(range(13), lambda image: (image * light[..., None]).astype(np.uint8)), MAT
+    )
+    assert any("darken by" in w for w in checked.warnings)

@@ -1,0 +1,54 @@
+"""What came out is not always to be believed: guessed shapes are refused, odd ones doubted."""
+
+from dataclasses import replace
+
+import manifold3d
+import numpy as np
+import pytest
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.hull import ball
+from recon.quality import NOTHING_KNOWN
+from recon.verdict import require_seen, shape_doubts
+from samples.fruit import fruit_of_seed, scanned_mesh
+
+SEEN = replace(NOTHING_KNOWN, views_given=24, views_used=20, widest_gap_deg=30.0)
+
+
+@pytest.mark.parametrize(
+    ("quality", "words"),
+    [
+        (replace(SEEN, views_used=5), "only 5 of 24 photos could be used"),
+        (replace(SEEN, widest_gap_deg=150.0), "over 150 degrees around"),
+    ],
+)
+def test_a_guessed_shape_is_refused(quality, words):
+    with pytest.raises(ReconFailure, match=f"Too few views: .*{words}") as caught:
+        require_seen(quality)
+    assert caught.value.problem is ReconProblem.TOO_FEW_VIEWS
+
+
+def test_a_shape_seen_well_or_of_unknown_views_passes():
+    require_seen(SEEN)
+    require_seen(replace(NOTHING_KNOWN, views_given=24, views_used=24))
+
+
+def test_no_sample_fruit_is_doubted():
+    for seed in range(6):
+        assert (
+            shape_doubts(*scanned_mesh(fruit_of_seed("N", seed=seed, E_MPa=0.5), cells=24, error_mm=0.1))
+            == ()
+        )
+
+
+@pytest.mark.parametrize("apart_mm", [40.0, 52.0])
+def test_two_fruits_that_touch_are_doubted(apart_mm):
+    directions, faces = ball(4)
+    one, other = (
+        manifold3d.Manifold(manifold3d.Mesh64(28 * directions + [x, 0, 28], faces.astype(np.uint64)))
+        for x in (0.0, apart_mm)
+    )
+    both = (one + other).to_mesh64()
+    doubts = shape_doubts(np.asarray(both.vert_properties)[:, :3], np.asarray(both.tri_verts, int))
+    assert doubts
+    assert all("two fruits may stand in view" in d for d in doubts)
