@@ -185,12 +185,15 @@ def _settled(small: np.ndarray, law: Law, weight: np.ndarray, u: np.ndarray) -> 
         if np.abs(miss).max() < 1e-8:
             return u, force
         active = np.flatnonzero(np.abs(slope).max(axis=(1, 2)) > 0)
-        block = (3 * active[:, None] + np.arange(3)).ravel()
-        pushed = slope[active] * weight[active][:, :, None]
-        product = np.einsum("anj,njk->ank", small[np.ix_(block, block)].reshape(len(block), -1, 3), pushed)
-        inner = np.linalg.solve(np.eye(len(block)) - product.reshape(len(block), -1), -miss[active].ravel())
-        force_step = np.einsum("nij,nj->ni", pushed, inner.reshape(-1, 3))
-        move = -miss + (small[:, block] @ force_step.ravel()).reshape(-1, 3)
+        move = -miss
+        if len(active):
+            block = (3 * active[:, None] + np.arange(3)).ravel()
+            pushed = slope[active] * weight[active][:, :, None]
+            part = small[np.ix_(block, block)].reshape(len(block), -1, 3)
+            product = np.einsum("anj,njk->ank", part, pushed).reshape(len(block), -1)
+            inner = np.linalg.solve(np.eye(len(block)) - product, -miss[active].ravel())
+            step = np.einsum("nij,nj->ni", pushed, inner.reshape(-1, 3))
+            move = -miss + (small[:, block] @ step.ravel()).reshape(-1, 3)
         best, share = np.linalg.norm(miss), 1.0
         while share > 0.01:
             trial = u + share * move

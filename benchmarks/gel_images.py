@@ -1,0 +1,248 @@
+"""Print how well images of a gel give back displacement and force: rendered gels with known answers.
+
+    python benchmarks/gel_images.py [--out gel_images.csv] [--keep gel.npz]
+
+Truth: 26 x 22 x 4 mm of gel (E 0.2 MPa, nu 0.48) in 27-node bricks, pressed 0.7 mm deep by a rigid ball of
+15 mm radius with friction, pushed 0.45 mm aside, turned by 3 degrees and let go (`samples/gel_press.py`).
+Images: 640 x 480, 221 dots, lens distortion, noise of 1.5 grey levels, three coloured lights
+(`samples/gel_images.py`); a ball of 6 mm radius is pressed in for the look-up of slopes. `--keep` keeps the
+finite elements' compliance between runs (a minute of work). Time is CPU time of one thread: tracking, depth
+and force of a frame, once the strength is chosen.
+"""
+
+import argparse
+import csv
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
+
+from samples.gel_images import Field, GelLook, gel_image, smooth_field
+from samples.gel_press import BallPose, GelBlock, Pressed, gel_block, pressed
+from tactile.ball_press import ball_lookup, ball_print
+from tactile.camera import on_face
+from tactile.gel_fields import GelFields, fields_of
+from tactile.photometric import PhotometricDepth
+from tactile.sensors import Camera, Light, Sensor, marker_grid
+from tactile.tracking import TrackedMarkers, follow, reference_of
+
+E_MPA, NU, THICKNESS_MM, FRICTION = 0.2, 0.48, 4.0, 0.6
+BALL_MM, CALIBRATION_BALL_MM, DEPTH_MM = 15.0, 6.0, 0.7
+LENS = (-0.12, 0.03, 0.001, -0.001, 0.0)
+GRID = marker_grid(13, 17, pitch_mm=(1.0, 1.0), first_mm=None)
+COLUMNS = (
+    "sensor", "frames", "plane_um_peak", "plane_um_all", "depth_um_peak", "depth_um_all",
+    "force_percent_peak", "force_percent_all", "correlation_peak", "correlation_all",
+    "within_2_sd_force", "frames_per_s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Truth:
+    """The pressed gel over time, and a calibration press."""
+
+    block: GelBlock
+    frames: list[Pressed]
+    ball: list[Pressed]
+
+
+def truth(keep: Path | None) -> Truth:
+    """Press the gel; the block's compliance is kept in `keep`."""
+    if keep is not None and keep.exists():
+        with np.load(keep) as stored:
+            block = GelBlock(**{name: stored[name] for name in stored.files})
+    else:
+        block = gel_block(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, reach_mm=6.2)
+        if keep is not None:
+            np.savez(keep, **vars(block))
+    still = [BallPose(centre_mm=(0, 0, BALL_MM + 0.05))] * 6
+    down = [BallPose(centre_mm=(0, 0, BALL_MM - d)) for d in np.linspace(0.05, DEPTH_MM, 14)]
+    aside = [
+        BallPose(centre_mm=(0.04 * k, 0.02 * k, BALL_MM - DEPTH_MM), turn_rad=0.005 * k) for k in range(1, 11)
+    ]
+    up = [BallPose(centre_mm=(0.4, 0.2, BALL_MM - d), turn_rad=0.05) for d in np.linspace(0.6, -0.05, 8)]
+    ball = [BallPose(centre_mm=(0.2, -0.1, CALIBRATION_BALL_MM - d)) for d in (-0.1, 0.2, 0.4, 0.55)]
+    return Truth(
+        block,
+        pressed(block, [*still, *down, *aside, *up], radius_mm=BALL_MM, friction=FRICTION),
+        pressed(block, ball, radius_mm=CALIBRATION_BALL_MM, friction=FRICTION)[2:],
+    )
+
+
+def camera(turn_rad: float, *, distance_mm: float, focal_px: float) -> Camera:
+    """A camera `distance_mm` behind the gel's centre, turned about y and looking at it."""
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = -distance_mm * pose[:3, 2]
+    return Camera(
+        image_px=(640, 480),
+        focal_px=(focal_px, focal_px + 2),
+        centre_px=(322.0, 237.0),
+        distortion=LENS,
+        gel_from_camera=pose,
+    )
+
+
+def sensor(kind: str) -> Sensor:
+    """One of the three sensors."""
+    around = 2 * np.pi * np.arange(3) / 3
+    lights = tuple(
+        Light(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
+        for k, a in enumerate(around)
+    )
+    one, two = camera(0.0, distance_mm=22.0, focal_px=760.0), None
+    if kind == "markers-stereo":
+        one, two = (camera(t, distance_mm=24.0, focal_px=740.0) for t in (0.35, -0.35))
+    return Sensor(
+        kind=kind,  # type: ignore[arg-type]
+        name=f"rendered {kind}",
+        camera=one,
+        second_camera=two,
+        thickness_mm=THICKNESS_MM,
+        E_MPa=E_MPA,
+        nu=NU,
+        lights=lights if kind == "photometric" else (),
+        rest_mm=GRID,
+    )
+
+
+def tracked(eye: Camera, images: list[np.ndarray], reference: np.ndarray) -> tuple[TrackedMarkers, float]:
+    """The grid's markers through the images, and CPU seconds per frame."""
+    start = reference_of(reference, source="reference")
+    found = start.markers.centre_px
+    _, which = cKDTree(on_face(eye, found)[:, :2]).query(GRID[:, :2])
+    began = time.process_time()
+    frames = list(follow(start, images))
+    spent = (time.process_time() - began) / len(images)
+    return TrackedMarkers(
+        time_s=np.arange(len(images)) / 30.0,
+        reference_px=found[which],
+        position_px=np.stack([frame.position_px[which] for frame in frames]),
+        quality=np.stack([frame.quality[which] for frame in frames]),
+        rest_mm=GRID,
+    ), spent
+
+
+def rendered(eye: Camera, one: Sensor, shapes: list[Field], rng: np.random.Generator) -> list[np.ndarray]:
+    """What this camera sees of every shape."""
+    look = GelLook(rest_mm=GRID)
+    return [gel_image(eye, one.lights, look, shape, rng) for shape in shapes]
+
+
+def measured(kind: str, known: Truth, rng: np.random.Generator) -> tuple[GelFields, float]:
+    """Render, track and invert; the fields, and CPU seconds per frame."""
+    one = sensor(kind)
+    block = known.block
+
+    def shape_of(press: Pressed) -> Field:
+        return smooth_field(block.x_mm, block.y_mm, press.displacement_mm)
+
+    shapes = [shape_of(press) for press in known.frames]
+    eye = one.camera
+    assert eye is not None
+    images = rendered(eye, one, shapes, rng)
+    flat: Callable = lambda at: np.zeros((len(at), 3))  # noqa: E731
+    reference = rendered(eye, one, [flat], rng)[0]
+    markers, spent = tracked(eye, images, reference)
+    kept = np.isfinite(markers.position_px[..., 0]).mean()
+    print(f"{kind}: {100 * kept:.2f} % of markers followed, {1e3 * spent:.1f} ms of CPU a frame")
+    second, shape = None, None
+    if one.second_camera is not None:
+        others = rendered(one.second_camera, one, shapes, rng)
+        second, more = tracked(one.second_camera, others, rendered(one.second_camera, one, [flat], rng)[0])
+        spent += more
+    if kind == "photometric":
+        prints = [
+            ball_print(eye, reference, image, radius_mm=CALIBRATION_BALL_MM, source="ball")
+            for image in rendered(eye, one, [shape_of(press) for press in known.ball], rng)
+        ]
+        for found in prints:
+            print(f"ball: contact of {found.contact_mm:.2f} mm at {found.centre_mm.round(3)} mm")
+        shape = PhotometricDepth(eye, reference, ball_lookup(prints))
+    chosen = fields_of(one, markers, second=second, images=images if shape else None, shape=shape)
+    began = time.process_time()
+    if shape is not None:
+        for image, pixels in zip(images, markers.position_px, strict=True):
+            shape.at(image, pixels)
+    for moved in chosen.displacement_mm:
+        chosen.solver.spread(chosen.solver.solve(moved).touching)
+    return chosen, spent + (time.process_time() - began) / len(images)
+
+
+def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str, object]:
+    """The table's row; the peak is the frame of greatest force."""
+    block, at = known.block, GRID[:, :2]
+    true_u = np.stack([smooth_field(block.x_mm, block.y_mm, p.displacement_mm)(at) for p in known.frames])
+    traction = [p.force_N / block.weights_mm2[:, None] for p in known.frames]
+    true_f = np.stack([block.at(t, at) for t in traction]) * fields.solver.grid.pitch_mm**2
+    total = np.stack([p.force_N.sum(axis=0) for p in known.frames])
+    miss_u = 1e3 * (fields.displacement_mm - true_u)
+    miss_total = np.linalg.norm(fields.force_N.sum(axis=1) - total, axis=1)
+    size = np.linalg.norm(total, axis=1)
+    peak, loaded = int(np.argmax(size)), size > 0.1 * size.max()
+
+    def rms(values: np.ndarray) -> float:
+        return float(np.sqrt(np.nanmean(values**2)))
+
+    def alike(one: np.ndarray, other: np.ndarray) -> float:
+        return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+
+    for t in range(len(size)):
+        if size[t] > 0:
+            print(
+                f"  {t:2d} force {total[t].round(3)} found {fields.force_N[t].sum(axis=0).round(3)} N, plane "
+                f"{rms(miss_u[t, :, :2]):.1f} depth {rms(miss_u[t, :, 2]):.1f} um, alike "
+                f"{alike(fields.force_N[t], true_f[t]):.3f}, stated plane "
+                f"{1e3 * rms(fields.displacement_sd_mm[t, :, :2]):.1f} depth "
+                f"{1e3 * rms(fields.displacement_sd_mm[t, :, 2]):.1f} um, touching {fields.touching[t].sum()}"
+            )
+    spread = fields.force_sd_N[peak]
+    inside = np.abs(fields.force_N[peak] - true_f[peak])[spread > 0] < 2 * spread[spread > 0]
+    return dict(
+        zip(
+            COLUMNS,
+            (
+                kind, len(size), rms(miss_u[peak, :, :2]), rms(miss_u[..., :2]), rms(miss_u[peak, :, 2]),
+                rms(miss_u[..., 2]), 100 * miss_total[peak] / size[peak],
+                100 * rms(miss_total[loaded] / size[loaded]), alike(fields.force_N[peak], true_f[peak]),
+                alike(fields.force_N[loaded], true_f[loaded]), float(inside.mean()), 1.0 / seconds,
+            ),
+            strict=True,
+        )
+    )  # fmt: skip
+
+
+def main() -> None:
+    """Measure the three sensors and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--out", type=Path, help="write the table here as CSV")
+    parser.add_argument("--keep", type=Path, help="keep the finite elements' compliance in this .npz")
+    parser.add_argument("--only", help="one sensor: photometric, markers-stereo or markers-mono")
+    wanted = parser.parse_args()
+    rows = []
+    with threadpool_limits(1):
+        known = truth(wanted.keep)
+        for kind in ("photometric", "markers-stereo", "markers-mono"):
+            if wanted.only in (None, kind):
+                fields, seconds = measured(kind, known, np.random.default_rng(5))
+                print(fields.strength)
+                rows.append(row(kind, fields, known, seconds))
+                print(
+                    {k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}, flush=True
+                )
+    if wanted.out is not None:
+        with wanted.out.open("w", newline="") as file:
+            table = csv.DictWriter(file, COLUMNS)
+            table.writeheader()
+            table.writerows(
+                {k: f"{v:.4g}" if isinstance(v, float) else v for k, v in line.items()} for line in rows
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,345 @@
+"""From the displacement of a gel's face to the forces on it: a linear inverse whose strength the data choose.
+
+Unknowns are forces t on the nodes of a square grid (tents of traction, `gel_slab`). Marker displacements y
+with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian prior of precision
+Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
+
+    L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
+
+on the nodes in contact; t = 0 outside, and pressure is positive inside (an active set, from the unbound
+solution, with nodes dropped that would pull and neighbours added that want to push). G' W and L are made once
+per sensor. The prior's spread and roughness, and by how much the noise exceeds what frames in the air show
+(the slab is not the gel), are those of greatest marginal likelihood
+
+    2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992).
+
+Because t is linear in y, force and displacement share their noise: `GelForce.joint_covariance` has both.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import cho_factor, cho_solve, cholesky, lapack
+from scipy.spatial import Delaunay
+
+from tactile.gel_slab import GelLayer, tent_compliance
+
+TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
+GROWS_AT_SD = 1.0
+APPEARS_AT_SD = 5.0
+MOST_ROUNDS = 12
+ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelGrid:
+    """Markers and traction nodes of one gel: `compliance` is marker displacement (mm) per nodal force (N).
+
+    Forces are those on the fruit, so that a positive normal force goes with a negative displacement.
+    `to_markers` hands nodal forces to markers and keeps their sum and moment.
+    """
+
+    rest_mm: Float[np.ndarray, "n 3"]
+    nodes_mm: Float[np.ndarray, "m 2"]
+    pitch_mm: float
+    compliance: Float[np.ndarray, "3n 3m"]
+    to_markers: Float[np.ndarray, "n m"]
+    laplacian: Float[np.ndarray, "m m"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Strength:
+    """The prior: spread of pressure and of shear (MPa), roughness (pitches); noise over that in the air."""
+
+    pressure_MPa: float
+    shear_MPa: float
+    roughness: float
+    noise: float
+
+
+FIRST_STRENGTH = Strength(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it."""
+
+    node_force_N: Float[np.ndarray, "m 3"]
+    touching: Bool[np.ndarray, " m"]
+    force_N: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "n 3"]
+
+
+def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
+    """Traction nodes under the markers, one per marker where these form a square grid of `pitch_mm`.
+
+    `pitch_mm` None: the side of the square that is a marker's share of the face. Raises ValueError for
+    fewer than nine markers.
+    """
+    if len(rest_mm) < 9:
+        raise ValueError(f"a force field needs nine markers; there are {len(rest_mm)}")
+    flat = rest_mm[:, :2]
+    mesh = Delaunay(flat)
+    if pitch_mm is None:
+        a, b, c = (flat[mesh.simplices[:, k]] for k in range(3))
+        twice = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+        pitch_mm = float(np.sqrt(np.median(twice)))
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    count = np.floor((high - low) / pitch_mm + 1e-6).astype(int) + 1
+    first = (low + high - (count - 1) * pitch_mm) / 2
+    axes = [first[k] + pitch_mm * np.arange(count[k]) for k in range(2)]
+    nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    nodes = nodes[mesh.find_simplex(nodes, tol=1e-3) >= 0]
+    compliance = -tent_compliance(layer, flat, nodes, pitch_mm=pitch_mm)
+    apart = np.linalg.norm(nodes[:, None] - nodes, axis=-1) / pitch_mm
+    return GelGrid(
+        rest_mm=rest_mm,
+        nodes_mm=nodes,
+        pitch_mm=pitch_mm,
+        compliance=compliance.reshape(3 * len(flat), 3 * len(nodes)),
+        to_markers=_shares(mesh, nodes, len(flat)),
+        laplacian=4.0 * np.eye(len(nodes)) - (np.abs(apart - 1.0) < 0.01),
+    )
+
+
+def _shares(mesh: Delaunay, nodes: Float[np.ndarray, "m 2"], markers: int) -> Float[np.ndarray, "n m"]:
+    """Barycentric coordinates of each node in its triangle of markers."""
+    triangle = mesh.find_simplex(nodes, tol=1e-3)
+    frame = mesh.transform[triangle]
+    two = np.einsum("mij,mj->mi", frame[:, :2], nodes - frame[:, 2])
+    three = np.column_stack([two, 1.0 - two.sum(axis=1)])
+    out = np.zeros((markers, len(nodes)))
+    out[mesh.simplices[triangle], np.arange(len(nodes))[:, None]] = three
+    return out
+
+
+class GelForce:
+    """The inverse of one gel, ready for frames: everything that frames share is computed here.
+
+    `information_per_mm2` (n, 3, 3) is the inverse covariance of one frame's marker displacement as frames in
+    the air show it; `observed` what the sensor sees of a nodal force where that is not all displacement.
+    """
+
+    def __init__(
+        self,
+        grid: GelGrid,
+        information_per_mm2: Float[np.ndarray, "n 3 3"],
+        strength: Strength,
+        *,
+        observed: Float[np.ndarray, "3n 3m"] | None = None,
+    ) -> None:
+        self.grid, self.strength = grid, strength
+        self.information = information_per_mm2 / strength.noise**2
+        self._observed_by = grid.compliance if observed is None else observed
+        n, m = len(grid.rest_mm), len(grid.nodes_mm)
+        per_marker = self._observed_by.reshape(n, 3, 3 * m)
+        self._weighted = np.matmul(self.information, per_marker).reshape(3 * n, 3 * m)
+        self._data = self._weighted.T @ self._observed_by
+        self._prior = _prior(grid, strength)
+        self._normal = self._data + self._prior
+        self._free_factor = cho_factor(self._normal, lower=True)
+        inverse = lapack.dtrtri(self._free_factor[0], lower=1)[0]
+        self._free_sd = np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
+
+    def solve(
+        self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
+    ) -> Contact:
+        """One frame; markers that are not `seen` (or NaN) say nothing."""
+        y, normal, right = self._observed(displacement_mm, seen)
+        touching, force = self._settled(normal, right)
+        t = np.zeros((len(self.grid.nodes_mm), 3))
+        t[touching] = force
+        flat = self.grid.compliance @ t.ravel()
+        return Contact(
+            node_force_N=t,
+            touching=touching,
+            force_N=self.grid.to_markers @ t,
+            displacement_mm=flat.reshape(y.shape),
+        )
+
+    def joint_covariance(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "6n 6n"]:
+        """Covariance of one frame's [measured displacement (mm); marker force (N)], markers then x, y, z.
+
+        Measured y = G t + noise and the force's estimate K y share the noise e: displacement I e and force
+        K e, so that the blocks are S, S K' and K S K' plus what the prior leaves open; S is the noise's
+        covariance (a pseudo-inverse where a camera sees no depth).
+        """
+        n = len(self.grid.rest_mm)
+        noise = np.zeros((3 * n, 3 * n))
+        block = (
+            (3 * np.arange(n)[:, None] + np.arange(3))[:, :, None],
+            (3 * np.arange(n)[:, None] + np.arange(3))[:, None, :],
+        )
+        noise[block] = np.linalg.pinv(self.information, hermitian=True, rcond=1e-9)
+        linear = self.linear_map(touching)
+        at = _dofs(touching)
+        spread = np.kron(self.grid.to_markers[:, touching], np.eye(3))
+        posterior = spread @ cho_solve(cho_factor(self._normal[np.ix_(at, at)]), spread.T)
+        cross = noise @ linear.T
+        return np.block([[noise, cross], [cross.T, posterior]])
+
+    def linear_map(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "3n 3n"]:
+        """K in force = K displacement, N/mm, while these nodes touch."""
+        at = _dofs(touching)
+        inner = cho_solve(cho_factor(self._normal[np.ix_(at, at)]), self._weighted[:, at].T)
+        return np.asarray(np.kron(self.grid.to_markers[:, touching], np.eye(3)) @ inner)
+
+    def spread(
+        self, touching: Bool[np.ndarray, " m"]
+    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+        """Standard deviations that the frame's noise and the prior leave in marker force (N) and in the
+        slab's displacement (mm)."""
+        shape = self.grid.rest_mm.shape
+        if not touching.any():
+            return np.zeros(shape), np.zeros(shape)
+        at = _dofs(touching)
+        factor = cholesky(self._normal[np.ix_(at, at)], lower=True, check_finite=False)
+        root = np.tril(lapack.dtrtri(factor, lower=1)[0]).reshape(len(at), -1, 3)
+        force = np.einsum("rmc,nm->rnc", root, self.grid.to_markers[:, touching], optimize=True)
+        moved = root.reshape(len(at), -1) @ self.grid.compliance[:, at].T
+        return np.sqrt((force**2).sum(axis=0)), np.sqrt((moved**2).sum(axis=0)).reshape(shape)
+
+    def _observed(
+        self, displacement_mm: np.ndarray, seen: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        usable = np.isfinite(displacement_mm).all(axis=1)
+        if seen is not None:
+            usable &= seen
+        y = np.where(usable[:, None], displacement_mm, 0.0)
+        normal = self._normal
+        if not usable.all():
+            lost = (3 * np.flatnonzero(~usable)[:, None] + np.arange(3)).ravel()
+            normal = normal - self._weighted[lost].T @ self._observed_by[lost]
+        return y, normal, self._weighted.T @ y.ravel()
+
+    def _settled(self, normal: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The active set of nodes, and their forces."""
+        free = cho_solve(self._free_factor, right, check_finite=False).reshape(-1, 3)
+        beside = self.grid.laplacian < 0
+        noise = np.sqrt(np.diag(self._data)[2::3])
+        alone = right[2::3] / noise
+        # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
+        sure = np.minimum(TOUCHES_AT_SD * self._free_sd[2::3], STARTS_AT * free[:, 2].max())
+        touching = (free[:, 2] > sure) & (alone > APPEARS_AT_SD)
+        touching[np.argmax(alone)] |= alone.max() > APPEARS_AT_SD
+        dropped = np.zeros_like(touching)
+        force = np.zeros((int(touching.sum()), 3))
+        for _ in range(MOST_ROUNDS):
+            if not touching.any():
+                return touching, np.zeros((0, 3))
+            at = _dofs(touching)
+            factor = cho_factor(normal[np.ix_(at, at)], lower=True, overwrite_a=True, check_finite=False)
+            force = cho_solve(factor, right[at], check_finite=False).reshape(-1, 3)
+            pulls = np.flatnonzero(touching)[force[:, 2] < 0]
+            pull = (right[2::3] - normal[2::3][:, at] @ force.ravel()) / noise
+            near = (beside @ touching.astype(float)) > 0
+            joins = ~touching & ((near & ~dropped & (pull > GROWS_AT_SD)) | (pull > APPEARS_AT_SD))
+            if not len(pulls) and not joins.any():
+                break
+            touching = touching | joins
+            touching[pulls] = False
+            dropped[pulls] = True
+        else:
+            at = _dofs(touching)
+            force = np.linalg.solve(normal[np.ix_(at, at)], right[at]).reshape(-1, 3)
+        force[:, 2] = np.maximum(force[:, 2], 0.0)
+        return touching, force
+
+
+def chosen_strength(
+    grid: GelGrid,
+    information_per_mm2: Float[np.ndarray, "n 3 3"],
+    frames_mm: Sequence[Float[np.ndarray, "n 3"]],
+    *,
+    observed: Float[np.ndarray, "3n 3m"] | None = None,
+    start: Strength = FIRST_STRENGTH,
+    rounds: int = 2,
+) -> Strength:
+    """The strength of greatest marginal likelihood over some loaded frames, by factors of two.
+
+    The contact is found anew after every round of climbing.
+    """
+    best = start
+    seen = grid.compliance if observed is None else observed
+    for turn in range(rounds):
+        everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
+        touching = [everywhere for _ in frames_mm]
+        if turn:
+            solver = GelForce(grid, information_per_mm2, best, observed=observed)
+            touching = [solver.solve(y).touching for y in frames_mm]
+        pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
+        if not pairs:
+            return best
+        told = [_told(seen, information_per_mm2, y, c) for y, c in pairs]
+        value = _evidence(grid, best, told)
+        for name in ORDER_OF_CLIMBING:
+            for factor in (2.0, 0.5):
+                for _ in range(4):
+                    trial = replace(best, **{name: getattr(best, name) * factor})
+                    if trial.noise < 0.99 or (found := _evidence(grid, trial, told)) <= value:
+                        break
+                    best, value = trial, found
+    return best
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Told:
+    """What one frame says of the forces on its touching nodes, before noise and prior are scaled."""
+
+    touching: Bool[np.ndarray, " m"]
+    normal: Float[np.ndarray, "a a"]
+    right: Float[np.ndarray, " a"]
+    misfit: float
+    directions: int
+
+
+def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray) -> _Told:
+    usable = np.isfinite(y).all(axis=1)
+    G = seen[:, _dofs(touching)].reshape(len(y), 3, -1)[usable]
+    W = information[usable]
+    weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
+    return _Told(
+        touching=touching,
+        normal=weighted.T @ flat,
+        right=weighted.T @ y[usable].ravel(),
+        misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
+        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
+    )
+
+
+def _evidence(grid: GelGrid, strength: Strength, told: Sequence[_Told]) -> float:
+    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
+    total = 0.0
+    prior = _prior(grid, strength)
+    for frame in told:
+        at = _dofs(frame.touching)
+        Q = prior[np.ix_(at, at)]
+        factor = cho_factor(frame.normal / strength.noise**2 + Q, lower=True)
+        right = frame.right / strength.noise**2
+        smooth = Q[::3, ::3]
+        log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
+        sizes = np.log([Q[k, k] / Q[0, 0] for k in range(3)]).sum() * len(smooth) / 2
+        total += float(
+            0.5 * (right @ cho_solve(factor, right) - frame.misfit / strength.noise**2)
+            - np.log(np.diag(factor[0])).sum()
+            + 3 * log_prior
+            + sizes
+            - frame.directions * np.log(strength.noise)
+        )
+    return total
+
+
+def _prior(grid: GelGrid, strength: Strength) -> Float[np.ndarray, "3m 3m"]:
+    m = len(grid.nodes_mm)
+    smooth = np.eye(m) + strength.roughness**2 * grid.laplacian
+    area = grid.pitch_mm**2
+    out = np.zeros((m, 3, m, 3))
+    for k, sd in enumerate((strength.shear_MPa, strength.shear_MPa, strength.pressure_MPa)):
+        out[:, k, :, k] = smooth / (sd * area) ** 2
+    return out.reshape(3 * m, 3 * m)
+
+
+def _dofs(touching: np.ndarray) -> np.ndarray:
+    return np.asarray((3 * np.flatnonzero(touching)[:, None] + np.arange(3)).ravel())

@@ -1,0 +1,149 @@
+import numpy as np
+import pytest
+
+from samples.gel_press import GelBlock, gel_block
+from tactile.gel_force import GelForce, GelGrid, Strength, chosen_strength, gel_grid
+from tactile.gel_slab import GelSlab
+from tactile.sensors import marker_grid
+
+SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.48)
+MARKERS = marker_grid(11, 11, pitch_mm=(0.6, 0.6), first_mm=None)
+NOISE_MM = np.array([0.001, 0.001, 0.004])
+INFORMATION = np.tile(np.diag(1 / NOISE_MM**2), (len(MARKERS), 1, 1))
+STRENGTH = Strength(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
+SIDES = (-8, -5.5, -4.2, -2.8, -2.1, -1.4, -0.7, 0, 0.7, 1.4, 2.1, 2.8, 4.2, 5.5, 8)
+
+
+@pytest.fixture(scope="module")
+def block() -> GelBlock:
+    return gel_block(
+        thickness_mm=2.0, E_MPa=0.2, nu=0.48, reach_mm=1.9, x_mm=SIDES, y_mm=SIDES, depths=(0, 0.4, 1)
+    )
+
+
+@pytest.fixture(scope="module")
+def grid() -> GelGrid:
+    return gel_grid(SLAB, MARKERS)
+
+
+@pytest.fixture(scope="module")
+def solver(grid: GelGrid) -> GelForce:
+    return GelForce(grid, INFORMATION, STRENGTH)
+
+
+def bump(at_mm: np.ndarray) -> np.ndarray:
+    """Traction on the fruit, MPa: pressure and shear within 1.9 mm."""
+    r = np.minimum(np.linalg.norm(at_mm, axis=1) / 1.9, 1.0)
+    return np.outer((1 - r**2) ** 1.5, [0.012, -0.006, 0.05])
+
+
+def elements_say(block: GelBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Displacement and force at the markers, and the sum of forces, by finite elements."""
+    nodal = bump(block.face_mm) * block.weights_mm2[:, None]
+    moved = (block.compliance @ -nodal[block.reach].ravel()).reshape(-1, 3)
+    return block.at(moved, MARKERS[:, :2]), bump(MARKERS[:, :2]) * 0.36, nodal.sum(axis=0)
+
+
+def noise(rng: np.random.Generator) -> np.ndarray:
+    return rng.normal(size=MARKERS.shape) * NOISE_MM
+
+
+def test_forces_are_recovered_from_finite_elements_and_noise(block: GelBlock, grid: GelGrid) -> None:
+    displacement, force, total = elements_say(block)
+    seen = displacement + noise(np.random.default_rng(1))
+    strength = chosen_strength(grid, INFORMATION, [seen])
+    found = GelForce(grid, INFORMATION, strength).solve(seen)
+    assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.03 * np.linalg.norm(total)
+    assert np.corrcoef(found.force_N.ravel(), force.ravel())[0, 1] > 0.97
+    outside = np.linalg.norm(MARKERS[:, :2], axis=1) > 2.7
+    assert np.abs(found.force_N[outside]).max() < 0.03 * force.max()
+
+
+def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, grid: GelGrid) -> None:
+    displacement, _, total = elements_say(block)
+    flat = INFORMATION.copy()
+    flat[:, 2, 2] = 0.0
+    seen = displacement + noise(np.random.default_rng(1))
+    seen[:, 2] = 0.0
+    strength = Strength(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
+    blind, full = GelForce(grid, flat, strength), GelForce(grid, INFORMATION, strength)
+    found = blind.solve(seen)
+    assert found.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
+    unsure, sure = blind.spread(found.touching)[0], full.spread(found.touching)[0]
+    assert unsure[:, 2].max() > 1.5 * sure[:, 2].max()
+
+
+def test_a_gel_that_touches_nothing_has_no_force(solver: GelForce) -> None:
+    rng = np.random.default_rng(2)
+    assert not any(solver.solve(noise(rng)).touching.any() for _ in range(200))
+
+
+def test_nothing_pulls(block: GelBlock, solver: GelForce) -> None:
+    displacement, _, _ = elements_say(block)
+    rng = np.random.default_rng(4)
+    for scale in (0.1, 0.5, 1.0):
+        found = solver.solve(scale * displacement + 3 * noise(rng))
+        assert (found.node_force_N[:, 2] >= 0).all()
+        assert (found.node_force_N[~found.touching] == 0).all()
+
+
+def test_lost_markers_change_little(block: GelBlock, solver: GelForce) -> None:
+    displacement, _, total = elements_say(block)
+    seen = displacement + noise(np.random.default_rng(5))
+    seen[[3, 50, 60, 61, 90]] = np.nan
+    found = solver.solve(seen)
+    assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.04 * np.linalg.norm(total)
+
+
+def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: GelForce) -> None:
+    """Forces drawn from the prior on a known contact, seen with the stated noise."""
+    rng = np.random.default_rng(6)
+    touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.7
+    m = int(touching.sum())
+    smooth = np.eye(len(touching)) + STRENGTH.roughness**2 * grid.laplacian
+    root = np.linalg.cholesky(np.linalg.inv(smooth[np.ix_(touching, touching)]))
+    sizes = np.array([0.01, 0.01, 0.04]) * grid.pitch_mm**2
+    K = solver.linear_map(touching)
+    sd, _ = solver.spread(touching)
+    scores = []
+    for _ in range(300):
+        t = np.zeros((len(touching), 3))
+        t[touching] = root @ rng.normal(size=(m, 3)) * sizes
+        seen = (grid.compliance @ t.ravel()).reshape(-1, 3) + noise(rng)
+        miss = (K @ seen.ravel()).reshape(-1, 3) - grid.to_markers @ t
+        scores.append((miss[sd > 0] / sd[sd > 0]) ** 2)
+    assert np.mean(scores) == pytest.approx(1.0, abs=0.05)
+
+
+def test_force_and_displacement_share_their_noise(grid: GelGrid, solver: GelForce) -> None:
+    rng = np.random.default_rng(7)
+    touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.2
+    K = solver.linear_map(touching)
+    draws = np.stack([noise(rng).ravel() for _ in range(4000)])
+    forces = draws @ K.T
+    n = draws.shape[1]
+    stated = solver.joint_covariance(touching)
+    np.testing.assert_allclose(stated[:n, :n], np.diag(np.tile(NOISE_MM**2, len(MARKERS))), atol=1e-12)
+    at = int(np.argmin(np.linalg.norm(MARKERS, axis=1))) * 3 + 2
+    drawn = draws.T @ forces[:, at] / len(draws)
+    expected = stated[:n, n + at]
+    assert np.corrcoef(drawn, expected)[0, 1] > 0.95
+    assert drawn[at] == pytest.approx(expected[at], rel=0.1)
+    assert np.linalg.eigvalsh(stated).min() > -1e-12
+
+
+def test_markers_get_the_nodes_sum_and_moment() -> None:
+    rng = np.random.default_rng(8)
+    scattered = MARKERS + np.column_stack(
+        [rng.uniform(-0.15, 0.15, (len(MARKERS), 2)), np.zeros(len(MARKERS))]
+    )
+    grid = gel_grid(SLAB, scattered, pitch_mm=0.5)
+    nodal = rng.normal(size=(len(grid.nodes_mm), 3))
+    given = grid.to_markers @ nodal
+    np.testing.assert_allclose(given.sum(axis=0), nodal.sum(axis=0), atol=1e-9)
+    np.testing.assert_allclose(scattered[:, :2].T @ given, grid.nodes_mm.T @ nodal, atol=1e-9)
+
+
+def test_too_few_markers_are_refused() -> None:
+    with pytest.raises(ValueError, match="nine markers; there are 4"):
+        gel_grid(SLAB, MARKERS[:4])
