@@ -13,7 +13,9 @@ from pipeline.layout import BatchFolder
 from pipeline.problem import BatchRefused, Problem
 from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
-from recon.priors import PitPrior, known_categories, load_prior
+from recon.measured_pit import load_pit
+from recon.mesh_file import SUFFIXES
+from recon.priors import PitPrior, known_categories
 
 T = TypeVar("T")
 _NO_POISSON_RATIO = (
@@ -98,7 +100,8 @@ def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
     """The pit prior that the settings ask for; raises BatchRefused where there is none."""
     named = settings.pit.prior or settings.category
     try:
-        return load_prior(folder.root / named if named.endswith(".toml") else named)
+        is_file = Path(named).suffix.lower() in (".toml", *SUFFIXES)
+        return load_pit(folder.root / named if is_file else named, category=settings.category)
     except ReconFailure as failure:
         near = difflib.get_close_matches(named.lower(), known_categories(), n=1, cutoff=0.75)
         sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail

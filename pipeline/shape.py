@@ -152,7 +152,8 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
         source = "pit.ply"
     elif task.prior is not None:
         vertices, faces = place_pit(shape.vertices, shape.faces, task.prior)
-        source = f"prior for {task.prior.category}"
+        measured = task.prior.measured is not None
+        source = f"{'measured pit, placed as' if measured else 'prior'} for {task.prior.category}"
     else:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
     found = pit_found(task.settings.mismatch)

@@ -11,8 +11,9 @@ CALLIPER_SD_MM = 0.2
 LEAST_APART_MM = 0.7
 LEAST_APART = 0.02
 """Below these a calliper laid on soft skin, a stem or a leaning fruit explains the difference (estimate)."""
-DENSITY_G_PER_MM3 = (0.8e-3, 1.15e-3)
-"""Whole stone fruit, pit and all (estimate: flesh 1.0 to 1.08, air around the pit takes some off)."""
+DENSITY_G_PER_MM3 = (0.8e-3, 1.3e-3)
+"""Whole stone fruit: 0.94 for apricots (Ahmadi et al. 2009, Pakistan Journal of Nutrition 8:264), 1.24 for
+peaches (Emadi et al. 2011, World Applied Sciences Journal 12(1):119); the margin is an estimate."""
 CHECK = (
     "check the unit (mm), that the photos show this fruit, and that mat.json is of the mat as it was printed "
     "(its 100 mm bar must measure 100 mm)."

@@ -56,12 +56,15 @@ def place_pit(
     superellipsoid's volume.
 
     In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
-    by the fraction of a percent that flat faces lose. Raises ReconFailure (not-watertight) for an open fruit
-    mesh.
+    by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises
+    ReconFailure (not-watertight) for an open fruit mesh.
     """
     require_closed(fruit_vertices, fruit_faces, what="fruit")
     low, high = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
     half = (high - low) / 2
+    centre = (low + high) / 2 + np.array(prior.raised) * half
+    if prior.measured is not None:
+        return centre + prior.measured.vertices, prior.measured.faces
     semi = np.array(prior.axis_ratios) * half
     directions, faces = ball(LEVEL)
     shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (
@@ -70,7 +73,7 @@ def place_pit(
     fine, fine_faces = ball(LEVEL + 3)
     smooth = fine * np.sum(np.abs(fine) ** prior.exponent, axis=1, keepdims=True) ** (-1 / prior.exponent)
     grow = np.cbrt(volume_mm3(smooth, fine_faces) / volume_mm3(shape, faces))
-    return (low + high) / 2 + np.array(prior.raised) * half + grow * semi * shape, faces
+    return centre + grow * semi * shape, faces
 
 
 def embed_pit(

@@ -4,13 +4,29 @@ its source.
 
 import math
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
 
 from recon.failure import ReconFailure, ReconProblem
 
 FOLDER = Path(__file__).parent
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredPit:
+    """A pit that somebody measured: a closed mesh, mm, z its stem end, x to the suture, about its box's
+    centre.
+
+    `digest` (SHA-256) stands for the mesh wherever a prior is compared or written down.
+    """
+
+    vertices: Float[np.ndarray, "n 3"] = field(repr=False, compare=False)
+    faces: Int[np.ndarray, "m 3"] = field(repr=False, compare=False)
+    digest: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +37,8 @@ class PitPrior:
     half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
     `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh.
     `fruit_mm` is the least and the greatest size (cube root of the box's volume) that a whole fruit of the
-    kind is taken to have, if the file says so. `sources` says where each number comes from.
+    kind is taken to have, if the file says so. A `measured` pit takes the superellipsoid's place, in its own
+    size. `sources` says where each number comes from.
     """
 
     category: str
@@ -34,6 +51,7 @@ class PitPrior:
     poisson_ratio_sd: float
     sources: dict[str, str]
     fruit_mm: tuple[float, float] | None = None
+    measured: MeasuredPit | None = None
 
 
 def known_categories() -> tuple[str, ...]:

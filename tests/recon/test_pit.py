@@ -1,13 +1,18 @@
 """The pit: where the prior puts it, how it is cut out, and what is refused."""
 
+import dataclasses
+
 import manifold3d
 import numpy as np
 import pytest
+import trimesh
 
 from recon.closed import open_edges, volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.fruit_frame import to_fruit_frame
 from recon.hull import ball
+from recon.measured_pit import load_pit
+from recon.mesh_file import write_mesh
 from recon.pit import embed_pit, place_pit
 from recon.priors import known_categories, load_prior
 
@@ -138,3 +143,49 @@ def test_the_cut_gives_back_the_skin_and_the_pit_it_was_made_of():
     for (vertices, triangles), whole in ((cut.skin, fruit), (cut.pit, stone)):
         assert open_edges(triangles) == 0
         assert volume_mm3(vertices, triangles) == pytest.approx(volume_mm3(whole, faces), rel=1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply"])
+def test_a_measured_pit_takes_the_superellipsoids_place_in_its_own_size(fruit, tmp_path, suffix):
+    directions, faces = ball(3)
+    stone = [13.0, 9.0, 16.0] * directions * (1 + 0.05 * directions[:, [0]] ** 3) + [100.0, 5.0, -3.0]
+    path = tmp_path / f"mine{suffix}"
+    path.write_bytes(trimesh.Trimesh(stone, faces, process=False).export(file_type=suffix[1:]))
+    prior = load_pit(path, category="nectarine")
+    vertices, triangles = place_pit(*fruit, prior)
+    assert np.ptp(vertices, axis=0) == pytest.approx(np.ptp(stone, axis=0), abs=1e-4)
+    assert volume_mm3(vertices, triangles) == pytest.approx(volume_mm3(stone, faces), rel=1e-5)
+    usual = place_pit(*fruit, load_prior("nectarine"))[0]
+    middles = [(v.min(0) + v.max(0)) / 2 for v in (vertices, usual)]
+    assert middles[0] == pytest.approx(middles[1], abs=1e-4)
+    assert prior.size_sd == load_prior("nectarine").size_sd
+    assert "mine" in prior.sources["measured"]
+    moved = load_pit(path, category="nectarine")
+    assert repr(moved) == repr(prior)
+    path.write_bytes(trimesh.Trimesh(1.1 * stone, faces, process=False).export(file_type=suffix[1:]))
+    assert repr(load_pit(path, category="nectarine")) != repr(prior)
+
+
+@pytest.mark.parametrize(
+    ("scale", "keep", "words"),
+    [
+        (1e-3, None, "0.032 long; expected 4 to 60 mm"),
+        (1.0, -1, r"pit\.ply's mesh is not watertight: 3 edges"),
+    ],
+)
+def test_a_measured_pit_of_no_use_says_what_is_wrong(tmp_path, scale, keep, words):
+    directions, faces = ball(3)
+    path = tmp_path / "pit.ply"
+    write_mesh(path, scale * 16 * directions, faces[:keep])
+    with pytest.raises(ReconFailure, match=words):
+        load_pit(path, category="nectarine")
+    with pytest.raises(ReconFailure, match=r"none\.stl is no file"):
+        load_pit(tmp_path / "none.stl", category="nectarine")
+
+
+def test_every_number_of_a_shipped_prior_has_its_source():
+    for category in known_categories():
+        prior = load_prior(category)
+        assert prior.fruit_mm is not None
+        fields = {f.name for f in dataclasses.fields(prior)} - {"category", "sources", "measured"}
+        assert fields == set(prior.sources)
