@@ -19,9 +19,13 @@ ENOUGH = 0.8
 
 @dataclass(frozen=True)
 class Places:
-    """The reference's markers that the description knows: `kept[n]` counts in the reference's order."""
+    """The reference's markers that the description knows: `kept[n]` counts in the reference's order.
+
+    `described[n]` counts in the description's; without one, in the reference's.
+    """
 
     kept: Int[np.ndarray, " n"]
+    described: Int[np.ndarray, " n"]
     rest_mm: Float[np.ndarray, "n 3"]
     offset_px: float
 
@@ -48,7 +52,8 @@ def places_of(
             "sensor's description says; is it this sensor's description?",
         )
     if rest_mm is None:
-        return Places(np.arange(len(reference_px)), on_face(camera, reference_px), 0.0)
+        every = np.arange(len(reference_px))
+        return Places(every, every, on_face(camera, reference_px), 0.0)
     expected_px = project(camera, rest_mm)
     away, which = cKDTree(expected_px).query(reference_px)
     spacing = spacing_of(reference_px)
@@ -63,4 +68,5 @@ def places_of(
             f"has one (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} px), expected "
             f"at least {ENOUGH:.0%}; is it this sensor's description, and are the pads not swapped?",
         )
-    return Places(kept, rest_mm[np.asarray(which)[kept]], float(np.median(np.asarray(away)[kept])))
+    described = np.asarray(which)[kept]
+    return Places(kept, described, rest_mm[described], float(np.median(np.asarray(away)[kept])))

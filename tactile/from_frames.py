@@ -1,0 +1,202 @@
+"""A raw grasp's frames become the recording that everything else reads."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.frame_checks import gaps_said
+from tactile.gaps import at_times, filled
+from tactile.gel_fields import fields_of
+from tactile.marker_places import places_of
+from tactile.pad_frames import Progress, camera_of, losses_said, of_frames, of_markers, tracked_markers
+from tactile.photometric import PhotometricDepth, lambert_lookup
+from tactile.raw_grasp import RawGrasp, RawPad, View
+from tactile.recording import GelPad, Recording
+from tactile.sensors import Camera, Sensor
+from tactile.shading_file import read_lookup
+from tactile.tracking import reference_of
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converted:
+    """A recording, and what a reader must know of how it came about."""
+
+    recording: Recording
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class _PadFields:
+    time_s: Float[np.ndarray, " t"]
+    kept: Bool[np.ndarray, " s"]
+    pad: GelPad
+    notes: list[str]
+
+
+def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converted:
+    """Displacement and force of every marker of every pad, at the first pad's frames.
+
+    Frames that are the one before written again are left out; other pads' fields are taken at the first pad's
+    times. Raises TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
+    are not where the description has them; said as swapped pads where each fits the other's), markers-lost,
+    and whatever the frames' readers refuse.
+    """
+    _refuse_other_pads_markers(raw)
+    read = [_fields(raw, pad, progress) for pad in raw.pads]
+    start, end = max(one.time_s[0] for one in read), min(one.time_s[-1] for one in read)
+    first = read[0]
+    within = (first.time_s >= start) & (first.time_s <= end)
+    when = first.time_s[within]
+    rows = np.flatnonzero(first.kept)[within]
+    if len(when) < 2:
+        found = "pads whose frames do not overlap in time"
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{raw.source}: found {found}, expected one grasp seen by both; set time_offset_s.",
+        )
+    notes = [note for one in read for note in one.notes]
+    if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
+        notes.append(
+            f"{raw.source}: no sensor names its serial, so swapped pads with like markers would go unnoticed."
+        )
+    return Converted(
+        recording=Recording(
+            fruit_id=raw.fruit_id,
+            category=raw.category,
+            loading=raw.loading,
+            support=raw.support,
+            sensor=raw.pads[0].sensor.name,
+            time_s=when,
+            aperture_mm=raw.aperture_mm[rows],
+            wrench_N=None if raw.wrench_N is None else raw.wrench_N[rows],
+            pads=tuple(_resampled(one, when) for one in read),
+        ),
+        notes=tuple(notes),
+    )
+
+
+def layer_stiffness(sensor: Sensor) -> tuple[float, float]:
+    """Normal and shear stiffness per area (MPa/mm): as measured, or of a bonded layer under wide contact.
+
+    kn = E (1 - nu) / ((1 + nu) (1 - 2 nu) h) and kt = E / (2 (1 + nu) h).
+    """
+    E, nu, h = sensor.E_MPa, sensor.nu, sensor.thickness_mm
+    kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
+    if E is not None and nu is not None and h is not None:
+        kn = kn or E * (1 - nu) / ((1 + nu) * (1 - 2 * nu) * h)
+        kt = kt or E / (2 * (1 + nu) * h)
+    if kn is None or kt is None:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_SENSOR,
+            f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, expected one "
+            "of the "
+            "two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
+        )
+    return kn, kt
+
+
+def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields:
+    source = f"{raw.source}/{pad.name}"
+    camera = camera_of(pad)
+    tracked, doubled, places, notes = tracked_markers(pad, pad.view, camera, source, progress)
+    kept = ~doubled
+    second = None
+    if pad.second is not None and pad.sensor.second_camera is not None:
+        other, other_doubled, other_places, more = tracked_markers(
+            pad, pad.second, pad.sensor.second_camera, f"{source} (second camera)", progress
+        )
+        kept &= ~other_doubled
+        both = np.isin(places.described, other_places.described)
+        order = {int(k): i for i, k in enumerate(other_places.described)}
+        second = of_markers(other, [order[int(k)] for k in places.described[both]])
+        tracked = of_markers(tracked, np.flatnonzero(both).tolist())
+        notes += more
+    tracked = of_frames(tracked, kept)
+    second = None if second is None else of_frames(second, kept)
+    notes += losses_said(tracked, source) + gaps_said(tracked.time_s, source)
+    if not kept.all():
+        notes.append(f"{source}: {int((~kept).sum())} frames are the one before written again; left out.")
+    shading = _shading(pad, camera)
+    found = fields_of(
+        pad.sensor,
+        tracked,
+        second=second,
+        images=_chosen(pad.view, kept) if shading is not None else None,
+        shape=shading,
+    )
+    kn, kt = layer_stiffness(pad.sensor)
+    gel = GelPad(
+        name=pad.name,
+        pose=pad.pose[kept],
+        rest_mm=found.rest_mm,
+        displacement_mm=filled(found.rest_mm, found.displacement_mm),
+        force_N=found.force_N,
+        gel_kn_MPa_per_mm=kn,
+        gel_kt_MPa_per_mm=kt,
+        thickness_mm=pad.sensor.thickness_mm,
+        gel_E_MPa=pad.sensor.E_MPa,
+        gel_nu=pad.sensor.nu,
+    )
+    return _PadFields(tracked.time_s, kept, gel, notes)
+
+
+def _refuse_other_pads_markers(raw: RawGrasp) -> None:
+    """Says that pads are swapped where each one's markers lie as the other's description has them."""
+    if len(raw.pads) != 2:
+        return
+    one, two = raw.pads
+    own = [_fits(pad, pad.sensor) for pad in raw.pads]
+    if any(own) or not (_fits(one, two.sensor) and _fits(two, one.sensor)):
+        return
+    raise TactileFailure(
+        TactileProblem.WRONG_SENSOR,
+        f"{raw.source}: found the markers of {one.name} as the description of {two.name} has them and the "
+        "other way "
+        "round, expected each pad's own; the pads are swapped: swap their frames or their descriptions.",
+    )
+
+
+def _fits(pad: RawPad, sensor: Sensor) -> bool:
+    if sensor.camera is None:
+        return False
+    try:
+        reference = reference_of(pad.view.reference, source=pad.name)
+        rest_px = reference.lattice.rest_px
+        places_of(sensor.camera, rest_px, sensor.rest_mm, shape=reference.shape, source=pad.name)
+    except TactileFailure:
+        return False
+    return True
+
+
+def _shading(pad: RawPad, camera: Camera) -> PhotometricDepth | None:
+    if pad.sensor.kind != "photometric":
+        return None
+    file = pad.sensor.calibration_file
+    lookup = lambert_lookup(pad.sensor.lights) if file is None else read_lookup(file)
+    return PhotometricDepth(camera, pad.view.reference, lookup)
+
+
+def _chosen(view: View, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+    return (frame for frame, wanted in zip(view.pictures.frames(), kept, strict=True) if wanted)
+
+
+def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
+    pad = one.pad
+    nearest = np.abs(one.time_s[None] - when[:, None]).argmin(axis=1) if len(one.time_s) else when.astype(int)
+    pose = pad.pose[nearest].copy()
+    pose[:, :3, 3] = at_times(when, one.time_s, pad.pose[:, :3, 3])
+    return GelPad(
+        name=pad.name,
+        pose=pose,
+        rest_mm=pad.rest_mm,
+        displacement_mm=at_times(when, one.time_s, pad.displacement_mm),
+        force_N=at_times(when, one.time_s, pad.force_N),
+        gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm,
+        gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm,
+        thickness_mm=pad.thickness_mm,
+        gel_E_MPa=pad.gel_E_MPa,
+        gel_nu=pad.gel_nu,
+    )

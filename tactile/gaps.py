@@ -1,0 +1,37 @@
+"""Values of markers that were not seen, from those around them and from the frames before and after."""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import cKDTree
+
+AROUND = 6
+
+
+def filled(
+    rest_mm: Float[np.ndarray, "n 3"], values: Float[np.ndarray, "t n 3"]
+) -> Float[np.ndarray, "t n 3"]:
+    """`values` with every NaN replaced by the mean of the six nearest known markers of its frame.
+
+    Weights fall with the square of the distance. A frame without any known marker must not be given.
+    """
+    whole = values.copy()
+    for t in np.flatnonzero(~np.isfinite(values).all(axis=(1, 2))):
+        known = np.isfinite(values[t]).all(axis=1)
+        k = min(AROUND, int(known.sum()))
+        away, which = cKDTree(rest_mm[known]).query(rest_mm[~known], k=list(range(1, k + 1)))
+        weight = 1.0 / np.maximum(np.asarray(away), 1e-9) ** 2
+        near = values[t, known][np.asarray(which)]
+        whole[t, ~known] = np.einsum("mk,mkc->mc", weight, near) / weight.sum(axis=1)[:, None]
+    return whole
+
+
+def at_times(
+    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, "s *c"]
+) -> Float[np.ndarray, "t *c"]:
+    """`values` at other times, linear in between; unchanged where the times are the same."""
+    if len(when) == len(time_s) and np.array_equal(when, time_s):
+        return values
+    later = np.clip(np.searchsorted(time_s, when), 1, len(time_s) - 1)
+    share = np.clip((when - time_s[later - 1]) / (time_s[later] - time_s[later - 1]), 0.0, 1.0)
+    share = share.reshape(-1, *([1] * (values.ndim - 1)))
+    return np.asarray(values[later - 1] * (1.0 - share) + values[later] * share)

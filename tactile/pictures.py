@@ -1,0 +1,118 @@
+"""Frames of one camera, read one by one: numbered pictures, a video, or images in an HDF5 file."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from tactile.failure import TactileFailure, TactileProblem
+
+PICTURES = (".png", ".jpg", ".jpeg")
+VIDEOS = (".avi", ".mp4")
+NUMBERED = re.compile(r"^frame_(\d+)$")
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """`numbers` are the frames' own (a video's count from 0); `frames()` starts a new pass, in RGB."""
+
+    source: str
+    numbers: tuple[int, ...]
+    frames: Callable[[], Iterator[UInt8[np.ndarray, "h w 3"]]]
+
+
+def unusable(source: str, found: str, expected: str) -> TactileFailure:
+    """The failure sentence of frames and their log."""
+    detail = f"{source}: found {found}, expected {expected}."
+    return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
+
+
+def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """One RGB picture; raises TactileFailure (unreadable-frames) where there is none or it is damaged."""
+    if not path.is_file():
+        raise unusable(path.name, "no such file", "a .png or .jpg picture")
+    data = np.fromfile(path, dtype=np.uint8)
+    picture = None
+    if len(data) and not _cut_short(data, path.suffix.lower()):
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if picture is None:
+        raise unusable(f"{path.parent.name}/{path.name}", "a damaged picture", "a whole one; copy it again")
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def pictures_in(place: Path) -> Pictures:
+    """The frames at `place`: a folder with frame_000000.png ..., or a video.
+
+    Raises TactileFailure (unreadable-frames) where there is nothing of the kind, a number comes twice, or the
+    video cannot be opened.
+    """
+    if place.is_dir():
+        return _folder(place)
+    if place.suffix.lower() in VIDEOS and place.is_file():
+        return _video(place)
+    expected = f"a folder with frame_000000.png ..., or a video ({', '.join(VIDEOS)})"
+    raise unusable(place.name, "no such folder or video", expected)
+
+
+def pictures_of(dataset: Any, source: str) -> Pictures:
+    """The frames of an HDF5 dataset (T, H, W, 3), read one at a time."""
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        for k in range(dataset.shape[0]):
+            yield np.asarray(dataset[k], dtype=np.uint8)
+
+    return Pictures(source, tuple(range(dataset.shape[0])), frames)
+
+
+def _folder(folder: Path) -> Pictures:
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        named = NUMBERED.match(path.stem)
+        if named is None or path.suffix.lower() not in PICTURES:
+            continue
+        number = int(named.group(1))
+        if number in found:
+            raise unusable(folder.name, f"{found[number].name} and {path.name}", "each frame once")
+        found[number] = path
+    if not found:
+        raise unusable(folder.name, "no frame_*.png or .jpg", "frame_000000.png, frame_000001.png, ...")
+    numbers = tuple(sorted(found))
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        for number in numbers:
+            yield read_picture(found[number])
+
+    return Pictures(folder.name, numbers, frames)
+
+
+def _video(path: Path) -> Pictures:
+    video = cv2.VideoCapture(str(path))
+    said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+    video.release()
+    if said < 1:
+        raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        video = cv2.VideoCapture(str(path))
+        try:
+            for k in range(said):
+                more, frame = video.read()
+                if not more:
+                    expected = f"{said} as its header says: it is cut short, copy it again"
+                    raise unusable(path.name, f"{k} frames", expected)
+                yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        finally:
+            video.release()
+
+    return Pictures(path.name, tuple(range(said)), frames)
+
+
+def _cut_short(data: UInt8[np.ndarray, " n"], suffix: str) -> bool:
+    """Whether the file lacks its end mark: decoders fill the missing rows with grey and say nothing."""
+    tail = data[-64:].tobytes()
+    return (b"IEND" if suffix == ".png" else b"\xff\xd9") not in tail
