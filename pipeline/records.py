@@ -22,6 +22,19 @@ class Given(_Record):
     notes: str = ""
 
 
+class StanceRecord(_Record):
+    """What the shape says of stem and suture, against the fruit frame: `tilt_deg` of the stem axis from z,
+    `turn_deg` of the groove from +x towards +y, depths of hollow and groove, confidences from 0 to 1.
+    """
+
+    tilt_deg: float
+    stem_confidence: float
+    hollow_mm: float
+    turn_deg: float
+    suture_confidence: float
+    groove_mm: float
+
+
 class MeshRecord(_Record):
     """The fruit's surface: where it came from, its size, and how good it is."""
 
@@ -34,6 +47,7 @@ class MeshRecord(_Record):
     scale_sd: float | None = None
     surface_sd_mm: float | None = None
     quality: dict[str, Any] = {}
+    stance: StanceRecord | None = None
 
 
 class PitRecord(_Record):

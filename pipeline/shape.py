@@ -13,16 +13,17 @@ from pipeline.cache import Artifact, cached, stage_key
 from pipeline.confirmed import PitFound, pit_found
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
-from pipeline.records import MeshRecord, PitRecord
+from pipeline.records import MeshRecord, PitRecord, StanceRecord
 from pipeline.size_doubts import size_doubts
 from pipeline.task import FruitTask
 from recon.closed import volume_mm3
-from recon.fruit_frame import to_fruit_frame
+from recon.fruit_frame import stance_doubts, to_fruit_frame
 from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
 from recon.mesh_file import Mesh, mesh_bytes, read_mesh
 from recon.photo_check import checked_photos
 from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
+from recon.stance import stance_of
 from recon.verdict import require_seen, shape_doubts
 from reports.photo import thumbnail_jpeg
 
@@ -55,7 +56,13 @@ def fruit_shape(task: FruitTask) -> Shape:
     """
     shape = _fruit_shape(task)
     doubts = size_doubts(task.given, shape.record, task.prior, on_mat=task.mat is not None)
-    return replace(shape, warnings=(*shape.warnings, *doubts))
+    stance = stance_of(shape.vertices, shape.faces)
+    said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
+    return replace(
+        shape,
+        warnings=(*shape.warnings, *doubts, *stance_doubts(stance)),
+        record=shape.record.model_copy(update={"stance": StanceRecord(**said)}),
+    )
 
 
 def _fruit_shape(task: FruitTask) -> Shape:

@@ -1,0 +1,85 @@
+"""Stem and suture from the shape: found on fruit turned any way, and not found where there are none."""
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from recon.fruit_frame import stance_doubts, to_fruit_frame
+from recon.hull import ball
+from recon.stance import stance_of
+from samples.fruit import fruit_of_seed, scanned_mesh
+
+
+def scanned(seed, **changes):
+    fruit = fruit_of_seed("N", seed=seed, E_MPa=0.5)
+    fruit = replace(fruit, skin=replace(fruit.skin, **changes))
+    return scanned_mesh(fruit, cells=40, error_mm=0.1)
+
+
+def lumpy(half_axes, wobble_mm):
+    """A smooth body with even lumps, no stem, no suture."""
+    rng = np.random.default_rng(3)
+    directions, faces = ball(4)
+    waves = np.cos(directions @ (5 * rng.normal(size=(24, 3))).T + rng.uniform(0, 6.3, 24)).sum(axis=1)
+    radius = 1 / np.linalg.norm(directions / np.array(half_axes), axis=1)
+    radius += wobble_mm / np.sqrt(np.mean(waves**2)) * waves
+    return radius[:, None] * directions, faces
+
+
+def off_deg(a, b):
+    return float(np.degrees(np.arccos(np.clip(a @ b, -1, 1))))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_stem_and_suture_are_found_within_four_degrees_whichever_way_the_fruit_lies(seed):
+    vertices, faces = scanned(seed)
+    turn = Rotation.random(random_state=seed).as_matrix()
+    stance = stance_of(vertices @ turn.T + [5.0, -40.0, 3.0], faces)
+    assert off_deg(stance.stem, turn[:, 2]) < 4
+    assert off_deg(stance.suture, turn[:, 0]) < 4
+    assert stance.stem_confidence > 0.6
+    assert stance.suture_confidence > 0.45
+
+
+@pytest.mark.parametrize("half_axes", [(30, 30, 30), (31, 28, 26)])
+@pytest.mark.parametrize("wobble_mm", [0.0, 0.1, 0.2])
+def test_without_stem_and_suture_the_confidence_is_low(half_axes, wobble_mm):
+    stance = stance_of(*lumpy(half_axes, wobble_mm))
+    assert stance.stem_confidence < 0.3
+    assert stance.suture_confidence < 0.1
+    assert stance_doubts(stance) == ()
+
+
+def test_without_a_groove_the_stem_alone_is_sure():
+    stance = stance_of(*scanned(2, groove_depth_mm=0.0))
+    assert stance.stem_confidence > 0.6
+    assert stance.suture_confidence < 0.2
+
+
+def test_a_fruit_as_placed_raises_no_doubt():
+    for seed in (1, 2, 3):
+        assert stance_doubts(stance_of(*scanned(seed))) == ()
+
+
+@pytest.mark.parametrize(
+    ("axis", "degrees", "words"),
+    [
+        ("y", 25, "stem axis appears tilted by 2[2-8] degrees"),
+        ("z", -40, "turned by (3[6-9]|4[0-4]) degrees to the right"),
+    ],
+)
+def test_a_fruit_that_stands_otherwise_is_told_with_angle_and_confidence(axis, degrees, words):
+    vertices, faces = scanned(1)
+    turned = vertices @ Rotation.from_euler(axis, degrees, degrees=True).as_matrix().T
+    (doubt,) = stance_doubts(stance_of(to_fruit_frame(turned)[0], faces))
+    assert re.search(words, doubt)
+
+
+def test_a_millimetre_twice_as_long_changes_no_confidence():
+    vertices, faces = scanned(1)
+    one, two = stance_of(vertices, faces), stance_of(2 * vertices, faces)
+    assert two.suture_confidence == pytest.approx(one.suture_confidence, rel=1e-3)
+    assert two.hollow_mm == pytest.approx(2 * one.hollow_mm, rel=1e-3)
