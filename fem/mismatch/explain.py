@@ -17,7 +17,7 @@ from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.locate import located
-from fem.mismatch.name import named
+from fem.mismatch.name import Sound, named
 from fem.mismatch.prove import held_out
 from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound, linear_round
@@ -48,14 +48,13 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
-        sound = of_sound("what is left") * sum(one.own.shape[1] for one in recorded)
-        found = named(
-            ground,
-            linear,
-            detected=detected,
-            sound_chi2=sound,
-            sound_gain=usual_gain * of_sound("best single", 0.95),
+        count = sum(one.own.shape[1] for one in recorded)
+        sound = Sound(
+            chi2=count * of_sound("what is left"),
+            most_chi2=count * of_sound("what is left", 0.95),
+            gain=usual_gain * of_sound("best single", 0.95),
         )
+        found = named(ground, linear, detected=detected, sound=sound)
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))

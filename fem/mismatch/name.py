@@ -27,9 +27,10 @@ are refitted too."""
 ALWAYS = ("pit_size",)
 """Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
 LIKE = 1 / 20
-PAIR_GAIN, PAIR_SHARE, PAIR_LEFT = 10.0, 0.05, 0.5
-"""ln evidence, and share of the best single's, that a pair must add to it; and the share of the excess
-chi-square left by that one which a pair may leave: what smooths over half a fault is no second effect."""
+PAIR_GAIN, PAIR_LEFT = 10.0, 0.5
+"""ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
+and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
+leave at most: what smooths over half a fault is no second effect."""
 NOT_DETECTED = TEMPER * 3.0
 """By so much ln evidence none leads where nothing was detected: 95 % to 5."""
 LEFT, MUCH = 0.6, 0.2
@@ -64,20 +65,27 @@ class _Tried:
     refit: Refit | None = None
 
 
-def named(
-    ground: Ground, linear: LinearRound, *, detected: bool, sound_chi2: float, sound_gain: float
-) -> Named:
-    """Refits the best singles and pairs.
+@dataclass(frozen=True, kw_only=True)
+class Sound:
+    """What sound recordings of this size and flesh show (fem.mismatch.null_bank).
 
-    `sound_chi2`: what sound recordings of this size leave; `sound_gain`: what some effect gains even on
-    these: less names nothing. Where nothing was detected none is the first.
+    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `gain`: what some
+    effect gains even there: less names nothing.
     """
+
+    chi2: float
+    most_chi2: float
+    gain: float
+
+
+def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
+    """Refits the best singles and pairs; where nothing was detected none is the first."""
     found = [_Tried(one.effect.name, one.gain, (one,)) for one in linear.best]
     if detected:
-        found = _singles(ground, linear, found, sound_chi2)
+        found = _singles(ground, linear, found, sound.chi2)
         if found and found[0].refit is not None:
-            found += _pairs(ground, linear, found[0], found[0].refit, sound_chi2)
-    none = 0.0 if detected else max([sound_gain, *(one.gain for one in found)]) + NOT_DETECTED
+            found += _pairs(ground, linear, found[0], found[0].refit, sound)
+    none = 0.0 if detected else max([sound.gain, *(one.gain for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None:
         found[0] = _polished(ground, linear, found[0], found[0].refit)
@@ -87,7 +95,7 @@ def named(
         Ranked(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
         for one, p in zip(found, weight, strict=True)
     )
-    verdict = _verdict(linear, ranking, sound_chi2, sound_gain) if detected else NONE
+    verdict = _verdict(linear, ranking, sound) if detected else NONE
     return Named(ranking=ranking, verdict=verdict)
 
 
@@ -126,12 +134,16 @@ def _gain(linear: LinearRound, again: Refit) -> float:
     return moved + min(beside, max(moved, 0.0))
 
 
-def _pairs(
-    ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound_chi2: float
-) -> list[_Tried]:
-    """Pairs of the best single with what adds most to it, refitted, that earn their place."""
+def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
+    """Pairs of the best single with what adds most to it, refitted, that earn their place.
+
+    None where the single leaves no more than sound recordings do.
+    """
+    if single.fit.chi2 <= sound.most_chi2:
+        return []
     found = []
-    least, excess = max(PAIR_GAIN, PAIR_SHARE * best.gain), single.fit.chi2 - sound_chi2
+    least = max(PAIR_GAIN, sound.gain)
+    may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     for gain, other in added(linear, single)[:PAIRS]:
         if gain < least:
             break
@@ -140,7 +152,7 @@ def _pairs(
         if again is None:
             continue
         pair = _Tried(again.name, _gain(linear, again), both, again)
-        if pair.gain > best.gain + least and again.fit.chi2 - sound_chi2 < PAIR_LEFT * excess:
+        if pair.gain > best.gain + least and again.fit.chi2 < may_leave:
             found.append(pair)
     return found
 
@@ -153,14 +165,12 @@ def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit) ->
     return replace(one, gain=_gain(linear, again), refit=again)
 
 
-def _verdict(
-    linear: LinearRound, ranking: Sequence[Ranked], sound_chi2: float, sound_gain: float
-) -> str | tuple[str, ...]:
+def _verdict(linear: LinearRound, ranking: Sequence[Ranked], sound: Sound) -> str | tuple[str, ...]:
     first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.refit is None or first.gain <= sound_gain:
+    if first is None or first.refit is None or first.gain <= sound.gain:
         return UNKNOWN
-    before, after = linear.null.chi2 - sound_chi2, first.refit.fit.chi2 - sound_chi2
-    if after > max(LEFT * before, MUCH * sound_chi2):
+    before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
+    if after > max(LEFT * before, MUCH * sound.chi2):
         return UNKNOWN
     alike = tuple(
         one.name
