@@ -11,26 +11,29 @@ import numpy as np
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
 import onnxruntime
 from jaxtyping import Float, UInt8
-from scipy.spatial.transform import Rotation
 
 from recon.failure import ReconFailure, ReconProblem
+from recon.model_cameras import camera_places, first_place, unprojected
 from recon.photos import Photo
 
 MULTIPLE = 14
 WIDTH_PX = 518
 ENOUGH = (("world_points",), ("depth", "pose_enc"))
+KINDS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
+FEWEST_POINTS = 200
 
 
 @dataclass(frozen=True)
 class PointMaps:
     """Per photo and pixel of the model's grid: a point in the model's own world, and how much it is
-    trusted; and where the photos were taken, if the model says so.
+    trusted; and where the photos were taken: all of them if the model says so, else at least the first, from
+    how its points lie in its picture; None where they do not tell.
     """
 
     points: Float[np.ndarray, "s h w 3"]
     confidence: Float[np.ndarray, "s h w"]
     photo_px_per_cell: Float[np.ndarray, "s 2"]
-    places: Float[np.ndarray, "s 3"] | None = None
+    places: Float[np.ndarray, "p 3"] | None = None
 
     def cells_of(self, view: int, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Photo pixels (column, row) as cells of the grid."""
@@ -46,8 +49,8 @@ def point_maps(
 
     H and W are multiples of 14 (W 518 where the model leaves it open). pose_enc is translation (3) and
     quaternion (4, scalar last) of the camera from the world, then the vertical and horizontal angle of view
-    in radians. Raises ReconFailure (bad-geometry-model) that names the file and the input or output that is
-    missing or misshapen.
+    in radians. Runs on the first of `providers` that this machine has. Raises ReconFailure
+    (bad-geometry-model) that names the file and the input, output or provider that is missing or misshapen.
     """
     session = _session(model, providers)
     inputs = {i.name: i.shape for i in session.get_inputs()}
@@ -58,9 +61,12 @@ def point_maps(
         raise _bad(model, f'has the input "images" of shape {shape}', "(1, S, 3, H, W)")
     offered = {o.name for o in session.get_outputs()}
     if not any(set(names) <= offered for names in ENOUGH):
+        missing = '"world_points"'
+        half = {"depth": "pose_enc", "pose_enc": "depth"}
+        lacks = next((f'"{other}" beside its "{own}"' for own, other in half.items() if own in offered), None)
         raise _bad(
             model,
-            f'has no output "world_points" (its outputs are {", ".join(sorted(offered)) or "none"})',
+            f"has no output {lacks or missing} (its outputs are {', '.join(sorted(offered)) or 'none'})",
             '"world_points", or "depth" with "pose_enc"',
         )
     if isinstance(shape[1], int) and shape[1] != len(photos):
@@ -74,7 +80,10 @@ def point_maps(
         if isinstance(shape[3], int)
         else max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
     )
-    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None]
+    kind = session.get_inputs()[0].type
+    if kind not in KINDS:
+        raise _bad(model, f'takes "images" as {kind}', "float or float16")
+    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None].astype(KINDS[kind])
     wanted = [
         n for n in ("world_points", "world_points_conf", "depth", "depth_conf", "pose_enc") if n in offered
     ]
@@ -99,14 +108,19 @@ def point_maps(
         )
     if poses is None or "world_points" in outputs:
         points = np.asarray(outputs["world_points"][0], float)
-        confidence = outputs.get("world_points_conf")
+        confidence = outputs.get("world_points_conf", outputs.get("depth_conf"))
     else:
-        points = _unprojected(outputs["depth"][0, ..., 0], poses)
+        depth = np.asarray(outputs["depth"][0, ..., 0], float)
+        points = unprojected(np.where(depth > 0, depth, np.nan), poses)
         confidence = outputs.get("depth_conf")
     trust = np.ones(points.shape[:3]) if confidence is None else np.asarray(confidence[0], float)
-    trust = np.where(np.isfinite(points).all(3), trust, -np.inf)
+    trust = np.where(np.isfinite(points).all(3) & np.isfinite(trust), trust, -np.inf)
+    if np.isfinite(trust).sum() < FEWEST_POINTS:
+        raise _bad(model, f"gives {int(np.isfinite(trust).sum())} finite points", f"at least {FEWEST_POINTS}")
     scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
-    return PointMaps(np.nan_to_num(points), trust, scale, None if poses is None else _places(poses))
+    points = np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0)
+    places = first_place(points[0], trust[0]) if poses is None else camera_places(poses)
+    return PointMaps(points, trust, scale, places)
 
 
 def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
@@ -115,8 +129,17 @@ def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSess
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
+    known = onnxruntime.get_available_providers()
+    usable = [name for name in providers if name in known]
+    if not usable:
+        raise _bad(
+            model,
+            f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
+            f"onnxruntime has not",
+            f"one of {', '.join(known)} in providers",
+        )
     try:
-        return onnxruntime.InferenceSession(str(model), options, providers=list(providers))
+        return onnxruntime.InferenceSession(str(model), options, providers=usable)
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise _bad(model, f"cannot be loaded ({error})", "an ONNX model") from error
 
@@ -124,26 +147,6 @@ def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSess
 def _prepared(image: UInt8[np.ndarray, "h w 3"], columns: int, rows: int) -> Float[np.ndarray, "3 r c"]:
     small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)[:, :, ::-1]
     return np.asarray(small.transpose(2, 0, 1), np.float32) / np.float32(255)
-
-
-def _unprojected(
-    depth: Float[np.ndarray, "s h w"], pose: Float[np.ndarray, "s 9"]
-) -> Float[np.ndarray, "s h w 3"]:
-    """X = R' (d K^-1 (u, v, 1) - t) with f = size / (2 tan(angle of view / 2))."""
-    _, rows, columns = depth.shape
-    v, u = np.mgrid[:rows, :columns] + 0.5
-    points = np.empty((*depth.shape, 3))
-    for i, (d, p) in enumerate(zip(depth, np.asarray(pose, float), strict=True)):
-        x = (u - columns / 2) / (columns / 2) * np.tan(p[8] / 2)
-        y = (v - rows / 2) / (rows / 2) * np.tan(p[7] / 2)
-        local = np.stack([x * d, y * d, d], axis=-1) - p[:3]
-        points[i] = local @ Rotation.from_quat(p[3:7]).as_matrix()
-    return points
-
-
-def _places(pose: Float[np.ndarray, "s 9"]) -> Float[np.ndarray, "s 3"]:
-    """Camera centres -R' t."""
-    return np.asarray(-Rotation.from_quat(pose[:, 3:7]).apply(pose[:, :3], inverse=True))
 
 
 def _bad(model: Path, found: str, expected: str) -> ReconFailure:

@@ -42,8 +42,8 @@ def fruit_points(
     elif maps.places is None:
         raise ReconFailure(
             ReconProblem.BAD_GEOMETRY_MODEL,
-            'The geometry model has no output "pose_enc", so that without a mat nothing says where the first '
-            "photo was taken, and with it where the suture is; use the mat (drupe mat), or a model with "
+            'The geometry model has no output "pose_enc", and its points do not tell where the first photo '
+            "was taken, and with it where the suture is; use the mat (drupe mat), or a model with "
             '"pose_enc".',
         )
     else:

@@ -91,10 +91,72 @@ def test_without_a_mat_x_points_to_the_first_photo(tmp_path):
         assert np.ptp(back[:, 0]) / np.ptp(back[:, 1]) == pytest.approx(34 / 22, rel=0.03)
 
 
-def test_without_mat_and_poses_nothing_says_where_the_suture_is(knowing):
+def test_points_alone_say_where_the_first_photo_was_taken(knowing):
+    maps = point_maps(photos(), knowing)
+    (found,) = maps.places
+    true = CAMERAS[0].place @ TURN.T / 150 + [0.3, 0.1, 2.0]
+    assert np.linalg.norm(found - true) * 150 < 0.02 * np.linalg.norm(CAMERAS[0].place)
+
+
+def test_points_and_height_are_enough_for_a_mesh(knowing):
+    found = reconstruct_with_model(photos(), knowing, mat=None, height_mm=2 * EGG.semi_mm[2])
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
+
+
+def test_points_on_one_plane_do_not_say_where_the_photo_was_taken(tmp_path):
+    path = tmp_path / "flat.onnx"
+    flat = np.stack([point_map(c, Egg(semi_mm=(1e-3, 1e-3, 1e-3)), ROWS, COLUMNS) for c in CAMERAS])
+    write_constant_model(path, {"world_points": flat[None]}, input_shape=FIXED)
     with pytest.raises(ReconFailure, match=r'use the mat .* or a model with "pose_enc"') as caught:
-        reconstruct_with_model(photos(), knowing, mat=None, height_mm=48.0)
+        reconstruct_with_model(photos(), path, mat=None, height_mm=48.0)
     assert caught.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
+
+
+def test_the_whole_signature_of_vggt_gives_the_scenes_mesh(tmp_path):
+    """All five outputs; where trust is low the points are wrong, and do no harm."""
+    depth = np.stack(
+        [
+            c.into(point_map(c, EGG, ROWS, COLUMNS).reshape(-1, 3))[:, 2].reshape(ROWS, COLUMNS, 1) / 150
+            for c in CAMERAS
+        ]
+    )
+    points, trust = scene_points().copy(), np.full(depth.shape[:3], 2.0)
+    points[:, ::7] += 0.5
+    trust[:, ::7] = 1.0
+    outputs = {
+        "depth": depth[None], "depth_conf": trust[None], "world_points": points[None],
+        "world_points_conf": trust[None], "pose_enc": scene_poses()[None],
+    }  # fmt: skip
+    path = tmp_path / "vggt.onnx"
+    write_constant_model(path, outputs, input_shape=FIXED)
+    found = reconstruct_with_model(photos(), path, mat=standard_mat(), height_mm=None)
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("alone", "missing"), [("depth", '"pose_enc" beside its "depth"'), ("pose_enc", '"depth" beside')]
+)
+def test_half_of_depth_and_poses_names_the_other_half(tmp_path, alone, missing):
+    path = tmp_path / "half.onnx"
+    shapes = {"depth": (1, 6, 14, 14, 1), "pose_enc": (1, 6, 9)}
+    write_constant_model(path, {alone: np.ones(shapes[alone])}, input_shape=OPEN)
+    with pytest.raises(ReconFailure, match=rf"half\.onnx has no output {missing}"):
+        point_maps(photos(), path)
+
+
+def test_a_provider_that_the_machine_lacks_is_named_with_those_it_has(knowing):
+    with pytest.raises(ReconFailure, match=r"run on Abacus, .*expected one of .*CPUExecutionProvider"):
+        point_maps(photos(), knowing, providers=("Abacus",))
+    assert point_maps(photos(), knowing, providers=("Abacus", "CPUExecutionProvider")).points.shape[0] == 6
+
+
+def test_a_model_of_nothing_finite_is_refused(tmp_path):
+    path = tmp_path / "nan.onnx"
+    write_constant_model(
+        path, {"world_points": np.full((*FIXED[:2], ROWS, COLUMNS, 3), np.nan)}, input_shape=FIXED
+    )
+    with pytest.raises(ReconFailure, match=r"nan\.onnx gives 0 finite points; expected at least 200"):
+        point_maps(photos(), path)
 
 
 def test_poses_without_a_turn_are_refused(tmp_path):
