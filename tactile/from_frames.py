@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from tactile.converted import Converted
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.frame_checks import gaps_said
 from tactile.gaps import at_times, filled
@@ -18,14 +19,6 @@ from tactile.recording import GelPad, Recording
 from tactile.sensors import Camera, Sensor
 from tactile.shading_file import read_lookup
 from tactile.tracking import reference_of
-
-
-@dataclass(frozen=True, kw_only=True)
-class Converted:
-    """A recording, and what a reader must know of how it came about."""
-
-    recording: Recording
-    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,9 @@ from drawn_gel import drawn, grid
 from raw_folder import CENTRE, DEPTH_MM, FRAMES, PX_PER_MM, replaced, shear, write_picture, write_raw
 from scipy.spatial import cKDTree
 
+from tactile.converted import Converted
 from tactile.failure import TactileFailure, TactileProblem
-from tactile.from_frames import Converted, recording_of
+from tactile.from_frames import recording_of
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import GelPad
 

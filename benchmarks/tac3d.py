@@ -1,0 +1,142 @@
+"""The maker's own Tac3D recordings, read and judged.
+
+    python benchmarks/tac3d.py FOLDER --out DIR
+
+Downloads the wheel `pytac3d` 3.3.0.9 by name into FOLDER (never installed; no licence is stated, so nothing
+of it belongs into a repository), unpacks its three recordings there, converts them, says what was noticed,
+checks that no number changed but for sign and origin, and draws force, phases, patch area, stick ratio and
+noise over time.
+"""
+
+import argparse
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+
+from tactile.contact import PadContact, find_contact
+from tactile.failure import TactileFailure
+from tactile.from_tac3d import recording_of_tac3d, rest_of
+from tactile.recording import GelPad, Recording, marker_area_mm2, read_recording, write_recording
+from tactile.stick import stick_ratio
+from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
+
+WHEEL = "pytac3d==3.3.0.9"
+LAG = 3
+
+
+def unpacked(folder: Path) -> list[Path]:
+    """The recordings' folders, downloaded and unpacked where they are not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if not list(folder.glob("pytac3d-*.whl")):
+        command = [sys.executable, "-m", "pip", "download", "--no-deps", "--dest", str(folder), WHEEL]
+        subprocess.run(command, check=True, capture_output=True)
+    wheel = next(folder.glob("pytac3d-*.whl"))
+    with zipfile.ZipFile(wheel) as held:
+        held.extractall(folder, [name for name in held.namelist() if name.endswith(".npy")])
+    return sorted({found.parent.parent for found in folder.rglob("index.npy")})
+
+
+def largest_change(sensors: list[Tac3D], again: Recording) -> float:
+    """Largest difference, in parts of the largest value, of anything a first sensor's canonical file holds."""
+    sensor, pad = sensors[0], again.pads[0]
+    assert isinstance(pad, GelPad)
+    kept = len(again.time_s)
+    first = int(np.argmin(np.abs(sensor.send_s - sensor.send_s[0] - again.time_s[0])))
+    rows = slice(first, first + kept)
+    pairs = [
+        (pad.displacement_mm, sensor.displacement_mm[rows]),
+        (-pad.force_N, sensor.force_N[rows]),
+        (pad.rest_mm - pad.rest_mm[0], rest_of(sensor) - rest_of(sensor)[0]),
+        (again.time_s, sensor.send_s[rows] - sensor.send_s[0]),
+    ]
+    return max(float(np.abs(a - b).max() / max(np.abs(b).max(), 1e-12)) for a, b in pairs)
+
+
+def frame_noise(values: np.ndarray) -> np.ndarray:
+    """Per frame, one value's noise from second differences (zero in a deadband)."""
+    bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2])
+    return np.asarray(np.median(bends, axis=(1, 2)) / 0.6745 / np.sqrt(6))
+
+
+def drawn(name: str, recording: Recording, path: Path) -> dict[str, float]:
+    """Five curves per pad over time; returns the numbers worth a table."""
+    from matplotlib import pyplot as plt
+
+    contact = find_contact(recording, source=name)
+    figure, axes = plt.subplots(4, 1, figsize=(7, 7.5), sharex=True)
+    numbers: dict[str, float] = {}
+    for pad, gel in zip(contact.pads, recording.pads, strict=True):
+        assert isinstance(gel, GelPad)
+        touching = pad.episode >= 0
+        area = touching.sum(axis=1) * (marker_area_mm2(gel.rest_mm) or np.nan)
+        stick = stick_ratio(pad.position_mm, touching, noise=pad.displacement_noise.sd, lag=LAG)
+        noise_um = frame_noise(gel.displacement_mm) * 1e3
+        axes[0].plot(recording.time_s, pad.total_normal_N, label=pad.name)
+        axes[1].plot(recording.time_s, area, label=pad.name)
+        axes[2].plot(recording.time_s, stick.ratio, label=pad.name)
+        axes[3].plot(recording.time_s[1:-1], noise_um, label=pad.name)
+        numbers |= _numbers(pad, area, stick.ratio, noise_um)
+    touched = np.any([(pad.episode >= 0).any(axis=1) for pad in contact.pads], axis=0)
+    for axis, label in zip(axes, ("normal force, N", "patch, mm²", "stick ratio", "noise, µm"), strict=True):
+        axis.fill_between(
+            recording.time_s, 0, 1, where=touched, transform=axis.get_xaxis_transform(), color="0.92"
+        )
+        axis.set_ylabel(label)
+        axis.legend(fontsize=7)
+    axes[3].set_xlabel("time, s (grey: in contact)")
+    figure.tight_layout()
+    figure.savefig(path, dpi=80)
+    plt.close(figure)
+    return numbers
+
+
+def _numbers(pad: PadContact, area: np.ndarray, ratio: np.ndarray, noise_um: np.ndarray) -> dict[str, float]:
+    touched = (pad.episode >= 0).any(axis=1)
+    starts = int((np.diff(touched.astype(int)) == 1).sum()) + int(touched[0])
+    return {
+        f"{pad.name} largest force, N": float(pad.total_normal_N.max()),
+        f"{pad.name} contacts": float(starts),
+        f"{pad.name} largest patch, mm2": float(np.nanmax(area)),
+        f"{pad.name} mean stick ratio in contact": float(ratio[touched].mean()),
+        f"{pad.name} noise in contact, um": float(np.median(noise_um[noise_um > 0])),
+    }
+
+
+def main() -> None:
+    """Notes, numbers and pictures of every recording."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    mpl.use("Agg")
+    for place in unpacked(given.folder):
+        groups = [[read_tac3d(folder)] for folder in sensor_folders(place)]
+        if len(groups) == 2:
+            groups.append([one for group in groups for one in group])
+        for sensors in groups:
+            name = "+".join(sensor.serial for sensor in sensors)
+            converted = recording_of_tac3d(sensors, fruit_id=name, category="unknown")
+            file = given.out / f"{name}.h5"
+            write_recording(file, converted.recording)
+            print(f"{name}: {len(converted.recording.time_s)} frames")
+            for note in converted.notes:
+                print(f"  note: {note}")
+            changed = largest_change(sensors, read_recording(file))
+            print(f"  largest relative change of a number in the canonical file: {changed:.1e}")
+            try:
+                numbers = drawn(name, converted.recording, given.out / f"{name}.png")
+            except TactileFailure as reason:
+                print(f"  not drawn: {reason}")
+                continue
+            print("  " + ", ".join(f"{key} {value:.3g}" for key, value in numbers.items()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,212 @@
+"""Tac3D recordings of one grasp or press, in the canonical form, with what a reader must know of them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.converted import Converted
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.frame_checks import gaps_said
+from tactile.gaps import at_times
+from tactile.recording import GelPad, Recording, marker_area_mm2
+from tactile.tac3d import Tac3D
+
+APART_S = 0.5
+"""Clocks of two fingers that differ by more are not one clock."""
+LAGS_S = np.arange(-1.0, 1.0001, 0.01)
+LOADED = 0.5
+"""Markers with more than this share of the strongest pressing tell the gel's stiffness."""
+REST_MOVES_MM = 0.01
+
+
+def recording_of_tac3d(
+    sensors: Sequence[Tac3D], *, fruit_id: str, category: str, stiffness: tuple[float, float] | None = None
+) -> Converted:
+    """One sensor becomes a press with the pad `tip`, two a grasp with `left` and `right`, in the given order.
+
+    Displacements stay; forces change sign (here they are what the gel puts on the fruit); the origin moves to
+    the middle of the gel face. The recorder knows neither aperture nor pose: they are written as zero and as
+    no motion, and a note says so. `stiffness`: normal and shear, MPa/mm; without it the loaded markers tell
+    it.
+
+    Raises TactileFailure (unreadable-recording) where times of one sensor stand still or run back, or there
+    are more sensors than two.
+    """
+    if not 1 <= len(sensors) <= 2:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_RECORDING,
+            f"found recordings of {len(sensors)} sensors, expected one (a press) or two (a grasp).",
+        )
+    names = ("tip",) if len(sensors) == 1 else ("left", "right")
+    notes: list[str] = []
+    for sensor in sensors:
+        _refuse_time(sensor)
+        notes += _said_of(sensor)
+    times = [sensor.send_s - sensors[0].send_s[0] for sensor in sensors]
+    if len(sensors) == 2:
+        times[1], said = _second_clock(sensors[0], sensors[1])
+        notes.append(said)
+    start, end = max(t[0] for t in times), min(t[-1] for t in times)
+    when = times[0][(times[0] >= start) & (times[0] <= end)]
+    if len(sensors) == 2 and len(when) < len(times[0]):
+        notes.append(
+            f"{len(times[0]) - len(when)} frames of {sensors[0].serial} are outside the other's time."
+        )
+    pads = []
+    for sensor, name, time_s in zip(sensors, names, times, strict=True):
+        kn, kt = stiffness or _stiffness(sensor)
+        if stiffness is None:
+            notes.append(
+                f"{sensor.serial}: gel stiffness {kn:.3f} and {kt:.3f} MPa/mm, from its loaded markers."
+            )
+        rest = rest_of(sensor)
+        pads.append(
+            GelPad(
+                name=name,
+                pose=np.broadcast_to(np.eye(4), (len(when), 4, 4)).copy(),
+                rest_mm=rest - _origin(rest),
+                displacement_mm=at_times(when, time_s, sensor.displacement_mm),
+                force_N=-at_times(when, time_s, sensor.force_N),
+                gel_kn_MPa_per_mm=kn,
+                gel_kt_MPa_per_mm=kt,
+            )
+        )
+    notes.append("no aperture and no pose: they are the gripper's; written as zero and as no motion.")
+    return Converted(
+        recording=Recording(
+            fruit_id=fruit_id,
+            category=category,
+            loading="press" if len(sensors) == 1 else "grasp",
+            support="base" if len(sensors) == 1 else "free",
+            sensor="Tac3D " + " ".join(sensor.serial for sensor in sensors),
+            time_s=when,
+            aperture_mm=np.zeros(len(when)),
+            pads=tuple(pads),
+        ),
+        notes=tuple(notes),
+    )
+
+
+def rest_of(sensor: Tac3D) -> Float[np.ndarray, "n 3"]:
+    """Each marker's place without load: the median over the frames of position less displacement."""
+    return np.asarray(np.median(sensor.position_mm - sensor.displacement_mm, axis=0))
+
+
+def deadband_frames(sensor: Tac3D) -> np.ndarray:
+    """Frames in which every force and every displacement is exactly zero."""
+    return np.asarray((sensor.force_N == 0).all(axis=(1, 2)) & (sensor.displacement_mm == 0).all(axis=(1, 2)))
+
+
+def _origin(rest_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
+    """The middle of the face: the markers' mean in the plane, the height of the nearest ones."""
+    middle = rest_mm[:, :2].mean(axis=0)
+    near = np.argsort(np.linalg.norm(rest_mm[:, :2] - middle, axis=1))[:4]
+    return np.array([*middle, rest_mm[near, 2].mean()])
+
+
+def _said_of(sensor: Tac3D) -> list[str]:
+    name, frames = sensor.serial, len(sensor.index)
+    notes = []
+    step = np.diff(sensor.index)
+    missing = int((step - 1).clip(min=0).sum())
+    if missing:
+        notes.append(
+            f"{name}: {missing} of {missing + frames} frames lost ({int((step > 1).sum())} gaps in the "
+            "index)."
+        )
+    else:
+        notes += gaps_said(sensor.send_s - sensor.send_s[0], name)
+    if (step <= 0).any():
+        notes.append(f"{name}: the index stands still or runs back {int((step <= 0).sum())} times.")
+    silent = deadband_frames(sensor)
+    if silent.any():
+        notes.append(
+            f"{name}: {int(silent.sum())} frames are exactly zero (a deadband): the air tells no noise, and "
+            "the "
+            "smallest forces are cut off."
+        )
+    total = sensor.force_N.sum(axis=1)
+    worst = int(np.abs(total - sensor.resultant_force_N)[:, 2].argmax())
+    own, sums = sensor.resultant_force_N[worst, 2], total[worst, 2]
+    largest = float(np.abs(sensor.resultant_force_N[:, 2]).max())
+    if abs(own - sums) > 0.01 * largest > 0:
+        notes.append(
+            f"{name}: the resultant and the sum of the forces differ by up to {abs(own - sums):.2f} N along "
+            "z (frame "
+            f"{worst}: {own:.2f} and {sums:.2f} N); the markers' forces are kept as they are."
+        )
+    rest = sensor.position_mm - sensor.displacement_mm
+    moves = float(np.abs(rest - np.median(rest, axis=0)).max())
+    if moves > REST_MOVES_MM:
+        notes.append(f"{name}: position less displacement is not constant: it moves by up to {moves:.3f} mm.")
+    return notes
+
+
+def _refuse_time(sensor: Tac3D) -> None:
+    back = np.flatnonzero(np.diff(sensor.send_s) <= 0)
+    if len(back):
+        k = int(back[0])
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_RECORDING,
+            f"{sensor.serial}/sendTimestamp.npy: found {sensor.send_s[k + 1]:g} s in frame {k + 1} after "
+            f"{sensor.send_s[k]:g} s, expected strictly increasing times; drop the repeated frames.",
+        )
+
+
+def _second_clock(one: Tac3D, two: Tac3D) -> tuple[Float[np.ndarray, " t"], str]:
+    """The second sensor's times on the first one's clock (which starts at zero), and how they were found.
+
+    Receiving times are one computer's clock. Without them, starts more than half a second apart mean two
+    clocks: both recorders were started together, and the fine shift is where the two normal forces agree
+    best.
+    """
+    if one.receive_s is not None and two.receive_s is not None:
+        shift = float(np.median(two.receive_s - two.send_s) - np.median(one.receive_s - one.send_s))
+        said = f"{two.serial}: its clock is {-shift:.3f} s ahead of {one.serial}'s (receiving times)."
+        return two.send_s + shift - one.send_s[0], said
+    apart = float(two.send_s[0] - one.send_s[0])
+    if abs(apart) < APART_S:
+        return two.send_s - one.send_s[0], f"{one.serial} and {two.serial} are taken to share one clock."
+    first, second = one.send_s - one.send_s[0], two.send_s - two.send_s[0]
+    pushes = [-s.force_N.sum(axis=1)[:, 2] for s in (one, two)]
+    likeness = np.array([_likeness(first, pushes[0], second + lag, pushes[1]) for lag in LAGS_S])
+    best = int(likeness.argmax())
+    if likeness[best] > 0.8:
+        lag, how = float(LAGS_S[best]), f"their normal forces agree best (correlation {likeness[best]:.2f})"
+    else:
+        lag, how = 0.0, "they start together (their forces are too steady to tell more)"
+    said = (
+        f"{one.serial} and {two.serial} stamp times {abs(apart):.2f} s apart: two clocks; the second is "
+        "shifted so "
+        f"that {how}."
+    )
+    return second + lag, said
+
+
+def _likeness(
+    time_a: Float[np.ndarray, " a"],
+    a: Float[np.ndarray, " a"],
+    time_b: Float[np.ndarray, " b"],
+    b: Float[np.ndarray, " b"],
+) -> float:
+    """Correlation of two signals where they overlap."""
+    within = (time_a >= time_b[0]) & (time_a <= time_b[-1])
+    if within.sum() < len(time_a) / 2:
+        return -1.0
+    x, y = a[within], np.interp(time_a[within], time_b, b)
+    spread = float(x.std() * y.std())
+    return float(((x - x.mean()) * (y - y.mean())).mean() / spread) if spread > 0 else -1.0
+
+
+def _stiffness(sensor: Tac3D) -> tuple[float, float]:
+    """Force over displacement over area of the markers pressed most (least squares), along z and across."""
+    pressed = -sensor.force_N[..., 2]
+    loaded = pressed > LOADED * pressed.max()
+    area = marker_area_mm2(rest_of(sensor)) or 1.0
+    moved, pushed = sensor.displacement_mm[loaded], sensor.force_N[loaded]
+
+    def slope(axes: list[int]) -> float:
+        return abs(float((moved[:, axes] * pushed[:, axes]).sum() / max((moved[:, axes] ** 2).sum(), 1e-12)))
+
+    return max(slope([2]) / area, 1e-6), max(slope([0, 1]) / area, 1e-6)

@@ -1,0 +1,144 @@
+"""A Tac3D folder keeps every number, changes only sign and origin, and its oddities are said."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tactile.failure import TactileFailure
+from tactile.from_tac3d import recording_of_tac3d
+from tactile.recording import GelPad, read_recording, write_recording
+from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
+
+FRAMES = 40
+X, Y = np.meshgrid(np.arange(6.0) - 2.5, np.arange(6.0) - 2.5)
+REST = np.stack([X.ravel() + 0.4, Y.ravel() - 0.3, 11.0 - 0.03 * (X**2 + Y**2).ravel()], axis=1)
+KN, KT = 0.5, 0.2
+
+
+def press_of(time_s: np.ndarray) -> np.ndarray:
+    """Depth over time: air, a ramp, a hold with a wobble."""
+    return np.clip((time_s - 0.4) / 0.4, 0, 1) * (0.5 + 0.08 * np.sin(9 * time_s))
+
+
+def write_sensor(
+    folder: Path, *, clock_s: float = 0.0, starts_s: float = 0.0, lost: tuple[int, ...] = ()
+) -> Path:
+    rng = np.random.default_rng(7)
+    time_s = starts_s + np.arange(FRAMES) / 30
+    near = np.exp(-(REST[:, 0] ** 2 + REST[:, 1] ** 2) / 4)
+    moved = press_of(time_s)[:, None, None] * near[:, None] * [0.3, 0.1, -1.0]
+    touched = press_of(time_s) > 0
+    moved = moved + rng.normal(scale=0.001, size=moved.shape) * touched[:, None, None]
+    force = moved * [KT, KT, KN]
+    kept = np.setdiff1d(np.arange(FRAMES), lost)
+    arrays = {
+        "index": 500 + kept,
+        "sendTimestamp": clock_s + time_s[kept],
+        "3D_Positions": (REST + moved)[kept],
+        "3D_Displacements": moved[kept],
+        "3D_Forces": force[kept],
+        "3D_ResultantForce": 1.1 * force.sum(axis=1)[kept][:, None],
+        "3D_ResultantMoment": np.zeros((len(kept), 1, 3)),
+    }
+    folder.mkdir(parents=True)
+    for name, values in arrays.items():
+        np.save(folder / f"{name}.npy", values)
+    return folder
+
+
+def gel(found: Tac3D) -> GelPad:
+    pad = recording_of_tac3d([found], fruit_id="f1", category="nectarine").recording.pads[0]
+    assert isinstance(pad, GelPad)
+    return pad
+
+
+def test_every_number_is_kept_but_for_the_forces_sign_and_the_origin(tmp_path: Path) -> None:
+    sensor = read_tac3d(write_sensor(tmp_path / "AD2"))
+    pad = gel(sensor)
+    np.testing.assert_array_equal(pad.displacement_mm, sensor.displacement_mm)
+    np.testing.assert_array_equal(pad.force_N, -sensor.force_N)
+    np.testing.assert_allclose(pad.rest_mm[:, 2] + 11.0 - 0.03 * 0.5, REST[:, 2], atol=1e-9)
+    np.testing.assert_allclose(pad.rest_mm - pad.rest_mm[0], REST - REST[0], atol=1e-9)
+
+
+def test_a_pressed_gel_pushes_the_fruit(tmp_path: Path) -> None:
+    pad = gel(read_tac3d(write_sensor(tmp_path / "AD2")))
+    assert pad.force_N[-1, :, 2].sum() > 0
+    assert pad.displacement_mm[-1, :, 2].min() < 0
+
+
+def test_the_gels_stiffness_is_read_off_the_loaded_markers(tmp_path: Path) -> None:
+    pad = gel(read_tac3d(write_sensor(tmp_path / "AD2")))
+    assert pad.gel_kn_MPa_per_mm == pytest.approx(KN, rel=0.02)
+    assert pad.gel_kt_MPa_per_mm == pytest.approx(KT, rel=0.02)
+
+
+def test_the_canonical_file_gives_the_recording_back(tmp_path: Path) -> None:
+    found = recording_of_tac3d(
+        [read_tac3d(write_sensor(tmp_path / "AD2"))], fruit_id="f1", category="nectarine"
+    )
+    write_recording(tmp_path / "out.h5", found.recording)
+    again = read_recording(tmp_path / "out.h5").pads[0]
+    assert isinstance(again, GelPad)
+    np.testing.assert_allclose(
+        again.displacement_mm, gel(read_tac3d(tmp_path / "AD2")).displacement_mm, rtol=1e-6
+    )
+
+
+def test_lost_frames_the_deadband_and_the_resultant_are_said(tmp_path: Path) -> None:
+    sensor = read_tac3d(write_sensor(tmp_path / "AD2", lost=(20, 21, 30)))
+    said = " ".join(recording_of_tac3d([sensor], fruit_id="f1", category="nectarine").notes)
+    assert "AD2: 3 of 40 frames lost (2 gaps in the index)" in said
+    assert "13 frames are exactly zero (a deadband)" in said
+    assert "the resultant and the sum of the forces differ by up to" in said
+    assert "no aperture and no pose" in said
+
+
+def test_two_clocks_six_seconds_apart_are_brought_together_by_the_forces(tmp_path: Path) -> None:
+    one = read_tac3d(write_sensor(tmp_path / "left", clock_s=100.0))
+    two = read_tac3d(write_sensor(tmp_path / "right", clock_s=106.0, starts_s=0.12))
+    found = recording_of_tac3d([one, two], fruit_id="f1", category="nectarine")
+    assert "left and right stamp times 6.12 s apart: two clocks" in " ".join(found.notes)
+    left, right = (
+        np.asarray(pad.force_N).sum(axis=1)[:, 2] for pad in found.recording.pads if isinstance(pad, GelPad)
+    )
+    np.testing.assert_allclose(left, right, atol=0.06 * left.max())
+
+
+def test_sensor_folders_are_found_in_the_folder_above(tmp_path: Path) -> None:
+    for name in ("b", "a"):
+        write_sensor(tmp_path / name)
+    assert [p.name for p in sensor_folders(tmp_path)] == ["a", "b"]
+    assert [p.name for p in sensor_folders(tmp_path / "b")] == ["b"]
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "says"),
+    [
+        (
+            "3D_Forces",
+            np.zeros((FRAMES, 35, 3)),
+            r"AD2/3D_Forces.npy: found shape \(40, 35, 3\), expected shape",
+        ),
+        ("3D_Positions", np.full((FRAMES, 36, 3), np.nan), "AD2/3D_Positions.npy: found a value in frame 0"),
+        ("sendTimestamp", np.zeros(FRAMES), "AD2/sendTimestamp.npy: found 0 s in frame 1 after 0 s"),
+        ("index", np.array(["a"] * FRAMES), "AD2/index.npy: found values of type"),
+    ],
+)
+def test_a_wrong_array_is_named(tmp_path: Path, name: str, values: np.ndarray, says: str) -> None:
+    folder = write_sensor(tmp_path / "AD2")
+    np.save(folder / f"{name}.npy", values)
+    with pytest.raises(TactileFailure, match=says):
+        recording_of_tac3d([read_tac3d(folder)], fruit_id="f1", category="nectarine")
+
+
+def test_a_cut_and_a_missing_array_are_named(tmp_path: Path) -> None:
+    folder = write_sensor(tmp_path / "AD2")
+    whole = (folder / "3D_Forces.npy").read_bytes()
+    (folder / "3D_Forces.npy").write_bytes(whole[:1000])
+    with pytest.raises(TactileFailure, match=r"AD2/3D_Forces\.npy: found .*copy it again"):
+        read_tac3d(folder)
+    (folder / "3D_Forces.npy").unlink()
+    with pytest.raises(TactileFailure, match=r"AD2/3D_Forces\.npy: found no such file"):
+        read_tac3d(folder)
