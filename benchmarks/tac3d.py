@@ -26,6 +26,8 @@ from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
 
 WHEEL = "pytac3d==3.3.0.9"
 LAG = 3
+SCATTER_MM = 0.005
+"""Single markers scatter by 2 to 20 µm from frame to frame; half of them by less than a micrometre."""
 
 
 def unpacked(folder: Path) -> list[Path]:
@@ -41,7 +43,7 @@ def unpacked(folder: Path) -> list[Path]:
 
 
 def largest_change(sensors: list[Tac3D], again: Recording) -> float:
-    """Largest difference, in parts of the largest value, of anything a first sensor's canonical file holds."""
+    """Largest difference, in parts of the largest value, of what the first sensor's canonical file holds."""
     sensor, pad = sensors[0], again.pads[0]
     assert isinstance(pad, GelPad)
     kept = len(again.time_s)
@@ -73,7 +75,8 @@ def drawn(name: str, recording: Recording, path: Path) -> dict[str, float]:
         assert isinstance(gel, GelPad)
         touching = pad.episode >= 0
         area = touching.sum(axis=1) * (marker_area_mm2(gel.rest_mm) or np.nan)
-        stick = stick_ratio(pad.position_mm, touching, noise=pad.displacement_noise.sd, lag=LAG)
+        noise = max(pad.displacement_noise.sd, SCATTER_MM)
+        stick = stick_ratio(pad.position_mm, touching, noise=noise, lag=LAG)
         noise_um = frame_noise(gel.displacement_mm) * 1e3
         axes[0].plot(recording.time_s, pad.total_normal_N, label=pad.name)
         axes[1].plot(recording.time_s, area, label=pad.name)

@@ -106,7 +106,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
     expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
     wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
     """
-    with _opened(path) as file:
+    with opened(path) as file:
         root = GroupReader(path=path, group=file)
         root.choice("format", {FORMAT})
         root.version("version", VERSION)
@@ -163,7 +163,7 @@ def write_recording(path: Path, recording: Recording) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def opened(path: Path) -> Iterator[Any]:
     """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
     if not path.is_file():
         raise unreadable(

@@ -1,0 +1,131 @@
+"""`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from pipeline.problem import BatchRefused, Problem
+from tactile.converted import Converted
+from tactile.field_tables import read_field_table
+from tactile.from_frames import recording_of
+from tactile.from_tac3d import recording_of_tac3d
+from tactile.load_cell import is_trace, read_trace
+from tactile.raw_grasp import read_raw_grasp
+from tactile.raw_h5 import holds_images_only, raw_of
+from tactile.recording import opened, read_recording, write_recording
+from tactile.sensor_file import read_sensor
+from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.tac3d_file import write_source
+
+TELL_EVERY = 50
+KINDS = (
+    "a folder with grasp.toml (raw frames), a folder of Tac3D arrays, an .h5 with images, a .npz or .csv of "
+    "marker "
+    "fields, or a .csv of a bare load cell"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What the source itself does not say."""
+
+    sensor: Path | None = None
+    fruit_id: str = "unknown"
+    category: str = "unknown"
+    indenter: Literal["ball", "flat", "plate"] | None = None
+    radius_mm: float | None = None
+
+
+def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], None]) -> tuple[str, ...]:
+    """Writes the recording in `source` to `out` and returns its notes; `report` tells progress.
+
+    `out` appears whole or not at all: the file is written beside it, read back, and renamed. Raises
+    TactileFailure for a source that cannot be used, BatchRefused where an option is missing or `source` is no
+    kind that is known.
+    """
+    with ExitStack() as stack:
+        converted, sensors = _read(source, wanted, report, stack)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=out.parent, prefix=f".{out.name}.", suffix=".h5")
+    os.close(handle)
+    draft = Path(name)
+    try:
+        write_recording(draft, converted.recording)
+        if sensors:
+            write_source(draft, sensors)
+        read_recording(draft)
+        umask = os.umask(0)
+        os.umask(umask)
+        draft.chmod(0o666 & ~umask)
+        draft.replace(out)
+    finally:
+        draft.unlink(missing_ok=True)
+    frames = len(converted.recording.time_s)
+    report(
+        f"wrote {out}: {frames} frames, "
+        f"{converted.recording.time_s[-1] - converted.recording.time_s[0]:.2f} s"
+    )
+    return converted.notes
+
+
+def _read(
+    source: Path, wanted: Wanted, report: Callable[[str], None], stack: ExitStack
+) -> tuple[Converted, list[Tac3D]]:
+    def told(pad: str, done: int, of: int) -> None:
+        if done % TELL_EVERY == 0 or done == of:
+            report(f"{pad}: {done} of {of} frames")
+
+    if (source / "grasp.toml").is_file():
+        return recording_of(read_raw_grasp(source, sensor=wanted.sensor), progress=told), []
+    if folders := sensor_folders(source):
+        sensors = [read_tac3d(folder) for folder in folders]
+        described = None if wanted.sensor is None else read_sensor(wanted.sensor)
+        kn = None if described is None else described.gel_kn_MPa_per_mm
+        kt = None if described is None else described.gel_kt_MPa_per_mm
+        found = recording_of_tac3d(
+            sensors,
+            fruit_id=wanted.fruit_id,
+            category=wanted.category,
+            stiffness=None if kn is None or kt is None else (kn, kt),
+        )
+        return found, sensors
+    kind = source.suffix.lower() if source.is_file() else ""
+    if kind in (".h5", ".hdf5") and holds_images_only(source):
+        file = stack.enter_context(opened(source))
+        raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
+        return recording_of(raw, progress=told), []
+    if kind in (".h5", ".hdf5"):
+        read_recording(source)
+        raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
+    if kind == ".csv" and is_trace(source):
+        if wanted.indenter is None or wanted.radius_mm is None:
+            raise BatchRefused(
+                [Problem(str(source), "is a load cell's trace; give --indenter and --radius-mm.")]
+            )
+        return _trace(source, wanted, wanted.indenter, wanted.radius_mm), []
+    if kind in (".npz", ".csv"):
+        sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
+        found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
+        return found, []
+    there = "is nothing that can be converted" if source.exists() else "does not exist"
+    raise BatchRefused([Problem(str(source), f"{there}; give {KINDS}.")])
+
+
+def _trace(
+    source: Path, wanted: Wanted, indenter: Literal["ball", "flat", "plate"], radius_mm: float
+) -> Converted:
+    return read_trace(
+        source, fruit_id=wanted.fruit_id, category=wanted.category, indenter=indenter, radius_mm=radius_mm
+    )
+
+
+def _needed(source: Path, given: Path | None, option: str) -> Path:
+    if given is None:
+        raise BatchRefused(
+            [Problem(str(source), f"needs the sensor's description; give {option} sensor.toml.")]
+        )
+    return given

@@ -1,0 +1,132 @@
+"""`drupe convert` writes a recording that the readers take, or nothing at all and says why."""
+
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
+from drawn_gel import drawn, grid
+from raw_folder import SENSOR, shear, write_raw
+from tac3d_folder import write_sensor
+
+from pipeline.cli import app
+from tactile.recording import GelPad, IndenterPad, read_recording
+
+FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
+
+
+def run(*words: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["convert", *map(str, words)])
+    return done.exit_code, done.output + str(done.exception or "")
+
+
+def left_nothing(folder: Path) -> bool:
+    return not [p for p in folder.iterdir() if p.suffix == ".h5" or p.name.startswith(".")]
+
+
+def test_a_raw_grasp_becomes_a_recording(tmp_path: Path) -> None:
+    code, said = run(write_raw(tmp_path / "g", frames=4), tmp_path / "out.h5")
+    assert code == 0, said
+    recording = read_recording(tmp_path / "out.h5")
+    assert recording.fruit_id == "f1"
+    assert [pad.name for pad in recording.pads] == ["left", "right"]
+    assert "left: 4 of 4 frames" in said
+
+
+def test_a_fault_leaves_nothing_behind(tmp_path: Path) -> None:
+    raw = write_raw(tmp_path / "g", frames=4)
+    (raw / "right/frame_000003.png").write_bytes(b"\x89PNG")
+    out = tmp_path / "out"
+    out.mkdir()
+    code, said = run(raw, out / "out.h5")
+    assert code == 3
+    assert "right/frame_000003.png: found a damaged picture" in said
+    assert left_nothing(out)
+
+
+def test_an_older_result_outlives_a_failure(tmp_path: Path) -> None:
+    raw = write_raw(tmp_path / "g", frames=4)
+    run(raw, tmp_path / "out.h5")
+    before = (tmp_path / "out.h5").read_bytes()
+    (raw / "left/reference.png").unlink()
+    assert run(raw, tmp_path / "out.h5")[0] == 3
+    assert (tmp_path / "out.h5").read_bytes() == before
+
+
+def test_images_inside_an_h5_become_fields(tmp_path: Path) -> None:
+    source = tmp_path / "images.h5"
+    with h5py.File(source, "w") as file:
+        file.attrs.update(
+            {"format": "drupe-recording", "version": 1, "fruit_id": "f2", "category": "peach"}
+            | {"loading": "press", "sensor": "dots"}
+        )
+        file["time_s"], file["aperture_mm"] = np.arange(4) / 20, np.arange(4) * 0.1
+        file["pads/tip/pose"] = np.broadcast_to(np.eye(4), (4, 4, 4))
+        file["pads/tip/images"] = np.stack([drawn(shear(t), noise=1.0, seed=t) for t in range(4)])
+        file["pads/tip/images_reference"] = drawn(grid())
+    (tmp_path / "s.toml").write_text(SENSOR.format(serial="A"))
+    code, said = run(source, tmp_path / "out.h5", "--sensor", tmp_path / "s.toml")
+    assert code == 0, said
+    pad = read_recording(tmp_path / "out.h5").pads[0]
+    assert isinstance(pad, GelPad)
+    assert len(pad.rest_mm) == len(grid())
+    assert "give --sensor sensor.toml" in run(source, tmp_path / "other.h5")[1]
+
+
+def test_a_tac3d_recording_keeps_the_makers_own_arrays(tmp_path: Path) -> None:
+    folder = write_sensor(tmp_path / "AD2", lost=(20,))
+    code, said = run(folder, tmp_path / "out.h5", "--fruit", "f3", "--category", "plum")
+    assert code == 0, said
+    assert "note: AD2: 1 of 40 frames lost" in said
+    with h5py.File(tmp_path / "out.h5") as file:
+        kept = file["source/AD2/3D_Forces"][()]
+    np.testing.assert_array_equal(kept, np.load(folder / "3D_Forces.npy"))
+    assert read_recording(tmp_path / "out.h5").fruit_id == "f3"
+
+
+def test_marker_fields_in_npz_and_csv_say_the_same(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    rest = rng.normal(size=(5, 3)).round(4)
+    moved, pushed = rng.normal(size=(2, 6, 5, 3)).round(4)
+    time_s, aperture_mm = np.arange(6) / 10, 50 - np.arange(6.0)
+    arrays = {"pads/tip/rest_mm": rest, "pads/tip/displacement_mm": moved, "pads/tip/force_N": pushed}
+    np.savez(tmp_path / "a.npz", time_s=time_s, aperture_mm=aperture_mm, **arrays)
+    header = "time_s,aperture_mm,pad,marker,x_mm,y_mm,z_mm,dx_mm,dy_mm,dz_mm,fx_N,fy_N,fz_N"
+    rows = [
+        ",".join(f"{v:g}" for v in (time_s[t], aperture_mm[t], 0, n, *rest[n], *moved[t, n], *pushed[t, n]))
+        for t in range(6)
+        for n in range(5)
+    ]
+    (tmp_path / "a.csv").write_text("\n".join([header, *rng.permutation(rows)]))
+    (tmp_path / "s.toml").write_text(FIELDS)
+    for kind in ("npz", "csv"):
+        code, said = run(tmp_path / f"a.{kind}", tmp_path / f"{kind}.h5", "--sensor", tmp_path / "s.toml")
+        assert code == 0, said
+        pad = read_recording(tmp_path / f"{kind}.h5").pads[0]
+        assert isinstance(pad, GelPad)
+        np.testing.assert_allclose(pad.rest_mm, rest, atol=1e-9)
+        np.testing.assert_allclose(pad.displacement_mm, moved, rtol=1e-6)
+        np.testing.assert_allclose(pad.force_N, pushed, rtol=1e-6)
+
+
+def test_a_bare_load_cell_becomes_a_press(tmp_path: Path) -> None:
+    (tmp_path / "t.csv").write_text("time_s,travel_mm,force_N\n0,0,0\n0.1,0.5,-1.5\n0.2,1,-4\n")
+    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "ball", "--radius-mm", "4")
+    assert code == 0, said
+    assert "its sign is turned" in said
+    pad = read_recording(tmp_path / "out.h5").pads[0]
+    assert isinstance(pad, IndenterPad)
+    np.testing.assert_array_equal(pad.force_z_N, [0, 1.5, 4])
+    assert "give --indenter and --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
+
+
+@pytest.mark.parametrize("name", ["nothing", "notes.txt"])
+def test_what_cannot_be_converted_is_refused(tmp_path: Path, name: str) -> None:
+    (tmp_path / "notes.txt").write_text("?")
+    code, _ = run(tmp_path / name, tmp_path / "out.h5")
+    assert code != 0
+    assert left_nothing(tmp_path)
