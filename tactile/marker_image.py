@@ -57,7 +57,7 @@ def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
     """Radius and polarity of the blobs that answer most.
 
     At each scale s the answer is s^2 times the Laplacian of the Gaussian-smoothed frame, in parts of the
-    local brightness; the score is the median of the strong maxima times the square root of how many there
+    local brightness; the score is the median of the strong maxima times the fourth root of how many there
     are, so that many like blobs win over one large shade.
     """
     shade = cv2.GaussianBlur(intensity, (0, 0), intensity.shape[0] / 12)
@@ -69,7 +69,7 @@ def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
             answer = laplacian if dark else -laplacian
             heights = answer[_maxima(answer, scale)]
             strong = heights[heights > STRONG * np.quantile(heights, 0.9)] if len(heights) else heights
-            score = float(np.median(strong) * np.sqrt(len(strong))) if len(strong) > 3 else 0.0
+            score = float(np.median(strong) * len(strong) ** 0.25) if len(strong) > 3 else 0.0
             if score > best:
                 best, found = score, MarkerLook(radius_px=float(scale * np.sqrt(2.0)), dark=dark)
     return found

@@ -64,35 +64,30 @@ def centred(shown: Float[np.ndarray, "h w"], start_px: Float[np.ndarray, "n 2"],
     """
     half = int(np.ceil(WINDOW_RADII * look.radius_px))
     padded = cv2.copyMakeBorder(shown, half, half, half, half, cv2.BORDER_CONSTANT, value=0)
-    rows, columns = np.mgrid[-half : half + 1, -half : half + 1]
+    rows, columns = (axis.ravel() for axis in np.mgrid[-half : half + 1, -half : half + 1])
+    across, down = columns.astype(np.float32), rows.astype(np.float32)
+    flat, stride = padded.ravel(), padded.shape[1]
+    offsets = (rows + half) * stride + columns + half
     centre = np.array(start_px, dtype=np.float64)
     peak, mass = np.zeros(len(centre)), np.zeros(len(centre))
     moving = np.arange(len(centre))
     limit = np.array([shown.shape[1] - 1.0, shown.shape[0] - 1.0])
+    reach = np.float32((WINDOW_RADII * look.radius_px) ** 2)
     for _ in range(CENTRE_STEPS):
         if not len(moving):
             break
         here = np.clip(centre[moving], 0.0, limit)
         whole = np.rint(here).astype(np.int64)
-        away = here - whole
-        window = padded[
-            whole[:, 1, None, None] + rows + half, whole[:, 0, None, None] + columns + half
-        ].astype(np.float64)
-        dx, dy = columns - away[:, 0, None, None], rows - away[:, 1, None, None]
-        taper = np.clip(1.0 - (dx * dx + dy * dy) / (WINDOW_RADII * look.radius_px) ** 2, 0.0, 1.0)
-        middle = window * (dx * dx + dy * dy <= look.radius_px**2)
-        top = middle.max(axis=(1, 2))
-        weight = np.maximum(window - FLOOR * top[:, None, None], 0.0) * np.sqrt(taper)
-        total = weight.sum(axis=(1, 2))
-        safe = np.maximum(total, 1e-9)
-        shift = np.stack(
-            [(weight * dx).sum(axis=(1, 2)) / safe, (weight * dy).sum(axis=(1, 2)) / safe], axis=1
-        )
-        centre[moving], peak[moving], mass[moving] = (
-            here + shift,
-            top,
-            (window * (taper > 0)).sum(axis=(1, 2)),
-        )
+        away = (here - whole).astype(np.float32)
+        window = flat[(whole[:, 1] * stride + whole[:, 0])[:, None] + offsets]
+        distance = (across - away[:, :1]) ** 2 + (down - away[:, 1:]) ** 2
+        top = np.where(distance <= look.radius_px**2, window, 0.0).max(axis=1)
+        taper = np.sqrt(np.maximum(1.0 - distance / reach, 0.0))
+        weight = np.maximum(window - FLOOR * top[:, None], 0.0) * taper
+        total = np.maximum(weight.sum(axis=1), 1e-9)
+        shift = np.stack([weight @ across / total, weight @ down / total], axis=1) - away
+        centre[moving], peak[moving] = here + shift, top
+        mass[moving] = np.where(taper > 0, window, 0.0).sum(axis=1)
         moving = moving[np.abs(shift).max(axis=1) > SETTLED_PX]
     return Blobs(centre_px=centre, peak=peak, mass=mass)
 
