@@ -6,6 +6,9 @@ Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
 
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
 
+with G continued by smooth fields (quadratics over the pad, spread 10 um a coefficient) that no force makes:
+what free sides and a housing do to a slab that is not endless. They matter: an almost incompressible gel is
+so stiff against even pressure that 5 um of even depth are 5 % of a press of 3 N. This holds
 on the nodes in contact; t = 0 outside, and pressure is positive inside (an active set, from the unbound
 solution, with nodes dropped that would pull and neighbours added that want to push). G' W and L are made once
 per sensor. The prior's spread and roughness, and by how much the noise exceeds what frames in the air show
@@ -20,16 +23,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve, cholesky, lapack
-from scipy.spatial import Delaunay
+from scipy.spatial import Delaunay, cKDTree
 
 from tactile.gel_slab import GelLayer, tent_compliance
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
-GROWS_AT_SD = 1.0
-APPEARS_AT_SD = 5.0
+GROWS_AT_SD = 3.0
+APPEARS_AT_SD = 6.0
 MOST_ROUNDS = 12
+NODE_PER_MARKER = 0.7
+SMOOTH_MM = 0.01
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 
 
@@ -38,12 +43,14 @@ class GelGrid:
     """Markers and traction nodes of one gel: `compliance` is marker displacement (mm) per nodal force (N).
 
     Forces are those on the fruit, so that a positive normal force goes with a negative displacement.
-    `to_markers` hands nodal forces to markers and keeps their sum and moment.
+    `to_markers` makes marker forces of nodal ones: traction times a marker's cell, `cell_mm2`, with the same
+    sum and moment.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
     nodes_mm: Float[np.ndarray, "m 2"]
     pitch_mm: float
+    cell_mm2: float
     compliance: Float[np.ndarray, "3n 3m"]
     to_markers: Float[np.ndarray, "n m"]
     laplacian: Float[np.ndarray, "m m"]
@@ -73,19 +80,21 @@ class Contact:
 
 
 def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
-    """Traction nodes under the markers, one per marker where these form a square grid of `pitch_mm`.
+    """Traction nodes under the markers, `pitch_mm` apart.
 
-    `pitch_mm` None: the side of the square that is a marker's share of the face. Raises ValueError for
+    `pitch_mm` None: 0.7 of the side of the square that is a marker's share of the face; at 1.0 the rim of a
+    contact is too coarse, and a press of known force comes out 2 to 5 % too strong. Raises ValueError for
     fewer than nine markers.
     """
     if len(rest_mm) < 9:
         raise ValueError(f"a force field needs nine markers; there are {len(rest_mm)}")
     flat = rest_mm[:, :2]
     mesh = Delaunay(flat)
+    a, b, c = (flat[mesh.simplices[:, k]] for k in range(3))
+    twice = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
+    cell_mm2 = float(np.median(twice))
     if pitch_mm is None:
-        a, b, c = (flat[mesh.simplices[:, k]] for k in range(3))
-        twice = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
-        pitch_mm = float(np.sqrt(np.median(twice)))
+        pitch_mm = NODE_PER_MARKER * float(np.sqrt(cell_mm2))
     low, high = flat.min(axis=0), flat.max(axis=0)
     count = np.floor((high - low) / pitch_mm + 1e-6).astype(int) + 1
     first = (low + high - (count - 1) * pitch_mm) / 2
@@ -98,20 +107,30 @@ def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: fl
         rest_mm=rest_mm,
         nodes_mm=nodes,
         pitch_mm=pitch_mm,
+        cell_mm2=cell_mm2,
         compliance=compliance.reshape(3 * len(flat), 3 * len(nodes)),
-        to_markers=_shares(mesh, nodes, len(flat)),
+        to_markers=_shares(flat, nodes, pitch_mm, cell_mm2),
         laplacian=4.0 * np.eye(len(nodes)) - (np.abs(apart - 1.0) < 0.01),
     )
 
 
-def _shares(mesh: Delaunay, nodes: Float[np.ndarray, "m 2"], markers: int) -> Float[np.ndarray, "n m"]:
-    """Barycentric coordinates of each node in its triangle of markers."""
-    triangle = mesh.find_simplex(nodes, tol=1e-3)
-    frame = mesh.transform[triangle]
-    two = np.einsum("mij,mj->mi", frame[:, :2], nodes - frame[:, 2])
-    three = np.column_stack([two, 1.0 - two.sum(axis=1)])
-    out = np.zeros((markers, len(nodes)))
-    out[mesh.simplices[triangle], np.arange(len(nodes))[:, None]] = three
+def _shares(
+    flat: Float[np.ndarray, "n 2"], nodes: Float[np.ndarray, "m 2"], pitch_mm: float, cell_mm2: float
+) -> Float[np.ndarray, "n m"]:
+    """What each marker gets of each node: the node's traction at the marker times the marker's cell.
+
+    That alone keeps sum and moment only on average; the least change over the nine nearest markers makes it
+    exact for every node.
+    """
+    _, near = cKDTree(flat).query(nodes, k=9)
+    arm = (flat[near] - nodes[:, None]) / pitch_mm
+    tent = np.maximum(1.0 - np.abs(arm), 0.0).prod(axis=2) * cell_mm2 / pitch_mm**2
+    keeps = np.concatenate([np.ones((*near.shape, 1)), arm], axis=2)
+    miss = np.array([1.0, 0.0, 0.0]) - np.einsum("mqk,mq->mk", keeps, tent)
+    square = np.einsum("mqk,mql->mkl", keeps, keeps)
+    exact = tent + np.einsum("mqk,mk->mq", keeps, np.linalg.solve(square, miss[..., None])[..., 0])
+    out = np.zeros((len(flat), len(nodes)))
+    out[near, np.arange(len(nodes))[:, None]] = exact
     return out
 
 
@@ -132,13 +151,15 @@ class GelForce:
     ) -> None:
         self.grid, self.strength = grid, strength
         self.information = information_per_mm2 / strength.noise**2
-        self._observed_by = grid.compliance if observed is None else observed
-        n, m = len(grid.rest_mm), len(grid.nodes_mm)
-        per_marker = self._observed_by.reshape(n, 3, 3 * m)
-        self._weighted = np.matmul(self.information, per_marker).reshape(3 * n, 3 * m)
+        self._observed_by = _with_smooth(grid, observed)
+        self._moved_by = _with_smooth(grid, None)
+        per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
+        self._weighted = np.matmul(self.information, per_marker).reshape(self._observed_by.shape)
         self._data = self._weighted.T @ self._observed_by
-        self._prior = _prior(grid, strength)
-        self._normal = self._data + self._prior
+        self._normal = self._data.copy()
+        size = 3 * len(grid.nodes_mm)
+        self._normal[:size, :size] += _prior(grid, strength)
+        self._normal[size:, size:] += np.eye(len(self._normal) - size) / SMOOTH_MM**2
         self._free_factor = cho_factor(self._normal, lower=True)
         inverse = lapack.dtrtri(self._free_factor[0], lower=1)[0]
         self._free_sd = np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
@@ -148,16 +169,22 @@ class GelForce:
     ) -> Contact:
         """One frame; markers that are not `seen` (or NaN) say nothing."""
         y, normal, right = self._observed(displacement_mm, seen)
-        touching, force = self._settled(normal, right)
-        t = np.zeros((len(self.grid.nodes_mm), 3))
-        t[touching] = force
-        flat = self.grid.compliance @ t.ravel()
+        touching, found = self._settled(normal, right)
+        every = np.zeros(len(right))
+        every[self._at(touching)] = found
+        t = every[: 3 * len(touching)].reshape(-1, 3)
+        t[:, 2] = np.maximum(t[:, 2], 0.0)
         return Contact(
             node_force_N=t,
             touching=touching,
             force_N=self.grid.to_markers @ t,
-            displacement_mm=flat.reshape(y.shape),
+            displacement_mm=(self._moved_by @ every).reshape(y.shape),
         )
+
+    def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
+        """Unknowns in play: the touching nodes' forces and the smooth fields."""
+        smooth = np.arange(3 * len(touching), len(self._normal))
+        return np.concatenate([_dofs(touching), smooth])
 
     def joint_covariance(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "6n 6n"]:
         """Covariance of one frame's [measured displacement (mm); marker force (N)], markers then x, y, z.
@@ -174,17 +201,21 @@ class GelForce:
         )
         noise[block] = np.linalg.pinv(self.information, hermitian=True, rcond=1e-9)
         linear = self.linear_map(touching)
-        at = _dofs(touching)
-        spread = np.kron(self.grid.to_markers[:, touching], np.eye(3))
+        at = self._at(touching)
+        spread = self._to_markers(touching, len(at))
         posterior = spread @ cho_solve(cho_factor(self._normal[np.ix_(at, at)]), spread.T)
         cross = noise @ linear.T
         return np.block([[noise, cross], [cross.T, posterior]])
 
     def linear_map(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "3n 3n"]:
         """K in force = K displacement, N/mm, while these nodes touch."""
-        at = _dofs(touching)
+        at = self._at(touching)
         inner = cho_solve(cho_factor(self._normal[np.ix_(at, at)]), self._weighted[:, at].T)
-        return np.asarray(np.kron(self.grid.to_markers[:, touching], np.eye(3)) @ inner)
+        return np.asarray(self._to_markers(touching, len(at)) @ inner)
+
+    def _to_markers(self, touching: Bool[np.ndarray, " m"], unknowns: int) -> Float[np.ndarray, "3n a"]:
+        forces = np.kron(self.grid.to_markers[:, touching], np.eye(3))
+        return np.pad(forces, ((0, 0), (0, unknowns - forces.shape[1])))
 
     def spread(
         self, touching: Bool[np.ndarray, " m"]
@@ -194,11 +225,12 @@ class GelForce:
         shape = self.grid.rest_mm.shape
         if not touching.any():
             return np.zeros(shape), np.zeros(shape)
-        at = _dofs(touching)
+        at = self._at(touching)
         factor = cholesky(self._normal[np.ix_(at, at)], lower=True, check_finite=False)
-        root = np.tril(lapack.dtrtri(factor, lower=1)[0]).reshape(len(at), -1, 3)
-        force = np.einsum("rmc,nm->rnc", root, self.grid.to_markers[:, touching], optimize=True)
-        moved = root.reshape(len(at), -1) @ self.grid.compliance[:, at].T
+        root = np.tril(lapack.dtrtri(factor, lower=1)[0])
+        nodal = root[:, : 3 * int(touching.sum())].reshape(len(at), -1, 3)
+        force = np.einsum("rmc,nm->rnc", nodal, self.grid.to_markers[:, touching], optimize=True)
+        moved = root @ self._moved_by[:, at].T
         return np.sqrt((force**2).sum(axis=0)), np.sqrt((moved**2).sum(axis=0)).reshape(shape)
 
     def _observed(
@@ -215,37 +247,45 @@ class GelForce:
         return y, normal, self._weighted.T @ y.ravel()
 
     def _settled(self, normal: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The active set of nodes, and their forces."""
-        free = cho_solve(self._free_factor, right, check_finite=False).reshape(-1, 3)
+        """The active set of nodes, and the unknowns in play."""
+        m = len(self.grid.nodes_mm)
+        normal_rows = slice(2, 3 * m, 3)
+        free = cho_solve(self._free_factor, right, check_finite=False)[normal_rows]
         beside = self.grid.laplacian < 0
-        noise = np.sqrt(np.diag(self._data)[2::3])
-        alone = right[2::3] / noise
+        noise = np.sqrt(np.diag(self._data)[normal_rows])
+        alone = self._alone(normal, right)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
-        sure = np.minimum(TOUCHES_AT_SD * self._free_sd[2::3], STARTS_AT * free[:, 2].max())
-        touching = (free[:, 2] > sure) & (alone > APPEARS_AT_SD)
+        sure = np.minimum(TOUCHES_AT_SD * self._free_sd[normal_rows], STARTS_AT * free.max())
+        touching = (free > sure) & (alone > APPEARS_AT_SD)
         touching[np.argmax(alone)] |= alone.max() > APPEARS_AT_SD
         dropped = np.zeros_like(touching)
-        force = np.zeros((int(touching.sum()), 3))
         for _ in range(MOST_ROUNDS):
             if not touching.any():
-                return touching, np.zeros((0, 3))
-            at = _dofs(touching)
-            factor = cho_factor(normal[np.ix_(at, at)], lower=True, overwrite_a=True, check_finite=False)
-            force = cho_solve(factor, right[at], check_finite=False).reshape(-1, 3)
-            pulls = np.flatnonzero(touching)[force[:, 2] < 0]
-            pull = (right[2::3] - normal[2::3][:, at] @ force.ravel()) / noise
-            near = (beside @ touching.astype(float)) > 0
-            joins = ~touching & ((near & ~dropped & (pull > GROWS_AT_SD)) | (pull > APPEARS_AT_SD))
-            if not len(pulls) and not joins.any():
                 break
+            at = self._at(touching)
+            factor = cho_factor(normal[np.ix_(at, at)], lower=True, overwrite_a=True, check_finite=False)
+            found = cho_solve(factor, right[at], check_finite=False)
+            pulls = np.flatnonzero(touching)[found[2 : 3 * int(touching.sum()) : 3] < 0]
+            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / noise
+            near = (beside @ touching.astype(float)) > 0
+            joins = ~touching & ((near & ~dropped & (push > GROWS_AT_SD)) | (push > APPEARS_AT_SD))
+            if not len(pulls) and not joins.any():
+                return touching, found
             touching = touching | joins
             touching[pulls] = False
             dropped[pulls] = True
-        else:
-            at = _dofs(touching)
-            force = np.linalg.solve(normal[np.ix_(at, at)], right[at]).reshape(-1, 3)
-        force[:, 2] = np.maximum(force[:, 2], 0.0)
-        return touching, force
+        at = self._at(touching)
+        return touching, np.linalg.solve(normal[np.ix_(at, at)], right[at])
+
+    def _alone(self, normal: np.ndarray, right: np.ndarray) -> Float[np.ndarray, " m"]:
+        """How many standard deviations each node's push alone would explain, beside the smooth fields."""
+        size = 3 * len(self.grid.nodes_mm)
+        rows = slice(2, size, 3)
+        smooth = cho_factor(normal[size:, size:], lower=True)
+        across = normal[rows, size:]
+        left = right[rows] - across @ cho_solve(smooth, right[size:])
+        spread = np.diag(self._data)[rows] - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
+        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * np.diag(self._data)[rows])))
 
 
 def chosen_strength(
@@ -262,7 +302,7 @@ def chosen_strength(
     The contact is found anew after every round of climbing.
     """
     best = start
-    seen = grid.compliance if observed is None else observed
+    seen = _with_smooth(grid, observed)
     for turn in range(rounds):
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
         touching = [everywhere for _ in frames_mm]
@@ -297,7 +337,8 @@ class _Told:
 
 def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray) -> _Told:
     usable = np.isfinite(y).all(axis=1)
-    G = seen[:, _dofs(touching)].reshape(len(y), 3, -1)[usable]
+    at = np.concatenate([_dofs(touching), np.arange(3 * len(touching), seen.shape[1])])
+    G = seen[:, at].reshape(len(y), 3, -1)[usable]
     W = information[usable]
     weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
     return _Told(
@@ -316,7 +357,10 @@ def _evidence(grid: GelGrid, strength: Strength, told: Sequence[_Told]) -> float
     for frame in told:
         at = _dofs(frame.touching)
         Q = prior[np.ix_(at, at)]
-        factor = cho_factor(frame.normal / strength.noise**2 + Q, lower=True)
+        normal = frame.normal / strength.noise**2
+        normal[: len(at), : len(at)] += Q
+        normal[len(at) :, len(at) :] += np.eye(len(normal) - len(at)) / SMOOTH_MM**2
+        factor = cho_factor(normal, lower=True)
         right = frame.right / strength.noise**2
         smooth = Q[::3, ::3]
         log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
@@ -339,6 +383,16 @@ def _prior(grid: GelGrid, strength: Strength) -> Float[np.ndarray, "3m 3m"]:
     for k, sd in enumerate((strength.shear_MPa, strength.shear_MPa, strength.pressure_MPa)):
         out[:, k, :, k] = smooth / (sd * area) ** 2
     return out.reshape(3 * m, 3 * m)
+
+
+def _with_smooth(grid: GelGrid, observed: Float[np.ndarray, "3n 3m"] | None) -> Float[np.ndarray, "3n 3m+18"]:
+    """What forces show, and after it the smooth fields: 1, x, y, x^2, x y, y^2, for x, y and z each."""
+    flat = grid.rest_mm[:, :2]
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    x, y = ((flat - (low + high) / 2) / ((high - low) / 2)).T
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    smooth = np.kron(basis, np.eye(3))
+    return np.hstack([grid.compliance if observed is None else observed, smooth])
 
 
 def _dofs(touching: np.ndarray) -> np.ndarray:

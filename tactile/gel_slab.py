@@ -14,7 +14,7 @@ The kernel is exact for small strain at any nu < 0.5 and holds for a slab that i
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Complex, Float
@@ -26,6 +26,7 @@ FINE_PER_PITCH = 8
 CLEAR_THICKNESSES = 8.0
 
 
+@runtime_checkable
 class GelLayer(Protocol):
     """What a gel is to the inverse: surface displacement per traction at each wave number, mm/MPa."""
 

@@ -1,7 +1,7 @@
 """Marker places from rays: what one camera leaves open along its line of sight, two cameras settle.
 
 A camera at c that sees a point along the unit direction d says nothing along d and locates it across d to
-s = pixel noise times distance over focal length: information W = (1 - d d') / s^2 (inverse covariance). Of
+s = pixel noise times depth over focal length: information W = (1 - d d') / s^2 (inverse covariance). Of
 several cameras the point is p = (sum W)^-1 sum W c, with covariance (sum W)^-1. With an angle a between two
 rays the depth's deviation is s / (sqrt 2 sin(a / 2)).
 """
@@ -23,7 +23,7 @@ def sight(
     """The camera's centre and the information (1/mm^2) of its rays on points near the plane z = `z_mm`."""
     centre, direction = rays(camera, pixels)
     distance = (z_mm - centre[2]) / direction[:, 2]
-    across = noise_px * distance / np.mean(camera.focal_px)
+    across = noise_px * distance * (direction @ camera.gel_from_camera[:3, 2]) / np.mean(camera.focal_px)
     outer = np.eye(3) - direction[:, :, None] * direction[:, None, :]
     return centre, outer / across[:, None, None] ** 2
 
