@@ -20,7 +20,8 @@ import numpy as np
 from tactile.contact import PadContact, find_contact
 from tactile.failure import TactileFailure
 from tactile.from_tac3d import recording_of_tac3d, rest_of
-from tactile.recording import GelPad, Recording, marker_area_mm2, read_recording, write_recording
+from tactile.patch import patch_of
+from tactile.recording import GelPad, Recording, read_recording, write_recording
 from tactile.stick import stick_ratio
 from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
 
@@ -74,7 +75,7 @@ def drawn(name: str, recording: Recording, path: Path) -> dict[str, float]:
     for pad, gel in zip(contact.pads, recording.pads, strict=True):
         assert isinstance(gel, GelPad)
         touching = pad.episode >= 0
-        area = touching.sum(axis=1) * (marker_area_mm2(gel.rest_mm) or np.nan)
+        area = np.array([patch_of(gel.rest_mm, now).area_mm2 for now in touching])
         noise = max(pad.displacement_noise.sd, SCATTER_MM)
         stick = stick_ratio(pad.position_mm, touching, noise=noise, lag=LAG)
         noise_um = frame_noise(gel.displacement_mm) * 1e3
