@@ -24,10 +24,12 @@ def skin_colours(
     ripeness 0 is green-yellow with a little pale blush, 1 deep red on orange.
     """
     ground = _mix(_GROUND_UNRIPE, _GROUND_RIPE, np.full(len(directions), ripeness))
-    blush = _mix(_BLUSH_PALE, _BLUSH_DEEP, np.clip(ripeness + 0.25 * _noise(directions, 3.0, rng), 0, 1))
+    blush = _mix(
+        _BLUSH_PALE, _BLUSH_DEEP, np.clip(ripeness + 0.25 * random_field(directions, 3.0, rng), 0, 1)
+    )
     sunny = directions @ _unit(rng.normal(size=3) * np.array([1, 1, 0.3]))
-    cover = 2.2 * (ripeness - 0.42) + 0.55 * sunny + 0.45 * _noise(directions, 4.0, rng)
-    cover += 0.30 * _noise(directions, 12.0, rng) + 0.16 * _noise(directions, 40.0, rng)
+    cover = 2.2 * (ripeness - 0.42) + 0.55 * sunny + 0.45 * random_field(directions, 4.0, rng)
+    cover += 0.30 * random_field(directions, 12.0, rng) + 0.16 * random_field(directions, 40.0, rng)
     colour = _between(ground, blush, 1 / (1 + np.exp(-4.5 * cover)))
     cavity = np.exp(-((np.arccos(np.clip(directions[:, 2], -1, 1)) / 0.16) ** 2))
     colour = _between(colour, np.broadcast_to(_STEM_END, colour.shape), 0.7 * cavity)
@@ -37,8 +39,8 @@ def skin_colours(
     width = rng.uniform(0.004, 0.011, 900)[which]
     speck = 0.75 * np.exp(-((spread / width) ** 2))
     colour = _between(colour, np.broadcast_to(_LENTICEL, colour.shape), speck)
-    colour *= 1 + 0.05 * _noise(directions, 25.0, rng)[:, None]
-    return _linear(colour)
+    colour *= 1 + 0.05 * random_field(directions, 25.0, rng)[:, None]
+    return linear_rgb(colour)
 
 
 def mat_texture(mat: Mat, *, pixels_per_mm: float = 8.0) -> Float[np.ndarray, "h w 3"]:
@@ -69,12 +71,13 @@ def table_texture(rng: np.random.Generator, *, side_px: int = 1024) -> Float[np.
     broad = cv2.GaussianBlur(rng.normal(size=(side_px, side_px)), (0, 0), sigmaX=160, sigmaY=60)
     tone = grain / grain.std() + broad / broad.std()
     wood = np.array([0.42, 0.27, 0.16]) * (1 + 0.13 * tone[..., None])
-    return _linear(np.clip(wood, 0.02, 1)).astype(np.float32)
+    return linear_rgb(np.clip(wood, 0.02, 1)).astype(np.float32)
 
 
-def _noise(
+def random_field(
     directions: Float[np.ndarray, "n 3"], frequency: float, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
+    """Smooth noise of unit variance: forty plane waves of about `frequency` radians per unit length."""
     waves = rng.normal(size=(40, 3)) * frequency
     phase = rng.uniform(0, 2 * np.pi, 40)
     return np.asarray(np.cos(directions @ waves.T + phase).sum(axis=1) / np.sqrt(20.0))
@@ -96,6 +99,7 @@ def _unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _linear(srgb: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def linear_rgb(srgb: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Linear light of sRGB values, clipped to 0..1 (IEC 61966-2-1)."""
     srgb = np.clip(srgb, 0.0, 1.0)
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)

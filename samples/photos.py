@@ -17,16 +17,19 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.mat import Mat
-from samples.appearance import mat_texture, skin_colours, table_texture
+from samples.appearance import mat_texture, table_texture
 from samples.cubed_sphere import even_sphere
 from samples.failure import RendererMissing
 from samples.fruit import SampleFruit, box_mm
+from samples.looks import NECTARINE, Look
 from samples.viewpoints import View, rings
 
 
 @dataclass(frozen=True, kw_only=True)
 class PhotoOptions:
-    """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels)."""
+    """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels), how far away the
+    camera is, and the fruit's skin.
+    """
 
     width_px: int = 1280
     height_px: int = 960
@@ -34,6 +37,8 @@ class PhotoOptions:
     jpeg_quality: int = 72
     noise_levels: float = 0.8
     skin_cells: int = 160
+    reach_mm: float = 315.0
+    look: Look = NECTARINE
 
 
 def write_photos(
@@ -56,7 +61,7 @@ def write_photos(
     rng = np.random.default_rng([fruit.seed, 3])
     where = rings(
         views, rng, aim_mm=(0.0, 0.0, 0.42 * float(high[2] - low[2])),
-        width_px=options.width_px, height_px=options.height_px,
+        width_px=options.width_px, height_px=options.height_px, reach_mm=options.reach_mm,
     )  # fmt: skip
     for k, image in enumerate(rendered(fruit, mat, where, options=options)):
         flags = [cv2.IMWRITE_JPEG_QUALITY, options.jpeg_quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
@@ -133,17 +138,18 @@ def _scene(
 def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     sphere = even_sphere(options.skin_cells)
     points, triangles = fruit.skin.points_mm(sphere.directions), sphere.triangles()
-    colours = skin_colours(
+    look = options.look
+    colours = look.colours(
         sphere.directions, ripeness=fruit.ripeness, rng=np.random.default_rng([fruit.seed, 5])
     )
     coat = mi.load_dict(
         {
             "type": "principled",
             "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            "roughness": 0.38,
-            "specular": 0.45,
-            "clearcoat": 0.6,
-            "clearcoat_gloss": 0.75,
+            "roughness": look.roughness,
+            "specular": look.specular,
+            "clearcoat": look.clearcoat,
+            "clearcoat_gloss": look.clearcoat_gloss,
         }
     )
     properties = mi.Properties()
@@ -160,7 +166,7 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
 
 def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:
     # the renderer lays a bitmap's first row along v = 0, the rectangle's -y side
-    return np.ascontiguousarray(mat_texture(mat)[::-1])
+    return np.ascontiguousarray(mat_texture(mat, pixels_per_mm=max(8.0, 144.0 / mat.tag_mm))[::-1])
 
 
 def _sensor(mi: Any, view: View) -> dict[str, Any]:

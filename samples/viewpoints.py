@@ -23,26 +23,33 @@ class View:
 
 
 def rings(
-    count: int, rng: np.random.Generator, *, aim_mm: tuple[float, float, float], width_px: int, height_px: int
+    count: int,
+    rng: np.random.Generator,
+    *,
+    aim_mm: tuple[float, float, float],
+    width_px: int,
+    height_px: int,
+    reach_mm: float = 315.0,
 ) -> tuple[View, ...]:
-    """`count` views in three rings about 18, 42 and 66 degrees up, jittered as hands are.
+    """`count` views in three rings about 18, 42 and 66 degrees up, jittered as hands are, `reach_mm` away.
 
     One camera: the focal length, about 1.48 image widths, is the same in every view.
     """
     focal_px = float(rng.uniform(1.45, 1.52) * width_px)
     low, middle = round(count * 0.5), round(count * 0.33)
     sizes = (low, middle, count - low - middle)
+    closer = reach_mm / 315.0
     views = []
     for size, elevation_deg in zip(sizes, (18.0, 42.0, 66.0), strict=True):
         start = rng.uniform(0, 360.0)
         for k in range(size):
             azimuth = np.radians(start + 360.0 * k / size + rng.normal(0, 3.0))
             elevation = np.radians(elevation_deg + rng.normal(0, 1.5))
-            reach = rng.normal(315.0, 9.0)
+            reach = closer * rng.normal(315.0, 9.0)
             where = reach * np.array(
                 [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
             )
-            aim = np.asarray(aim_mm) + rng.normal(0, 3.0, 3)
+            aim = np.asarray(aim_mm) + closer * rng.normal(0, 3.0, 3)
             cam_from_world = _look(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
             views.append(
                 View(cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px)
