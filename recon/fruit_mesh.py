@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.camera import straightened
+from recon.camera import Camera, straightened
 from recon.closed import vertex_normals
 from recon.failure import ReconFailure, ReconProblem
 from recon.geometry_model import point_maps
@@ -46,7 +46,7 @@ class Reconstruction:
     about.
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
-    0).
+    0). `cameras` are those of the photos used, in that frame, without distortion; none from a geometry model.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -57,6 +57,7 @@ class Reconstruction:
     warnings: tuple[str, ...]
     seconds: dict[str, float]
     frame: str
+    cameras: tuple[Camera, ...] = ()
 
 
 def reconstruct(
@@ -98,7 +99,9 @@ def reconstruct(
         with clock.stage("relief", 0.7):
             vertices, relief_share = fruit.vertices, 0.0
             if options.relief:
-                vertices, relief_share = with_relief(vertices, fruit.faces, images, cameras)
+                vertices, relief_share = with_relief(
+                    vertices, fruit.faces, images, cameras, support=fruit.support
+                )
         with clock.stage("surface", 0.85):
             mesh = closed_surface(
                 vertices, vertex_normals(vertices, fruit.faces), max_faces=options.max_faces
@@ -106,9 +109,10 @@ def reconstruct(
             vertices, faces = mesh.vertices, mesh.faces
         with clock.stage("quality", 0.95):
             outline_mm = outline_rms_mm(vertices, faces, fruit.silhouettes)
-            scale_sd = poses.scale_sd
+            scale_sd, placed = poses.scale_sd, cameras
             if mat is None and height_mm is not None:
                 vertices, factor = scaled_to_height(vertices, height_mm)
+                placed = [c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras]
                 outline_mm *= factor
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
             quality = ReconQuality(
@@ -139,6 +143,7 @@ def reconstruct(
         warnings=poses.warnings + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max())),
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
+        cameras=tuple(placed),
     )
 
 

@@ -86,6 +86,17 @@ def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
 
 
+def split(values: Float[np.ndarray, "n k"], level: int, finer: int) -> Float[np.ndarray, "m k"]:
+    """Values at the vertices of `ball(level)` carried to `ball(finer)`: a new vertex gets the mean of its
+    edge's ends.
+    """
+    for step in range(level, finer):
+        faces = ball(step)[1]
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        values = np.concatenate([values, values[np.unique(edges, axis=0)].mean(1)])
+    return values
+
+
 def visual_hull(
     silhouettes: Sequence[Silhouette],
     *,

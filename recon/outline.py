@@ -15,14 +15,12 @@ from recon.hull import Silhouette
 from recon.mask import Window
 
 SAMPLES = 1024
-LEASH = 12.0
+LEASH = 4.0
 EDGE_GAIN = 15.0
 EDGE_LAB = 40.0
 EDGE_PX = 2.0
-MOST_ODDS = 2.5
 BAND_PX = 12.0
-EDGE_REACH_PX = 7
-MOST_EDGE_SHIFT_PX = 3.0
+EDGE_BANDS_PX = ((3.0, 7.0), (1.5, 3.5))
 CLEAR_STEP = 0.05
 
 
@@ -54,12 +52,14 @@ def snapped(
     colours: Float[np.ndarray, "h w 3"],
     *,
     reach_px: float,
+    most_odds: float,
     step_px: float = 0.5,
     bend: float = 2.0,
 ) -> Outline:
     """The closed path within `reach_px` of an outline that parts the odds best along a step of colour.
 
-    Sample i may shift by d along its normal; its gain is the sum of odds inside d less those outside, plus
+    Sample i may shift by d along its normal; its gain is the sum of odds (each at most `most_odds`, so that a
+    likeness of colours does not outweigh a plain edge) inside d less those outside, plus
     the colour step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole
     reach. Neighbours may differ by one step, at a cost of `bend`: maximised exactly by dynamic programming
     over the ring (started and ended at the same shift, found by a first run).
@@ -71,7 +71,7 @@ def snapped(
     values = cv2.remap(
         odds.astype(np.float32), at[:, wide:-wide], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
     )
-    values = np.clip(values, -MOST_ODDS, MOST_ODDS) * step_px
+    values = np.clip(values, -most_odds, most_odds) * step_px
     total = np.cumsum(values, axis=1)
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
@@ -110,24 +110,35 @@ def _best_path(gain: Float[np.ndarray, "n k"], bend: float, fixed: int | None) -
 def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
     """The outline on the colour step of the whole-resolution window, which is returned unshrunk.
 
-    Along each normal, with F and B the mean colours 3 to 7 px inside and outside, the pixel's share of fruit
-    is a = (c - B).(F - B) / |F - B|²; the edge is where a crosses one half. Samples without a clear step (|F
-    - B| small, no crossing within 3 px) keep the shift of their neighbours.
+    Along each normal, with F and B the mean colours inside and outside, the pixel's share of fruit is
+    a = (c - B).(F - B) / |F - B|²; the edge is where a crosses one half. A first pass takes F and B 3 to 7 px
+    away, a second 1.5 to 3.5 px: near its rim a glossy skin mirrors more and more of what lies behind it
+    (Fresnel), and near the ground shadows deepen towards the fruit, so that colours from further away put the
+    edge 0.1 px and more off. Samples without a clear step (|F - B| small, no crossing within 3 px) keep the
+    shift of their neighbours.
     """
     whole = Window(window.image, window.corner_px, 1)
-    points = outline.points * window.shrink + (window.shrink - 1) / 2
-    curve = _even(points, smooth=1.0)
     colours = (window.image.astype(np.float32) / 255) ** 2.2
-    shifts = np.arange(-EDGE_REACH_PX, EDGE_REACH_PX + 0.25, 0.5)
+    fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
+    for nearest, furthest in EDGE_BANDS_PX:
+        fine = _on_step(fine, colours, nearest, furthest)
+    return fine, whole
+
+
+def _on_step(
+    curve: Outline, colours: Float[np.ndarray, "h w 3"], nearest_px: float, furthest_px: float
+) -> Outline:
+    """A curve moved to where the colour lies halfway between those of two bands beside it."""
+    shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
     at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    fruit = profile[:, shifts <= -3].mean(1)
-    behind = profile[:, shifts >= 3].mean(1)
+    fruit = profile[:, shifts <= -nearest_px].mean(1)
+    behind = profile[:, shifts >= nearest_px].mean(1)
     step = fruit - behind
     square = np.sum(step**2, axis=1)
     share = np.sum((profile - behind[:, None]) * step[:, None], axis=2) / np.maximum(square, 1e-6)[:, None]
     share = ndimage.gaussian_filter1d(share, 1.5, axis=0, mode="wrap")
-    near = np.abs(shifts) <= MOST_EDGE_SHIFT_PX
+    near = np.abs(shifts) <= nearest_px
     inner, outer = share[:, :-1][:, near[:-1]], share[:, 1:][:, near[:-1]]
     crossing = (inner >= 0.5) & (outer < 0.5)
     where = shifts[:-1][near[:-1]] + 0.5 * (inner - 0.5) / np.maximum(inner - outer, 1e-6)
@@ -136,11 +147,11 @@ def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
     shift = where[np.arange(len(where)), pick]
     clear = np.isfinite(shift) & (square > CLEAR_STEP**2)
     if clear.sum() < 0.2 * len(clear):
-        return Outline(curve.points, curve.normals, float(clear.mean())), whole
+        return Outline(curve.points, curve.normals, float(clear.mean()))
     shift = _fill_ring(np.where(clear, shift, 0.0), clear)
     moved = curve.points + shift[:, None] * curve.normals
     fine = _even(moved, smooth=1.0)
-    return Outline(fine.points, fine.normals, float(clear.mean())), whole
+    return Outline(fine.points, fine.normals, float(clear.mean()))
 
 
 def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:

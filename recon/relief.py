@@ -3,23 +3,38 @@ photos agree.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from recon.camera import Camera
 from recon.closed import vertex_normals
-from recon.hull import ball, sampled
+from recon.hull import ball, sampled, split
 
+
+@dataclass(frozen=True, kw_only=True)
+class Search:
+    """Offsets along the normals, in radii of the fruit, from the surface given or as moved before."""
+
+    highest: float
+    lowest: float
+    steps: int
+    from_moved: bool
+
+
+SEARCHES = (
+    Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
+    Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
+    Search(highest=0.05, lowest=-0.07, steps=18, from_moved=True),
+)
 LEVEL = 5
 VIEWS_EACH = 5
 SIDE = 7
 PATCH_STEP_PX = 1.7
-DEEPEST_SHARE = 0.2
-OFFSETS = 24
 LEAST_SCORE = 0.55
 LEAST_CONTRAST = 1.2
 GLOSS_DEPTH_SHARE = 0.04
@@ -28,6 +43,11 @@ STEM_COSINE = 0.75
 SHALLOW_SHARE = 0.055
 MOST_DEEP = 0.25
 STIFFNESS = 0.6
+SUPPORT_WEIGHT = 5.0
+FLAT, ROUND = 0.45, 0.85
+HOLLOW_SHARE = 0.02
+HOLLOW_DENSITY = 0.25
+HOLLOW_SPREADING = 3
 
 
 def with_relief(
@@ -35,40 +55,75 @@ def with_relief(
     faces: Int[np.ndarray, "m 3"],
     images: Sequence[UInt8[np.ndarray, "h w 3"]],
     cameras: Sequence[Camera],
+    *,
+    support: Float[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """A hull of `visual_hull` moved inward to where the photos agree, and the share of it that was measured
+    """A surface on `ball`'s directions moved to where the photos agree, and the share of it that was measured
     so.
 
     For each vertex a small square patch, bent as the surface is, slides along the normal; at each offset the
     views that face it most are compared by their mean pairwise normalised correlation, (|sum of unit
     patches|² - K) / (K (K - 1)). Peaks that are high and on enough contrast are kept, and a membrane on the
-    mesh fills between them. Highlights and mirrored lights put depth behind the skin: where more than a
-    quarter of the surface seems to lie deeper than 4 % of the radius, nothing is moved.
+    mesh fills between them; where the surface bulges it is held by the outlines (`support`: how many rims
+    hold a vertex), which place the skin some ten times better than depth does. Highlights and mirrored lights
+    put depth behind the skin: where more than a quarter of the surface seems to lie deeper than 4 % of the
+    radius, nothing is moved.
     """
-    level = min(LEVEL, round(np.log(max(len(vertices) - 2, 10) / 10) / np.log(4)))
+    finer = round(np.log(max(len(vertices) - 2, 10) / 10) / np.log(4))
+    level = min(LEVEL, finer)
     coarse_faces = ball(level)[1]
     count = 10 * 4**level + 2
     points, normals = vertices[:count], vertex_normals(vertices, faces)[:count]
     radius = float(np.median(np.linalg.norm(points - points.mean(0), axis=1)))
-    offsets = np.linspace(0.015, -DEEPEST_SHARE, OFFSETS) * radius
     grey = [
         cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32) for i in images
     ]
-    offset = np.zeros(count)
-    weight = np.zeros(count)
     bending = _bending(points, normals, coarse_faces)
-    for _ in range(2):
-        scores = _agreement(points, normals, bending, grey, cameras, offsets)
-        scores[np.abs(normals[:, 2]) < STEM_COSINE] *= offsets > -SHALLOW_SHARE * radius
+    held = SUPPORT_WEIGHT * support[:count] * _rounded(bending * radius)
+    moved, share = points, 0.0
+    for search in SEARCHES:
+        base = moved if search.from_moved else points
+        offsets = np.linspace(search.highest, search.lowest, search.steps) * radius
+        scores = _agreement(base, normals, bending, grey, cameras, offsets)
+        below = np.einsum("ij,ij->i", base - points, normals)[:, None] + offsets
+        scores[np.abs(normals[:, 2]) < STEM_COSINE] *= (below > -SHALLOW_SHARE * radius)[
+            np.abs(normals[:, 2]) < STEM_COSINE
+        ]
         offset, weight = _peaks(_shared(scores, coarse_faces), offsets)
-        deep = offset < -GLOSS_DEPTH_SHARE * radius
+        deep = below[:, 0] - offsets[0] + offset < -GLOSS_DEPTH_SHARE * radius
         if (weight * deep).sum() > MOST_DEEP * max(float(weight.sum()), 1.0):
             return vertices, 0.0
-        offset = _membrane(offset, weight, coarse_faces)
-        moved = points + offset[:, None] * normals
-        normals = _blend(normals, vertex_normals(moved, coarse_faces))
-        bending = _bending(moved, vertex_normals(moved, coarse_faces), coarse_faces)
-    return vertices + _everywhere(moved - points, level, len(vertices)), float((weight > 0).mean())
+        hollow = _hollow(below[:, 0] - offsets[0] + offset < -HOLLOW_SHARE * radius, weight > 0, coarse_faces)
+        moved = base + _membrane(offset, weight, held * (1 - hollow), coarse_faces)[:, None] * normals
+        share = float((weight > 0).mean())
+        turned = vertex_normals(moved, coarse_faces)
+        normals = turned if search.from_moved else _blend(normals, turned)
+        bending = _bending(moved, turned, coarse_faces)
+    return vertices + split(moved - points, level, finer), share
+
+
+def _rounded(bending: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """1 where a surface (mean curvature in inverse radii, negative if convex) bulges, 0 where it is flat.
+
+    Outlines bridge a hollow from lip to lip with a piece that is flat across: what is flat may be a bridge.
+    """
+    return np.asarray(np.clip((-bending - FLAT) / (ROUND - FLAT), 0.0, 1.0))
+
+
+def _hollow(
+    deep: Bool[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, " n"]:
+    """1 where the photos agree all around that the skin lies deep under the outlines, 0 elsewhere, soft
+    between.
+    """
+    step = _neighbours(faces, len(deep))
+    sure, low = trusted.astype(float), (trusted & deep).astype(float)
+    for _ in range(HOLLOW_SPREADING):
+        sure, low = 0.5 * (sure + step @ sure), 0.5 * (low + step @ low)
+    hollow = ((low > HOLLOW_DENSITY) & (low > 0.6 * sure)).astype(float)
+    for _ in range(HOLLOW_SPREADING):
+        hollow = np.maximum(hollow, np.minimum(1.0, 1.5 * (step @ hollow)))
+    return np.asarray(hollow)
 
 
 def _agreement(
@@ -174,12 +229,17 @@ def _peaks(
 
 
 def _membrane(
-    offset: Float[np.ndarray, " n"], weight: Float[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
+    offset: Float[np.ndarray, " n"],
+    weight: Float[np.ndarray, " n"],
+    pull: Float[np.ndarray, " n"],
+    faces: Int[np.ndarray, "m 3"],
 ) -> Float[np.ndarray, " n"]:
-    """argmin sum w (x - offset)² + STIFFNESS |x - mean of neighbours|² + a small pull to the hull."""
+    """argmin sum w (x - offset)² + pull x² + STIFFNESS |x - mean of neighbours|², with a small pull
+    everywhere.
+    """
     step = _neighbours(faces, len(offset))
     bend = sparse.identity(len(offset)) - step
-    A = sparse.diags(weight + 0.02) + STIFFNESS * (bend.T @ bend) * 4
+    A = sparse.diags(weight + pull + 0.02) + STIFFNESS * (bend.T @ bend) * 4
     return np.asarray(spsolve(A.tocsc(), weight * offset))
 
 
@@ -195,15 +255,3 @@ def _neighbours(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
     A = sparse.csr_array((np.ones(len(i)), (i[:, 0], i[:, 1])), shape=(count, count))
     A.data[:] = 1.0
     return sparse.csr_array(sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A)
-
-
-def _everywhere(shift: Float[np.ndarray, "n 3"], level: int, count: int) -> Float[np.ndarray, "m 3"]:
-    """Shifts of a ball's vertices carried to its finer levels: a new vertex moves as the mean of its edge's
-    ends.
-    """
-    while len(shift) < count:
-        faces = ball(level)[1]
-        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
-        shift = np.concatenate([shift, shift[np.unique(edges, axis=0)].mean(1)])
-        level += 1
-    return shift

@@ -9,44 +9,53 @@ from scipy import ndimage
 
 from recon.camera import Camera
 from recon.failure import ReconFailure, ReconProblem
-from recon.hull import Silhouette, drawn, silhouette_of_mask, visual_hull
+from recon.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.outline import enlarged, kept_near, outline_of, sharpened, silhouette_of_outline, snapped
 from recon.segmentation import Segmented, block_pixels, no_fruit, segmented
+from recon.tangent import settled
 
 LOWEST_AGREEMENT = 0.85
 FEWEST_VIEWS = 3
 MOST_INWARD_PX = 3.5
 DOUBT = 0.03
+SETTLED_LEVEL = 5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may be wrong, and what is done with the outline
-    found.
+    """How far an outline may move, which share of views may be wrong, how much a pixel's odds may count
+    against a step of colour, whether the hull is settled on the outlines before, and what is done with the
+    outline found.
     """
 
     reach_px: float
     doubt: float
+    most_odds: float
+    settle: bool
     keep: bool
     sharpen: bool
 
 
 ROUNDS = (
-    Round(reach_px=10.0, doubt=0.15, keep=False, sharpen=False),
-    Round(reach_px=6.0, doubt=0.12, keep=False, sharpen=False),
-    Round(reach_px=5.0, doubt=0.08, keep=True, sharpen=False),
-    Round(reach_px=4.0, doubt=0.05, keep=True, sharpen=True),
+    Round(reach_px=10.0, doubt=0.15, most_odds=2.5, settle=False, keep=False, sharpen=False),
+    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, settle=True, keep=False, sharpen=False),
+    Round(reach_px=5.0, doubt=0.08, most_odds=1.5, settle=True, keep=True, sharpen=False),
+    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, settle=True, keep=True, sharpen=True),
+    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, settle=True, keep=True, sharpen=True),
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundFruit:
-    """The fruit's outlines in the views that agree, their hull, and how far photos and hull agree."""
+    """The fruit's outlines in the views that agree, the surface settled on them, how many rims hold each of
+    its vertices, and how far photos and surface agree.
+    """
 
     silhouettes: tuple[Silhouette, ...]
     used: Int[np.ndarray, " v"]
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
+    support: Float[np.ndarray, " n"]
     agreement: float
     clear_share: float
 
@@ -92,14 +101,22 @@ def find_fruit(
     found, silhouettes = found.only(kept), [silhouettes[i] for i in kept]
     clear = 0.0
     for step in ROUNDS:
-        silhouettes, clear = _refined(found, *hull(silhouettes, 4, step.doubt), step)
-    vertices, faces = hull(silhouettes, level, DOUBT)
+        vertices, faces = hull(silhouettes, 4, step.doubt)
+        if step.settle:
+            vertices = settled(vertices, faces, silhouettes, floor_mm=0.0).vertices
+        silhouettes, clear = _refined(found, vertices, faces, step)
+    coarse = min(level, SETTLED_LEVEL)
+    vertices, faces = hull(silhouettes, coarse, DOUBT)
+    found_surface = settled(vertices, faces, silhouettes, floor_mm=0.0)
+    vertices, faces = split(found_surface.vertices, coarse, level), ball(level)[1]
+    support = split(found_surface.support[:, None], coarse, level)[:, 0]
     overlap = [_overlap(drawn(vertices, faces, s.window, s.camera), s.distance_px > 0) for s in silhouettes]
     return FoundFruit(
         silhouettes=tuple(silhouettes),
         used=np.array([v.index for v in found.views], int),
         vertices=vertices,
         faces=faces,
+        support=support,
         agreement=float(np.mean(overlap)),
         clear_share=clear,
     )
@@ -114,7 +131,10 @@ def _refined(
         expected = outline_of(drawn(vertices, faces, view.window, view.camera))
         if expected is None:
             raise no_fruit("its outline was lost while it was refined")
-        outline, window = snapped(expected, odd, view.colours, reach_px=step.reach_px), view.window
+        outline, window = (
+            snapped(expected, odd, view.colours, reach_px=step.reach_px, most_odds=step.most_odds),
+            view.window,
+        )
         if step.sharpen:
             outline, window = sharpened(outline, window)
             expected = enlarged(expected, view.window.shrink)

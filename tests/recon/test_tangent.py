@@ -1,0 +1,81 @@
+"""A surface settled on outlines whose truth is a closed form: an ellipsoid's shadow is a conic."""
+
+import numpy as np
+import pytest
+from mat_scene import Egg, ring
+from scipy.ndimage import gaussian_filter1d
+
+from recon.camera import Camera
+from recon.closed import volume_mm3
+from recon.hull import Silhouette, visual_hull
+from recon.mask import Window
+from recon.outline import Outline, silhouette_of_outline
+from recon.tangent import Settled, settled
+
+EGG = Egg()
+
+
+def conic(camera: Camera) -> np.ndarray:
+    """Outline of the egg, px: the conic whose dual is P Q* P' (Hartley and Zisserman, 8.3)."""
+    a, b, c = EGG.semi_mm
+    T = np.eye(4)
+    T[:3, 3] = EGG.centre
+    P = camera.intrinsics @ camera.cam_from_world[:3]
+    C = np.linalg.inv(P @ T @ np.diag([a * a, b * b, c * c, -1.0]) @ T.T @ P.T)
+    middle = -np.linalg.solve(C[:2, :2], C[:2, 2])
+    size = -(C[2, 2] + C[:2, 2] @ middle)
+    w, V = np.linalg.eigh(C[:2, :2] / size)
+    angle = np.linspace(0, 2 * np.pi, 1024, endpoint=False)
+    return middle + np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.sqrt(w) @ V.T
+
+
+def outline_seen(camera: Camera, wave_px: np.ndarray) -> Silhouette:
+    points = conic(camera)
+    tangent = np.roll(points, -1, 0) - np.roll(points, 1, 0)
+    normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals *= np.sign(np.sum(normals * (points - points.mean(0)), axis=1, keepdims=True))
+    picture = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
+    outline = Outline(points + wave_px[:, None] * normals, normals, 1.0)
+    return silhouette_of_outline(outline, Window(picture, (0, 0), 1), camera)
+
+
+def hull_and_settled(count: int, *, noise_px: float) -> tuple[np.ndarray, Settled, np.ndarray]:
+    rng = np.random.default_rng(3)
+    silhouettes = []
+    for camera in ring(count):
+        wave = gaussian_filter1d(rng.normal(size=1024), 8, mode="wrap")
+        silhouettes.append(outline_seen(camera, noise_px * wave / wave.std()))
+    vertices, faces = visual_hull(
+        silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, doubt=0.03
+    )
+    return vertices, settled(vertices, faces, silhouettes, floor_mm=0.0), faces
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_between_few_views_the_settled_surface_is_five_times_nearer_than_the_hull():
+    hull, found, faces = hull_and_settled(8, noise_px=0.0)
+    assert rms(EGG.misses_mm(found.vertices)) < rms(EGG.misses_mm(hull)) / 5
+    assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.005)
+
+
+def test_with_exact_outlines_from_all_round_it_is_exact_to_a_fiftieth_of_a_millimetre():
+    _, found, _ = hull_and_settled(24, noise_px=0.0)
+    assert rms(EGG.misses_mm(found.vertices)) < 0.02
+    assert found.miss_mm < 0.01
+
+
+def test_noise_in_the_outlines_does_not_shrink_it_as_it_shrinks_a_strict_hull():
+    _, found, faces = hull_and_settled(24, noise_px=0.5)
+    assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.004)
+    assert rms(EGG.misses_mm(found.vertices)) < 0.2
+
+
+def test_it_stands_on_the_floor_and_says_where_no_outline_holds_it():
+    _, found, _ = hull_and_settled(24, noise_px=0.0)
+    assert found.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
+    height = found.vertices[:, 2]
+    assert np.median(found.support[height < 0.5]) < 0.1 * np.median(found.support[height > 10])
