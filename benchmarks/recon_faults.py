@@ -42,7 +42,7 @@ from recon.similarity import fitted_similarity
 from recon.surface import distances_mm, open3d
 
 RIGHT_RMS_MM, RIGHT_VOLUME = 0.3, 0.02
-COLUMNS = ("case", "route", "photos", "ending", "rms_mm", "volume", "sentence", "seconds")
+COLUMNS = ("case", "route", "photos", "ending", "rms_mm", "volume", "sentence", "seconds", "quality")
 
 
 def photo_set(folder: Path, *, side: int, every: int) -> PhotoSet:
@@ -168,6 +168,7 @@ def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"
         "volume": round(volume, 4),
         "sentence": " | ".join(warnings),
         "seconds": round(time.perf_counter() - started, 1),
+        "quality": json.dumps({k: round(float(v), 3) for k, v in shape.record.quality.items()}),
     }
 
 
@@ -177,7 +178,9 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--only", default="", help="cases whose name holds these words")
-    parser.add_argument("--side", type=int, default=640)
+    parser.add_argument("--side", type=int, default=640, help="longest side with the mat, px")
+    parser.add_argument("--height-side", type=int, default=1280, help="and without it")
+    parser.add_argument("--route", choices=("mat", "height"), help="cases of one route alone")
     chosen = parser.parse_args()
     truth = read_mesh(chosen.folder / "fruit_truth.ply")
     box = np.ptp(truth[0], axis=0)
@@ -189,8 +192,9 @@ def main() -> None:
     good = {"mat": photo_set(chosen.folder, side=chosen.side, every=2)}
     seen = seen_points(truth, list(good["mat"].views.values()))
     todo = [c for c in cases(numbers) if any(w in c.name for w in chosen.only.split("|"))]
+    todo = [c for c in todo if chosen.route in (None, c.route)]
     if any(c.route == "height" for c in todo):
-        good["height"] = photo_set(chosen.folder, side=chosen.side, every=1)
+        good["height"] = photo_set(chosen.folder, side=chosen.height_side, every=1)
     with chosen.out.open("w", newline="") as file:
         table = csv.DictWriter(file, COLUMNS)
         table.writeheader()

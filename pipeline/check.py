@@ -13,6 +13,7 @@ from recon.mesh_file import read_mesh
 from recon.photos import read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
 from tactile.failure import TactileFailure
+from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
 
 
@@ -35,13 +36,17 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
         yield from _ready_mesh_problems(batch, row, folder)
     else:
         yield from _photo_problems(batch, row, folder)
-    grasps = folder.grasp_files()
-    if not grasps:
-        raw = folder.raw_grasp_folders()
-        found = f"found frames in {raw[0].name}/, which this version cannot read" if raw else "found none"
-        yield _at(row, folder.root / "grasps", f"needs at least one .h5 recording, {found}.")
+    grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
+    if not grasps and not raw:
+        yield _at(
+            row,
+            folder.root / "grasps",
+            "needs at least one .h5 recording or folder of gel frames, found none.",
+        )
     for path in grasps:
         yield from _tried(row, path, partial(read_recording, path))
+    for path in raw:
+        yield from _tried(row, path, partial(read_raw_grasp, path))
 
 
 def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
@@ -77,7 +82,11 @@ def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterat
         yield _at(row, folder.photos, astray)
     else:
         yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where="The folder"))
-    for path in photos:
+    flipped = folder.flipped_files()
+    if folder.photos_flipped.is_dir():
+        where = "The folder of the fruit upside down"
+        yield from _tried(row, folder.photos_flipped, lambda: require_enough(len(flipped), where=where))
+    for path in (*photos, *flipped):
         yield from _tried(row, path, partial(read_photo, path))
 
 

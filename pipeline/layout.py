@@ -20,6 +20,11 @@ class FruitFolder:
         return self.root / "photos"
 
     @property
+    def photos_flipped(self) -> Path:
+        """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
+        return self.root / "photos-flipped"
+
+    @property
     def fruit_ply(self) -> Path:
         """A ready mesh in mm, which takes the photos' place."""
         return self.root / "fruit.ply"
@@ -32,6 +37,10 @@ class FruitFolder:
     def photo_files(self) -> tuple[Path, ...]:
         """Photos by name."""
         return photo_paths(self.photos)
+
+    def flipped_files(self) -> tuple[Path, ...]:
+        """Photos of the fruit upside down, by name."""
+        return photo_paths(self.photos_flipped)
 
     def photos_elsewhere(self) -> str:
         """A sentence where there are no photos in photos/ but pictures near it, or of a kind not read."""
@@ -53,15 +62,25 @@ class FruitFolder:
         return tuple(sorted(p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
-        """Grasps in the raw form (frames in folders), by name."""
-        grasps = self.root / "grasps"
-        return tuple(sorted(p for p in grasps.iterdir() if p.is_dir())) if grasps.is_dir() else ()
+        """Grasps in the raw form (frames in folders), by name, but for those that an .h5 stands for."""
+        ready = {path.stem for path in self.grasp_files()}
+        folders = (p for p in (self.root / "grasps").glob("[!.]*") if p.is_dir())
+        return tuple(sorted(p for p in folders if p.name not in ready))
 
     def input_files(self) -> tuple[Path, ...]:
         """Every file the fruit's result depends on."""
         ready = tuple(p for p in (self.fruit_ply, self.pit_ply) if p.is_file())
-        photos = () if self.fruit_ply.is_file() else self.photo_files()
-        return ready + photos + self.grasp_files()
+        photos = () if self.fruit_ply.is_file() else (*self.photo_files(), *self.flipped_files())
+        raw = (path for folder in self.raw_grasp_folders() for path in raw_grasp_files(folder))
+        return ready + photos + self.grasp_files() + tuple(raw)
+
+
+def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
+    """Every file of a raw grasp, and every description of a sensor that it may mean (beside or above it)."""
+    own = [path for path in folder.rglob("*") if path.is_file()]
+    above = [path for place in folder.resolve().parents[:4] for path in place.iterdir()]
+    meant = [path for path in above if path.suffix in {".toml", ".npz"} and path.name != "batch.toml"]
+    return tuple(sorted(own) + sorted(meant))
 
 
 @dataclass(frozen=True)

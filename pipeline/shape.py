@@ -1,31 +1,25 @@
 """A fruit's surface and its pit, in the fruit frame, from photos or from ready meshes."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.cache import Artifact, cached, stage_key
+from pipeline.cache import cached, stage_key
 from pipeline.confirmed import PitFound, pit_found
 from pipeline.layout import FruitResults, write_whole
 from pipeline.outcome import FruitEnded, Outcome
+from pipeline.photographed import photographed
 from pipeline.records import MeshRecord, PitRecord, StanceRecord
 from pipeline.size_doubts import size_doubts
 from pipeline.task import FruitTask
 from recon.closed import volume_mm3
-from recon.fruit_frame import stance_doubts, to_fruit_frame
-from recon.fruit_mesh import ReconOptions, reconstruct, reconstruct_with_model
+from recon.fruit_frame import stance_doubts
 from recon.mesh_file import Mesh, mesh_bytes, read_mesh
-from recon.photo_check import checked_photos
-from recon.photos import read_photos
 from recon.pit import embed_pit, place_pit, require_closed
 from recon.stance import stance_of
-from recon.verdict import require_seen, shape_doubts
-from reports.photo import thumbnail_jpeg
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,11 +75,16 @@ def _fruit_shape(task: FruitTask) -> Shape:
     mat_file = [task.batch_root / "mat.json"] if task.mat is not None else []
     key = stage_key(
         "mesh",
-        files=[*folder.photo_files(), *mat_file, *([model_path] if model_path else [])],
+        files=[
+            *folder.photo_files(),
+            *folder.flipped_files(),
+            *mat_file,
+            *([model_path] if model_path else []),
+        ],
         settings=[task.settings.recon.model_dump(), None if task.mat else task.given.height_mm],
         rooms=("pipeline", "recon", "reports"),
     )
-    made = cached(task.results.cache, "mesh", key, lambda: _from_photos(task, model_path))
+    made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path))
     write_whole(task.results.photo, made.arrays["photo"].tobytes())
     return _shape(
         made.arrays["vertices"],
@@ -93,33 +92,6 @@ def _fruit_shape(task: FruitTask) -> Shape:
         made.arrays["mesh_from_fruit"],
         source="photos",
         facts=dict(made.facts),
-    )
-
-
-def _from_photos(task: FruitTask, model: Path | None) -> Artifact:
-    given = read_photos(task.folder.photos)
-    checked = checked_photos(given, task.mat)
-    photos, recon = checked.photos, task.settings.recon
-    options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
-    route = reconstruct if model is None else partial(reconstruct_with_model, model=model)
-    made = route(photos, mat=task.mat, height_mm=task.given.height_mm, options=options)
-    quality = replace(made.quality, views_given=len(given))
-    require_seen(quality)
-    vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
-    small = thumbnail_jpeg(given[0].image)
-    return Artifact(
-        arrays={
-            "vertices": vertices,
-            "faces": made.faces,
-            "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
-            "photo": np.frombuffer(small, dtype=np.uint8),
-        },
-        facts={
-            "scale_sd": made.scale_sd,
-            "surface_sd_mm": made.surface_sd_mm,
-            "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
-            "warnings": [*checked.warnings, *made.warnings, *shape_doubts(vertices, made.faces)],
-        },
     )
 
 

@@ -4,16 +4,17 @@ name.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.mat import Mat, detect_tags, standard_mat
+from recon.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
 from recon.photos import FEWEST_PHOTOS, Photo
 from recon.tag_optics import TagOptics, tag_optics
+from recon.wording import FEW_NAMES, listed
 
 FEWEST_TAGS = 4
 ENOUGH_VIEWS = 12
@@ -22,12 +23,7 @@ LEAST_SHARP = 0.35
 LEAST_SHARP_ALONE = 0.06
 """99 % of the second differences of a sharp photo of a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
 MOST_CLIPPED = 0.35
-LEAST_WHITE = 90.0
 LEAST_BRIGHT = 45.0
-MOST_UNEVEN = 0.12
-MOST_FALL_OFF = 0.4
-LEAST_MAT_SEEN = 0.75
-FEW_NAMES = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,15 +66,34 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     best = [look for look in good if look.photo.name not in weak]
     warnings = [*copies]
     for reason, names in _by_reason(lost).items():
-        warnings.append(f"Left out: {_listed(names)}: {reason}.")
+        warnings.append(f"Left out: {listed(names)}: {reason}.")
     kept = best if len(best) >= ENOUGH_VIEWS else good
+    if mat is None:
+        kept = _with_first(distinct[0], good, kept, lost)
     done = "left out" if kept is best else "used all the same, for want of better ones"
     for reason, names in _by_reason({n: r for n, r in weak.items() if n not in lost}).items():
-        warnings.append(f"{_listed(names)}: {reason}; {done}.")
+        warnings.append(f"{listed(names)}: {reason}; {done}.")
     if len(kept) < FEWEST_PHOTOS:
         _refuse_rest(looks, lost)
-    warnings += _of_the_mat(kept, mat) if mat is not None else []
-    return CheckedPhotos(photos=_evened(kept), warnings=tuple(warnings))
+    optics = [look.optics for look in kept if look.optics is not None]
+    if mat is not None:
+        warnings += [*mat_doubts([look.tags for look in kept], mat), *lens_doubts(optics)]
+    return CheckedPhotos(photos=evened([look.photo for look in kept], optics), warnings=tuple(warnings))
+
+
+def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
+    """Without a mat the first photo says where the suture is: it stays, poor or not, or the set is
+    refused.
+    """
+    if first.name in lost:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"The first photo, {first.name}, is of no use ({lost[first.name]}); without a mat it says "
+            f"where the suture "
+            "is: retake it from the suture's side, or use the mat (drupe mat).",
+        )
+    names = {look.photo.name for look in kept} | {first.name}
+    return [look for look in good if look.photo.name in names]
 
 
 def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
@@ -127,7 +142,7 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
         raise ReconFailure(
             ReconProblem.MAT_NOT_FOUND,
             f"{len(mirrored)} of {len(looks)} photos are mirrored "
-            f"({_listed([m.photo.name for m in mirrored])}): the "
+            f"({listed([m.photo.name for m in mirrored])}): the "
             "mat's tags can be read in a mirror only; turn the camera's mirroring off, or flip the files "
             "back.",
         )
@@ -179,55 +194,9 @@ def _refuse_rest(looks: list[_Look], lost: dict[str, str]) -> None:
     raise ReconFailure(
         ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
         f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
-        f"{_listed(sorted(lost))}); at "
+        f"{listed(sorted(lost))}); at "
         f"least {FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
     )
-
-
-def _of_the_mat(looks: list[_Look], mat: Mat) -> list[str]:
-    """What the tags tell of mat and lens."""
-    out = []
-    seen = {tag for look in looks for tag in look.tags}
-    if looks and len(seen) < LEAST_MAT_SEEN * len(mat.corners_mm):
-        missing = [str(t) for t in mat.corners_mm if t not in seen]
-        out.append(
-            f"{len(missing)} of the mat's {len(mat.corners_mm)} tags are in no photo (tags "
-            f"{_listed(missing)}): "
-            "clear the mat, or check that mat.json is of the mat that was printed."
-        )
-    found = [look.optics for look in looks if look.optics is not None]
-    if found:
-        radius2 = np.concatenate([o.radius2 for o in found])
-        share = np.concatenate([o.whites / o.white for o in found])
-        slope, start = np.polyfit(radius2, share, 1)
-        fall = -slope / start
-        if fall > MOST_FALL_OFF:
-            out.append(
-                f"The photos darken by {100 * fall:.0f} % towards their corners, so that outlines are less "
-                f"sure "
-                "there: stop the lens down, or take the shade or filter off."
-            )
-    return out
-
-
-def _evened(looks: list[_Look]) -> tuple[Photo, ...]:
-    """All photos with the paper as white as in the middle one, where they differ or are dark."""
-    whites = np.array([look.optics.white for look in looks if look.optics is not None])
-    if len(whites) < len(looks) or len(whites) == 0:
-        return tuple(look.photo for look in looks)
-    goal = max(float(np.median(whites)), 1.7 * LEAST_WHITE)
-    gains = goal / whites
-    if np.abs(gains - 1).max() <= MOST_UNEVEN:
-        return tuple(look.photo for look in looks)
-    return tuple(
-        replace(look.photo, image=_brightened(look.photo.image, float(gain)))
-        for look, gain in zip(looks, gains, strict=True)
-    )
-
-
-def _brightened(image: UInt8[np.ndarray, "h w 3"], gain: float) -> UInt8[np.ndarray, "h w 3"]:
-    levels: Float[np.ndarray, 256] = np.clip(np.arange(256) * gain + 0.5, 0, 255)
-    return np.asarray(cv2.LUT(image, levels.astype(np.uint8)), np.uint8)
 
 
 def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
@@ -235,8 +204,3 @@ def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
     for name, reason in reasons.items():
         grouped[reason].append(name)
     return dict(grouped)
-
-
-def _listed(names: Sequence[str]) -> str:
-    some = ", ".join(names[:FEW_NAMES])
-    return some if len(names) <= FEW_NAMES else f"{some} and {len(names) - FEW_NAMES} more"

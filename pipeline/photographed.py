@@ -1,0 +1,83 @@
+"""Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.cache import Artifact
+from pipeline.task import FruitTask
+from recon.camera import straightened
+from recon.fruit_frame import to_fruit_frame
+from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
+from recon.photo_check import checked_photos
+from recon.photos import Photo, read_photos
+from recon.rim_check import rim_doubts
+from recon.verdict import require_seen, shape_doubts
+from recon.wording import listed
+from reports.photo import thumbnail_jpeg
+
+
+def photographed(task: FruitTask, model: Path | None) -> Artifact:
+    """The mesh of a fruit's photos, its quality, a small photo, and warnings; raises ReconFailure."""
+    given = read_photos(task.folder.photos)
+    checked = checked_photos(given, task.mat)
+    recon = task.settings.recon
+    options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
+    route = reconstruct if model is None else partial(reconstruct_with_model, model=model)
+    made = route(checked.photos, mat=task.mat, height_mm=task.given.height_mm, options=options)
+    quality = replace(made.quality, views_given=len(given))
+    require_seen(quality)
+    vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
+    return Artifact(
+        arrays={
+            "vertices": vertices,
+            "faces": made.faces,
+            "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
+            "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
+        },
+        facts={
+            "scale_sd": made.scale_sd,
+            "surface_sd_mm": made.surface_sd_mm,
+            "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
+            "warnings": [
+                *checked.warnings,
+                *made.warnings,
+                *_photo_doubts(checked.photos, made),
+                *_flipped_doubts(task),
+                *shape_doubts(vertices, made.faces),
+            ],
+        },
+    )
+
+
+def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
+    """Photos that were not used, and those that show the fruit elsewhere, by name."""
+    if not made.cameras:
+        return []
+    by_name = {photo.name: photo for photo in photos}
+    used = [replace(camera, k1=made.quality.k1) for camera in made.cameras]
+    images = [straightened(by_name[c.name], c)[0] for c in used]
+    unused = [name for name in by_name if name not in {c.name for c in made.cameras}]
+    doubts = []
+    if unused:
+        doubts.append(
+            f"Left out: {listed(unused)}: the fruit is cut off or hidden there, its outline fits no other "
+            f"photo's, "
+            "or the camera could not be placed; retake such photos with the whole fruit and the mat in view."
+        )
+    return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]
+
+
+def _flipped_doubts(task: FruitTask) -> list[str]:
+    """What is not done with photos of the fruit upside down."""
+    flipped = task.folder.flipped_files()
+    if not flipped:
+        return []
+    return [
+        f"The {len(flipped)} photos in photos-flipped/ were not used: this version closes the side that "
+        f"stood on the "
+        "mat by itself."
+    ]
