@@ -1,11 +1,12 @@
 """Markers followed through a sequence, one frame at a time: memory does not grow with its length."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from tactile.cut_markers import OUTSIDE, disc_radius_px, uncut
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.marker_image import MarkerLook, contrast, find_look, grey
 from tactile.marker_matching import Lattice, lattice_of, match, neighbours_say
@@ -20,8 +21,6 @@ FAINT_REACH = 0.3
 """... and to be found within this share of the spacing."""
 TORN = 0.6
 """A marker that its neighbours' motion contradicts by more than this share of the spacing is given up."""
-EDGE_RADII = 0.8
-"""A marker whose centre is nearer to the frame's edge than this many radii is cut, and its centroid wrong."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,12 +54,13 @@ class TrackedMarkers:
 
 @dataclass(frozen=True)
 class Reference:
-    """The unloaded gel as a camera sees it."""
+    """The unloaded gel as a camera sees it; `disc_px` is the markers' own radius."""
 
     look: MarkerLook
     markers: Blobs
     lattice: Lattice
     shape: tuple[int, int]
+    disc_px: float
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,8 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
     """
     intensity = grey(frame)
     look = find_look(intensity)
-    markers = markers_of(contrast(intensity, look), look)
+    shown = contrast(intensity, look)
+    markers = markers_of(shown, look)
     count = len(markers.peak)
     if count < FEWEST_MARKERS:
         raise TactileFailure(
@@ -87,7 +88,8 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
             "untouched gel, in focus, with its lights on?",
         )
     lattice = lattice_of(markers.centre_px, spacing_of(markers.centre_px))
-    return Reference(look, markers, lattice, (intensity.shape[0], intensity.shape[1]))
+    shape = (intensity.shape[0], intensity.shape[1])
+    return Reference(look, markers, lattice, shape, disc_radius_px(shown, markers))
 
 
 def follow(reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]) -> Iterator[FrameMarkers]:
@@ -127,10 +129,11 @@ def _markers_in(
     look, lattice, usual = reference.look, reference.lattice, reference.markers
     shown = contrast(grey(frame), look)
     blobs = find_blobs(shown, look, least=BLOB_CONTRAST * float(np.median(usual.peak)))
-    margin = EDGE_RADII * look.radius_px
+    margin = -OUTSIDE * reference.disc_px
+    blobs = replace(blobs, centre_px=uncut(blobs.centre_px, reference.shape, reference.disc_px))
     blobs = blobs.of(inside(blobs.centre_px, reference.shape, margin))
     guesses = [moved + speed, moved, np.zeros_like(moved)]
-    expected = inside(lattice.rest_px + moved + speed, reference.shape, margin + 2.0)
+    expected = inside(lattice.rest_px + moved + speed, reference.shape, look.radius_px)
     best = match(lattice, guesses, blobs.centre_px, expected)
     count = len(lattice.rest_px)
     position, peak, mass = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
@@ -161,9 +164,11 @@ def _look_for_lost(
     displacement = np.where(known[:, None], position - lattice.rest_px, 0.0)
     start = (lattice.rest_px + neighbours_say(lattice, displacement, known))[~known]
     tried = centred(shown, start, reference.look)
+    radius = reference.disc_px
+    tried = replace(tried, centre_px=uncut(tried.centre_px, reference.shape, radius))
     near = np.linalg.norm(tried.centre_px - start, axis=1) < FAINT_REACH * lattice.spacing_px
     clear = tried.peak > FAINT * reference.markers.peak[~known]
-    whole = inside(tried.centre_px, reference.shape, EDGE_RADII * reference.look.radius_px)
+    whole = inside(tried.centre_px, reference.shape, -OUTSIDE * radius)
     taken = position[known]
     apart = (
         np.linalg.norm(tried.centre_px[:, None] - taken[None], axis=2).min(axis=1) > 0.4 * lattice.spacing_px
