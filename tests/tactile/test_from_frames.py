@@ -221,3 +221,14 @@ def test_a_video_stands_for_a_folder_and_a_cut_one_is_refused(raw: Path, tmp_pat
     with pytest.raises(TactileFailure, match=r"left\.avi: found .*copy it again") as caught:
         recording_of(read_raw_grasp(raw))
     assert caught.value.problem is P.UNREADABLE_FRAMES
+
+
+def test_jpeg_frames_filled_up_with_zeros_are_read_and_cut_ones_refused(raw: Path) -> None:
+    for frame in sorted(raw.glob("*/frame_*.png")):
+        coded = cv2.imencode(".jpg", cv2.imread(str(frame)), [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
+        frame.with_suffix(".jpg").write_bytes(coded + b"\0" * 300)
+        frame.unlink()
+    assert len(recording_of(read_raw_grasp(raw)).recording.time_s) == FRAMES
+    cut("left/frame_000004.jpg")(raw)
+    with pytest.raises(TactileFailure, match=r"left/frame_000004\.jpg: found a damaged picture"):
+        recording_of(read_raw_grasp(raw))
