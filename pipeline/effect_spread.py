@@ -70,12 +70,8 @@ def _shifted(one: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
 def _modulus(task: FruitTask, fruit: GraspedFruit, effects: Sequence[ConfirmedEffect]) -> float:
     """E of the same mesh and the same recordings with other parameters."""
     changed = replace(task, settings=task.settings.model_copy(update={"mismatch": tuple(effects)}))
-    used = {grasp.name for grasp in fruit.placed}
-    placed = [
-        place_grasp(path, fruit.shape.vertices, fruit.shape.faces, faults=faults(effects))
-        for path in task.folder.grasp_files()
-        if path.stem in used
-    ]
+    surface = fruit.shape.vertices, fruit.shape.faces
+    placed = [place_grasp(g.path, *surface, name=g.name, faults=faults(effects)) for g in fruit.placed]
     return fruit_modulus(
         changed,
         placed,

@@ -20,9 +20,10 @@ from tactile.registration import PadRegistration, register
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A recording whose pads have been found on the fruit's surface."""
+    """A recording whose pads have been found on the fruit's surface; `path` is where it was read from."""
 
     name: str
+    path: Path
     recording: Recording
     contact: Contact
     pads: tuple[PadRegistration, ...]
@@ -41,16 +42,19 @@ def place_grasp(
     vertices: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
     *,
+    name: str | None = None,
     faults: Sequence[Fault] = (),
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
-    Raises TactileFailure.
+    `name` is what people know it by; None: the file's. Raises TactileFailure.
     """
+    name = name or path.stem
+    source = path.name if path.stem == name else name
     recording = corrected(read_recording(path), faults)
-    contact = find_contact(recording, source=path.name)
-    pads = register(contact, vertices, faces, source=path.name)
-    return PlacedGrasp(name=path.stem, recording=recording, contact=contact, pads=pads)
+    contact = find_contact(recording, source=source)
+    pads = register(contact, vertices, faces, source=source)
+    return PlacedGrasp(name=name, path=path, recording=recording, contact=contact, pads=pads)
 
 
 def foreign(grasp: PlacedGrasp, fruit_id: str, category: str) -> list[str]:

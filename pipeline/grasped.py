@@ -1,6 +1,7 @@
 """A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,7 @@ from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import PlacedGrasp, foreign, place_grasp
 from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome
+from pipeline.raw_grasps import kept_recording
 from pipeline.records import FleshRecord, GraspRecord
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
@@ -56,7 +58,7 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
     known["grasps"] = failed
     if not placed:
         write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
-        raise _why_no_grasp(task, list(failures.values()))
+        raise _why_no_grasp(list(failures.values()))
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
         mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
@@ -84,16 +86,27 @@ def _placed(
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed, failures = [], {}
+    recordings = {path.stem: path for path in task.folder.grasp_files()}
     with diary.stage("contact"):
-        for path in task.folder.grasp_files():
+        for name, path in sorted((recordings | _raw(task)).items()):
             try:
-                grasp = place_grasp(path, shape.vertices, shape.faces, faults=faults(task.settings.mismatch))
+                if path.is_dir():
+                    kept = kept_recording(path, task.results.cache, diary.report)
+                    diary.warnings += [f"{name}: {note}" for note in kept.notes]
+                    path = kept.path
+                grasp = place_grasp(
+                    path, shape.vertices, shape.faces, name=name, faults=faults(task.settings.mismatch)
+                )
                 placed.append(grasp)
                 diary.warnings += foreign(grasp, task.fruit_id, task.settings.category)
             except TactileFailure as failure:
-                failures[path.stem] = failure
+                failures[name] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
+
+
+def _raw(task: FruitTask) -> dict[str, Path]:
+    return {folder.name: folder for folder in task.folder.raw_grasp_folders()}
 
 
 def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
@@ -105,16 +118,10 @@ def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p
     return np.vstack(points)
 
 
-def _why_no_grasp(task: FruitTask, failures: list[TactileFailure]) -> Exception:
+def _why_no_grasp(failures: list[TactileFailure]) -> Exception:
     """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
     if len(failures) == 1:
         return failures[0]
     if failures:
         return FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(map(str, failures)))
-    raw = task.folder.raw_grasp_folders()
-    return FruitEnded(
-        Outcome.NO_GRASP,
-        f"{raw[0].name}/ holds raw frames, which this version cannot read: convert them to .h5."
-        if raw
-        else "record one grasp and put its .h5 there.",
-    )
+    return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")

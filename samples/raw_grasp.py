@@ -1,0 +1,126 @@
+"""A recording in the raw form that a sensor would have given: rendered frames, log.csv and grasp.toml.
+
+The gel's face is displaced as the recording's markers are, and two cameras behind it see its dots
+(samples.gel_images). What noise the recording has is in the frames as motion of the dots; the cameras add
+their own.
+"""
+
+import csv
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from samples.gel_images import GelLook, gel_image, smooth_field
+from tactile.recording import GelPad, Recording
+from tactile.sensors import Camera
+
+Progress = Callable[[str], None]
+SENSOR = "sensor.toml"
+TILT_RAD, DISTANCE_MM, FOCAL_PX = 0.35, 26.0, 520.0
+DISTORTION = (-0.1, 0.02, 0.001, -0.001, 0.0)
+THICKNESS_MM, E_MPA, NU = 4.0, 0.2, 0.48
+
+
+@dataclass(frozen=True)
+class Eye:
+    """One of the two cameras: what its table in the description and its folder are called."""
+
+    table: str
+    ending: str
+    camera: Camera
+
+
+def eyes() -> tuple[Eye, Eye]:
+    """Two cameras behind the gel, tilted towards each other about its y axis."""
+    return (
+        Eye("camera", "", _tilted(TILT_RAD)),
+        Eye("second_camera", "-b", _tilted(-TILT_RAD)),
+    )
+
+
+def write_sensor(folder: Path, pad: GelPad) -> None:
+    """The description of a pad's sensor, whose gel gives way as the recording says."""
+    lines = [
+        'kind = "markers-stereo"',
+        'name = "20x20 marker gel (rendered)"',
+        "[gel]",
+        f"thickness_mm = {THICKNESS_MM}",
+        f"E_MPa = {E_MPA}",
+        f"nu = {NU}",
+        f"gel_kn_MPa_per_mm = {pad.gel_kn_MPa_per_mm:g}",
+        f"gel_kt_MPa_per_mm = {pad.gel_kt_MPa_per_mm:g}",
+        "[markers]",
+        f"rest_mm = {pad.rest_mm.tolist()}",
+    ]
+    for eye in eyes():
+        camera = eye.camera
+        lines += [
+            f"[{eye.table}]",
+            f"image_px = {list(camera.image_px)}",
+            f"focal_px = {list(camera.focal_px)}",
+            f"centre_px = {list(camera.centre_px)}",
+            f"distortion = {list(camera.distortion)}",
+            f"gel_from_camera = {camera.gel_from_camera.tolist()}",
+        ]
+    (folder / SENSOR).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_raw_grasp(
+    folder: Path, recording: Recording, *, rng: np.random.Generator, progress: Progress | None = None
+) -> None:
+    """grasp.toml, log.csv and the frames of `recording` (a grasp of gel pads) in `folder`, which is made.
+
+    The sensor's description (`write_sensor`) is expected above it.
+    """
+    folder.mkdir(parents=True)
+    with (folder / "log.csv").open("w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["time_s", "aperture_mm", "frame"])
+        for frame, (time_s, aperture_mm) in enumerate(
+            zip(recording.time_s.tolist(), recording.aperture_mm.tolist(), strict=True)
+        ):
+            table.writerow([f"{time_s:.6f}", f"{aperture_mm:.6f}", frame])
+    lines = [
+        f'fruit_id = "{recording.fruit_id}"',
+        f'category = "{recording.category}"',
+        'loading = "grasp"',
+        f"pose_aperture_mm = {recording.aperture_mm[0]:.6f}",
+    ]
+    for pad in recording.pads:
+        if not isinstance(pad, GelPad):
+            continue
+        lines += [f"[pads.{pad.name}]", f'sensor = "{SENSOR}"', f"pose = {pad.pose[0].tolist()}"]
+        for eye in eyes():
+            _write_frames(folder / (pad.name + eye.ending), eye.camera, pad, rng)
+            if progress is not None:
+                progress(f"{folder.name}: {pad.name}{eye.ending}, {len(pad.displacement_mm)} frames")
+    (folder / "grasp.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _write_frames(folder: Path, camera: Camera, pad: GelPad, rng: np.random.Generator) -> None:
+    folder.mkdir()
+    x, y = np.unique(pad.rest_mm[:, 0]), np.unique(pad.rest_mm[:, 1])
+    look = GelLook(rest_mm=pad.rest_mm)
+    still = np.zeros_like(pad.rest_mm)
+    names = ["reference", *(f"frame_{k:06d}" for k in range(len(pad.displacement_mm)))]
+    for name, moved in zip(names, [still, *pad.displacement_mm], strict=True):
+        picture = gel_image(camera, (), look, smooth_field(x, y, np.asarray(moved, dtype=float)), rng)
+        cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+
+def _tilted(turn_rad: float) -> Camera:
+    c, s = float(np.cos(turn_rad)), float(np.sin(turn_rad))
+    pose: Float[np.ndarray, "4 4"] = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = -DISTANCE_MM * pose[:3, 2]
+    return Camera(
+        image_px=(640, 480),
+        focal_px=(FOCAL_PX, FOCAL_PX + 2),
+        centre_px=(322.0, 237.0),
+        distortion=DISTORTION,
+        gel_from_camera=pose,
+    )

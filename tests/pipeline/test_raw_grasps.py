@@ -1,0 +1,86 @@
+"""Raw grasps in a batch: which folders count, and that frames are read once."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pipeline import raw_grasps
+from pipeline.layout import FruitFolder
+from pipeline.raw_grasps import kept_recording
+from tactile.converted import Converted
+from tactile.failure import TactileFailure, TactileProblem
+from tactile.recording import read_recording
+
+RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    raw = tmp_path / "fruits" / "N01" / "grasps" / "grasp-1"
+    (raw / "left").mkdir(parents=True)
+    (raw / "grasp.toml").write_text('fruit_id = "N01"\n')
+    (raw / "left" / "frame_000000.png").write_bytes(b"one")
+    (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
+    (tmp_path / "batch.toml").write_text('category = "plum"\n')
+    return raw
+
+
+@pytest.fixture
+def readings(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Every reading of frames, which gives the same recording each time."""
+    seen: list[Path] = []
+    monkeypatch.setattr(raw_grasps, "read_raw_grasp", lambda path: seen.append(path) or path)
+    monkeypatch.setattr(
+        raw_grasps,
+        "recording_of",
+        lambda raw, progress: Converted(recording=read_recording(RECORDING), notes=("one frame twice",)),
+    )
+    return seen
+
+
+def test_frames_are_read_once_and_again_when_one_of_them_changes(folder, readings, tmp_path):
+    first = kept_recording(folder, tmp_path / "cache", print)
+    again = kept_recording(folder, tmp_path / "cache", print)
+    assert (first, len(readings)) == (again, 1)
+    assert first.notes == ("one frame twice",)
+    np.testing.assert_array_equal(read_recording(first.path).time_s, read_recording(RECORDING).time_s)
+    (folder / "left" / "frame_000000.png").write_bytes(b"two")
+    assert kept_recording(folder, tmp_path / "cache", print).path != first.path
+    assert (len(readings), first.path.exists()) == (2, False)
+
+
+def test_the_sensors_description_above_counts_and_the_batchs_settings_do_not(folder, readings, tmp_path):
+    kept_recording(folder, tmp_path / "cache", print)
+    (tmp_path / "batch.toml").write_text('category = "peach"\n')
+    kept_recording(folder, tmp_path / "cache", print)
+    assert len(readings) == 1
+    (tmp_path / "sensor.toml").write_text('kind = "markers-stereo"\n')
+    kept_recording(folder, tmp_path / "cache", print)
+    assert len(readings) == 2
+
+
+def test_frames_that_cannot_be_read_leave_nothing_behind(folder, monkeypatch, tmp_path):
+    def refused(path: Path) -> None:
+        raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, "left: found no frames")
+
+    monkeypatch.setattr(raw_grasps, "read_raw_grasp", refused)
+    with pytest.raises(TactileFailure, match="found no frames"):
+        kept_recording(folder, tmp_path / "cache", print)
+    assert not list((tmp_path / "cache").glob("*"))
+
+
+def test_a_folder_counts_as_a_grasp_until_a_recording_of_its_name_stands_for_it(folder):
+    fruit = FruitFolder(folder.parents[1])
+    (folder.parent / ".hidden").mkdir()
+    assert [path.name for path in fruit.raw_grasp_folders()] == ["grasp-1"]
+    assert folder / "left" / "frame_000000.png" in fruit.input_files()
+    (folder.parent / "grasp-1.h5").touch()
+    assert fruit.raw_grasp_folders() == ()
+    assert [path.name for path in fruit.grasp_files()] == ["grasp-1.h5"]
+
+
+def test_notes_are_kept_as_text_that_json_can_hold(folder, readings, tmp_path):
+    kept = kept_recording(folder, tmp_path / "cache", print)
+    assert json.loads(kept.path.with_suffix(".json").read_text()) == list(kept.notes)
