@@ -162,7 +162,8 @@ def measured(kind: str, known: Truth, rng: np.random.Generator) -> tuple[GelFiel
             for image in rendered(eye, one, [shape_of(press) for press in known.ball], rng)
         ]
         for found in prints:
-            print(f"ball: contact of {found.contact_mm:.2f} mm at {found.centre_mm.round(3)} mm")
+            place = found.centre_mm.round(3)
+            print(f"ball: {found.depth_mm:.3f} mm deep, contact of {found.contact_mm:.2f} mm at {place} mm")
         shape = PhotometricDepth(eye, reference, ball_lookup(prints))
     chosen = fields_of(one, markers, second=second, images=images if shape else None, shape=shape)
     began = time.process_time()
@@ -170,7 +171,8 @@ def measured(kind: str, known: Truth, rng: np.random.Generator) -> tuple[GelFiel
         for image, pixels in zip(images, markers.position_px, strict=True):
             shape.at(image, pixels)
     for moved in chosen.displacement_mm:
-        chosen.solver.spread(chosen.solver.solve(moved).touching)
+        found = chosen.solver.solve(moved)
+        chosen.solver.force_spread(found.touching, found.motion_mm)
     return chosen, spent + (time.process_time() - began) / len(images)
 
 
@@ -179,7 +181,7 @@ def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str,
     block, at = known.block, GRID[:, :2]
     true_u = np.stack([smooth_field(block.x_mm, block.y_mm, p.displacement_mm)(at) for p in known.frames])
     traction = [p.force_N / block.weights_mm2[:, None] for p in known.frames]
-    true_f = np.stack([block.at(t, at) for t in traction]) * fields.solver.grid.pitch_mm**2
+    true_f = np.stack([block.at(t, at) for t in traction]) * fields.solver.grid.cell_mm2
     total = np.stack([p.force_N.sum(axis=0) for p in known.frames])
     miss_u = 1e3 * (fields.displacement_mm - true_u)
     miss_total = np.linalg.norm(fields.force_N.sum(axis=1) - total, axis=1)

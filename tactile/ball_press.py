@@ -3,7 +3,7 @@
 Inside the contact the face is the ball: at distance x from its centre the slope is x / sqrt(R^2 - x^2). The
 centre is where the colours do not change (a linear fit in the middle of the print, repeated), the rim of the
 contact where the fitted slope is greatest; what lies beyond 0.85 of that is not used. How deep the ball went
-only scales x by the perspective, a percent or two, and is taken as contact radius^2 / R (Hertz).
+scales x by the perspective, two percent: the look-up's own depth at the centre says it, by repetition.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from tactile.camera import on_face
+from tactile.camera import on_face, project
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.photometric import PhotometricDepth, SlopeLookup, fitted_lookup
 from tactile.sensors import Camera
@@ -20,14 +20,16 @@ from tactile.sensors import Camera
 INSIDE = 0.85
 LEAST_CHANGE = 0.15
 ROUNDS = 6
+DEPTH_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
 class BallPrint:
-    """One press: where the ball touched (mm, gel frame), the contact's radius, and colours with slopes."""
+    """One press: where the ball touched (mm, gel frame), contact radius, depth, and colours with slopes."""
 
     centre_mm: Float[np.ndarray, "2"]
     contact_mm: float
+    depth_mm: float
     change: Float[np.ndarray, "m 3"]
     slopes: Float[np.ndarray, "m 2"]
 
@@ -71,10 +73,15 @@ def ball_print(
         contact = _highest(distance, outward, within=4.0 * reach)
         reach = INSIDE * contact
     near = distance < reach
-    closer = 1.0 - contact**2 / radius_mm / abs(camera.gel_from_camera[2, 3])
-    x = (face[near] - centre) * closer
-    slopes = x / np.sqrt(radius_mm**2 - (x**2).sum(axis=1, keepdims=True))
-    return BallPrint(centre_mm=centre, contact_mm=contact, change=change[near], slopes=slopes)
+    deep, eye = contact**2 / radius_mm, camera.gel_from_camera[2, 3]
+    middle = project(camera, np.append(centre, 0.0)[None])
+    for _ in range(DEPTH_ROUNDS):
+        height = deep - distance[near, None] ** 2 / (2.0 * radius_mm)
+        x = (face[near] - centre) * (1.0 + height / eye)
+        slopes = x / np.sqrt(radius_mm**2 - (x**2).sum(axis=1, keepdims=True))
+        shading = PhotometricDepth(camera, reference, fitted_lookup(change[near], slopes))
+        deep = -float(shading.at(image, middle)[0, 2])
+    return BallPrint(centre_mm=centre, contact_mm=contact, depth_mm=deep, change=change[near], slopes=slopes)
 
 
 def ball_lookup(prints: Sequence[BallPrint]) -> SlopeLookup:

@@ -11,7 +11,7 @@ from scipy.fft import dstn, idstn
 from scipy.interpolate import RegularGridInterpolator
 
 from tactile.camera import on_face, project
-from tactile.gel_force import GelGrid
+from tactile.gel_force import GelGrid, with_smooth
 from tactile.gel_slab import GelLayer, tent_compliance
 from tactile.sensors import Camera
 
@@ -22,16 +22,17 @@ PER_SIDE = 12
 
 def border_observation(
     layer: GelLayer, grid: GelGrid, camera: Camera
-) -> tuple[Float[np.ndarray, "3n 3m"], Float[np.ndarray, "n 3m"]]:
-    """What shading sees of the markers per nodal force, and the border's share H B of their depth (mm/N)."""
+) -> tuple[Float[np.ndarray, "3n u"], Float[np.ndarray, "n 3m"]]:
+    """What shading sees of nodal forces and smooth fields, and the border's share H B of depth (mm/N)."""
     width, height = camera.image_px
     edge = _ring(width, height)
     places = on_face(camera, edge)[:, :2]
-    rise = -tent_compliance(layer, places, grid.nodes_mm, pitch_mm=grid.pitch_mm)[:, 2]
-    carried = _harmonic(camera, grid.rest_mm[:, :2], width, height) @ rise.reshape(len(edge), -1)
-    observed = grid.compliance.copy()
+    made = -tent_compliance(layer, places, grid.nodes_mm, pitch_mm=grid.pitch_mm)
+    at_border = with_smooth(grid, made.reshape(3 * len(edge), -1), places)[2::3]
+    carried = _harmonic(camera, grid.rest_mm[:, :2], width, height) @ at_border
+    observed = with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
     observed[2::3] -= carried
-    return observed, carried
+    return observed, carried[:, : 3 * len(grid.nodes_mm)]
 
 
 def _ring(width: int, height: int) -> Float[np.ndarray, "r 2"]:

@@ -46,12 +46,13 @@ class GelFields:
     displacement_sd_mm: Float[np.ndarray, "t n 3"]
     force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
+    motion_mm: Float[np.ndarray, " t"]
     strength: Strength
     solver: GelForce
 
     def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
         """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
-        return self.solver.joint_covariance(self.touching[frame])
+        return self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
 
 
 def layer_of(sensor: Sensor) -> GelLayer:
@@ -101,7 +102,7 @@ class GelReader:
             self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
             _, information = sight(self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2])
         self.grid: GelGrid = gel_grid(layer, self.rest_mm)
-        self.observed: Float[np.ndarray, "3n 3m"] | None = None
+        self.observed: Float[np.ndarray, "3n u"] | None = None
         self._border: Float[np.ndarray, "n 3m"] | None = None
         if sensor.kind == "photometric":
             if shape is None:
@@ -185,6 +186,7 @@ def fields_of(
     shape_of = seen.shape
     force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
     touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
+    motion = np.zeros(frames)
     own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
     for t in range(frames):
         contact = solver.solve(seen[t])
@@ -194,10 +196,10 @@ def fields_of(
         if not mono:
             seen[t] = reader.completed(seen[t], contact.node_force_N)
         force[t], touching[t] = contact.force_N, contact.touching
-        force_sd[t], slab_sd = solver.spread(contact.touching)
-        moved_sd[t] = own_sd
+        force_sd[t] = solver.force_spread(contact.touching, contact.motion_mm)
+        moved_sd[t], motion[t] = own_sd, contact.motion_mm
         if mono:
-            moved_sd[t, :, 2] = slab_sd[:, 2]
+            moved_sd[t, :, 2] = solver.slab_spread(contact.touching, contact.motion_mm)[:, 2]
     return GelFields(
         rest_mm=reader.rest_mm,
         displacement_mm=seen,
@@ -205,6 +207,7 @@ def fields_of(
         displacement_sd_mm=moved_sd,
         force_sd_N=force_sd,
         touching=touching,
+        motion_mm=motion,
         strength=strength,
         solver=solver,
     )

@@ -6,13 +6,13 @@ Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
 
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
 
-with G continued by smooth fields (quadratics over the pad, spread 10 um a coefficient) that no force makes:
-what free sides and a housing do to a slab that is not endless. They matter: an almost incompressible gel is
-so stiff against even pressure that 5 um of even depth are 5 % of a press of 3 N. This holds
 on the nodes in contact; t = 0 outside, and pressure is positive inside (an active set, from the unbound
 solution, with nodes dropped that would pull and neighbours added that want to push). G' W and L are made once
-per sensor. The prior's spread and roughness, and by how much the noise exceeds what frames in the air show
-(the slab is not the gel), are those of greatest marginal likelihood
+per sensor. G is continued by smooth fields that no force makes (quadratics over the pad, a percent or two of
+the displacement): what free sides and a housing do to a slab that is not endless. They matter: an almost
+incompressible gel is so stiff against even pressure that 5 um of even depth are 5 % of a press of 3 N. The
+prior's spread and roughness, and by how much the noise exceeds what frames in the air show, are those of
+greatest marginal likelihood
 
     2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992).
 
@@ -34,7 +34,10 @@ GROWS_AT_SD = 3.0
 APPEARS_AT_SD = 6.0
 MOST_ROUNDS = 12
 NODE_PER_MARKER = 0.7
-SMOOTH_MM = 0.01
+SMOOTH_SHARE = np.array([0.02, 0.02, 0.005])
+"""Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z; free sides
+three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_images.py`)."""
+LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 
 
@@ -71,10 +74,14 @@ FIRST_STRENGTH = Strength(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, nois
 
 @dataclass(frozen=True, kw_only=True)
 class Contact:
-    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it."""
+    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it.
+
+    `motion_mm` is the largest displacement, by which the smooth fields are scaled.
+    """
 
     node_force_N: Float[np.ndarray, "m 3"]
     touching: Bool[np.ndarray, " m"]
+    motion_mm: float
     force_N: Float[np.ndarray, "n 3"]
     displacement_mm: Float[np.ndarray, "n 3"]
 
@@ -138,7 +145,7 @@ class GelForce:
     """The inverse of one gel, ready for frames: everything that frames share is computed here.
 
     `information_per_mm2` (n, 3, 3) is the inverse covariance of one frame's marker displacement as frames in
-    the air show it; `observed` what the sensor sees of a nodal force where that is not all displacement.
+    the air show it; `observed` what the sensor sees of nodal forces and smooth fields, if not displacement.
     """
 
     def __init__(
@@ -147,20 +154,22 @@ class GelForce:
         information_per_mm2: Float[np.ndarray, "n 3 3"],
         strength: Strength,
         *,
-        observed: Float[np.ndarray, "3n 3m"] | None = None,
+        observed: Float[np.ndarray, "3n u"] | None = None,
     ) -> None:
         self.grid, self.strength = grid, strength
         self.information = information_per_mm2 / strength.noise**2
-        self._observed_by = _with_smooth(grid, observed)
-        self._moved_by = _with_smooth(grid, None)
+        self._observed_by = _moved(grid) if observed is None else observed
+        self._moved_by = _moved(grid)
         per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
         self._weighted = np.matmul(self.information, per_marker).reshape(self._observed_by.shape)
         self._data = self._weighted.T @ self._observed_by
         self._normal = self._data.copy()
         size = 3 * len(grid.nodes_mm)
         self._normal[:size, :size] += _prior(grid, strength)
-        self._normal[size:, size:] += np.eye(len(self._normal) - size) / SMOOTH_MM**2
-        self._free_factor = cho_factor(self._normal, lower=True)
+        self._size = size
+        loose = self._normal.copy()
+        loose[size:, size:] += np.diag(_smooth_precision(USUAL_MOTION_MM))
+        self._free_factor = cho_factor(loose, lower=True)
         inverse = lapack.dtrtri(self._free_factor[0], lower=1)[0]
         self._free_sd = np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
 
@@ -169,7 +178,8 @@ class GelForce:
     ) -> Contact:
         """One frame; markers that are not `seen` (or NaN) say nothing."""
         y, normal, right = self._observed(displacement_mm, seen)
-        touching, found = self._settled(normal, right)
+        motion_mm = _motion(y)
+        touching, found = self._settled(normal, right, motion_mm)
         every = np.zeros(len(right))
         every[self._at(touching)] = found
         t = every[: 3 * len(touching)].reshape(-1, 3)
@@ -177,16 +187,29 @@ class GelForce:
         return Contact(
             node_force_N=t,
             touching=touching,
+            motion_mm=motion_mm,
             force_N=self.grid.to_markers @ t,
             displacement_mm=(self._moved_by @ every).reshape(y.shape),
         )
+
+    def _block(
+        self, touching: Bool[np.ndarray, " m"], motion_mm: float, normal: np.ndarray | None = None
+    ) -> Float[np.ndarray, "a a"]:
+        """The normal matrix of the unknowns in play, the smooth fields held in proportion to the motion."""
+        at = self._at(touching)
+        block = (self._normal if normal is None else normal)[np.ix_(at, at)]
+        end = np.arange(len(at) - (len(self._normal) - self._size), len(at))
+        block[end, end] += _smooth_precision(motion_mm)
+        return np.asarray(block)
 
     def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
         """Unknowns in play: the touching nodes' forces and the smooth fields."""
         smooth = np.arange(3 * len(touching), len(self._normal))
         return np.concatenate([_dofs(touching), smooth])
 
-    def joint_covariance(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "6n 6n"]:
+    def joint_covariance(
+        self, touching: Bool[np.ndarray, " m"], motion_mm: float
+    ) -> Float[np.ndarray, "6n 6n"]:
         """Covariance of one frame's [measured displacement (mm); marker force (N)], markers then x, y, z.
 
         Measured y = G t + noise and the force's estimate K y share the noise e: displacement I e and force
@@ -200,38 +223,41 @@ class GelForce:
             (3 * np.arange(n)[:, None] + np.arange(3))[:, None, :],
         )
         noise[block] = np.linalg.pinv(self.information, hermitian=True, rcond=1e-9)
-        linear = self.linear_map(touching)
+        linear = self.linear_map(touching, motion_mm)
         at = self._at(touching)
         spread = self._to_markers(touching, len(at))
-        posterior = spread @ cho_solve(cho_factor(self._normal[np.ix_(at, at)]), spread.T)
+        posterior = spread @ cho_solve(cho_factor(self._block(touching, motion_mm)), spread.T)
         cross = noise @ linear.T
         return np.block([[noise, cross], [cross.T, posterior]])
 
-    def linear_map(self, touching: Bool[np.ndarray, " m"]) -> Float[np.ndarray, "3n 3n"]:
+    def linear_map(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "3n 3n"]:
         """K in force = K displacement, N/mm, while these nodes touch."""
         at = self._at(touching)
-        inner = cho_solve(cho_factor(self._normal[np.ix_(at, at)]), self._weighted[:, at].T)
+        inner = cho_solve(cho_factor(self._block(touching, motion_mm)), self._weighted[:, at].T)
         return np.asarray(self._to_markers(touching, len(at)) @ inner)
 
     def _to_markers(self, touching: Bool[np.ndarray, " m"], unknowns: int) -> Float[np.ndarray, "3n a"]:
         forces = np.kron(self.grid.to_markers[:, touching], np.eye(3))
         return np.pad(forces, ((0, 0), (0, unknowns - forces.shape[1])))
 
-    def spread(
-        self, touching: Bool[np.ndarray, " m"]
-    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Standard deviations that the frame's noise and the prior leave in marker force (N) and in the
-        slab's displacement (mm)."""
-        shape = self.grid.rest_mm.shape
+    def force_spread(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "n 3"]:
+        """Standard deviation that the frame's noise and the prior leave in marker force, N."""
         if not touching.any():
-            return np.zeros(shape), np.zeros(shape)
-        at = self._at(touching)
-        factor = cholesky(self._normal[np.ix_(at, at)], lower=True, check_finite=False)
-        root = np.tril(lapack.dtrtri(factor, lower=1)[0])
-        nodal = root[:, : 3 * int(touching.sum())].reshape(len(at), -1, 3)
-        force = np.einsum("rmc,nm->rnc", nodal, self.grid.to_markers[:, touching], optimize=True)
-        moved = root @ self._moved_by[:, at].T
-        return np.sqrt((force**2).sum(axis=0)), np.sqrt((moved**2).sum(axis=0)).reshape(shape)
+            return np.zeros(self.grid.rest_mm.shape)
+        root = self._root(touching, motion_mm)
+        nodal = root[:, : 3 * int(touching.sum())].reshape(len(root), -1, 3)
+        force = np.tensordot(nodal, self.grid.to_markers[:, touching], axes=(1, 1))
+        return np.asarray(np.sqrt((force**2).sum(axis=0)).T)
+
+    def slab_spread(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "n 3"]:
+        """The same of the displacement that the forces make, mm."""
+        moved = self._root(touching, motion_mm) @ self._moved_by[:, self._at(touching)].T
+        return np.asarray(np.sqrt((moved**2).sum(axis=0)).reshape(self.grid.rest_mm.shape))
+
+    def _root(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "a a"]:
+        """A root of the covariance of the unknowns in play: R' R."""
+        factor = cholesky(self._block(touching, motion_mm), lower=True, check_finite=False)
+        return np.asarray(np.tril(lapack.dtrtri(factor, lower=1)[0]))
 
     def _observed(
         self, displacement_mm: np.ndarray, seen: np.ndarray | None
@@ -246,14 +272,16 @@ class GelForce:
             normal = normal - self._weighted[lost].T @ self._observed_by[lost]
         return y, normal, self._weighted.T @ y.ravel()
 
-    def _settled(self, normal: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _settled(
+        self, normal: np.ndarray, right: np.ndarray, motion_mm: float
+    ) -> tuple[np.ndarray, np.ndarray]:
         """The active set of nodes, and the unknowns in play."""
         m = len(self.grid.nodes_mm)
         normal_rows = slice(2, 3 * m, 3)
         free = cho_solve(self._free_factor, right, check_finite=False)[normal_rows]
         beside = self.grid.laplacian < 0
         noise = np.sqrt(np.diag(self._data)[normal_rows])
-        alone = self._alone(normal, right)
+        alone = self._alone(normal, right, motion_mm)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
         sure = np.minimum(TOUCHES_AT_SD * self._free_sd[normal_rows], STARTS_AT * free.max())
         touching = (free > sure) & (alone > APPEARS_AT_SD)
@@ -263,7 +291,8 @@ class GelForce:
             if not touching.any():
                 break
             at = self._at(touching)
-            factor = cho_factor(normal[np.ix_(at, at)], lower=True, overwrite_a=True, check_finite=False)
+            block = self._block(touching, motion_mm, normal)
+            factor = cho_factor(block, lower=True, overwrite_a=True, check_finite=False)
             found = cho_solve(factor, right[at], check_finite=False)
             pulls = np.flatnonzero(touching)[found[2 : 3 * int(touching.sum()) : 3] < 0]
             push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / noise
@@ -275,13 +304,13 @@ class GelForce:
             touching[pulls] = False
             dropped[pulls] = True
         at = self._at(touching)
-        return touching, np.linalg.solve(normal[np.ix_(at, at)], right[at])
+        return touching, np.linalg.solve(self._block(touching, motion_mm, normal), right[at])
 
-    def _alone(self, normal: np.ndarray, right: np.ndarray) -> Float[np.ndarray, " m"]:
+    def _alone(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> Float[np.ndarray, " m"]:
         """How many standard deviations each node's push alone would explain, beside the smooth fields."""
         size = 3 * len(self.grid.nodes_mm)
         rows = slice(2, size, 3)
-        smooth = cho_factor(normal[size:, size:], lower=True)
+        smooth = cho_factor(normal[size:, size:] + np.diag(_smooth_precision(motion_mm)), lower=True)
         across = normal[rows, size:]
         left = right[rows] - across @ cho_solve(smooth, right[size:])
         spread = np.diag(self._data)[rows] - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
@@ -293,7 +322,7 @@ def chosen_strength(
     information_per_mm2: Float[np.ndarray, "n 3 3"],
     frames_mm: Sequence[Float[np.ndarray, "n 3"]],
     *,
-    observed: Float[np.ndarray, "3n 3m"] | None = None,
+    observed: Float[np.ndarray, "3n u"] | None = None,
     start: Strength = FIRST_STRENGTH,
     rounds: int = 2,
 ) -> Strength:
@@ -302,7 +331,7 @@ def chosen_strength(
     The contact is found anew after every round of climbing.
     """
     best = start
-    seen = _with_smooth(grid, observed)
+    seen = _moved(grid) if observed is None else observed
     for turn in range(rounds):
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
         touching = [everywhere for _ in frames_mm]
@@ -333,6 +362,7 @@ class _Told:
     right: Float[np.ndarray, " a"]
     misfit: float
     directions: int
+    motion_mm: float
 
 
 def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray) -> _Told:
@@ -347,6 +377,7 @@ def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np
         right=weighted.T @ y[usable].ravel(),
         misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
         directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
+        motion_mm=_motion(np.where(usable[:, None], y, 0.0)),
     )
 
 
@@ -359,7 +390,7 @@ def _evidence(grid: GelGrid, strength: Strength, told: Sequence[_Told]) -> float
         Q = prior[np.ix_(at, at)]
         normal = frame.normal / strength.noise**2
         normal[: len(at), : len(at)] += Q
-        normal[len(at) :, len(at) :] += np.eye(len(normal) - len(at)) / SMOOTH_MM**2
+        normal[len(at) :, len(at) :] += np.diag(_smooth_precision(frame.motion_mm))
         factor = cho_factor(normal, lower=True)
         right = frame.right / strength.noise**2
         smooth = Q[::3, ::3]
@@ -385,14 +416,29 @@ def _prior(grid: GelGrid, strength: Strength) -> Float[np.ndarray, "3m 3m"]:
     return out.reshape(3 * m, 3 * m)
 
 
-def _with_smooth(grid: GelGrid, observed: Float[np.ndarray, "3n 3m"] | None) -> Float[np.ndarray, "3n 3m+18"]:
-    """What forces show, and after it the smooth fields: 1, x, y, x^2, x y, y^2, for x, y and z each."""
-    flat = grid.rest_mm[:, :2]
-    low, high = flat.min(axis=0), flat.max(axis=0)
-    x, y = ((flat - (low + high) / 2) / ((high - low) / 2)).T
+def with_smooth(
+    grid: GelGrid, made_mm: Float[np.ndarray, "3k 3m"], at_mm: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "3k u"]:
+    """What forces make at points of the face and, after it, the smooth fields there.
+
+    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
+    """
+    low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
+    x, y = ((at_mm - (low + high) / 2) / ((high - low) / 2)).T
     basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    smooth = np.kron(basis, np.eye(3))
-    return np.hstack([grid.compliance if observed is None else observed, smooth])
+    return np.hstack([made_mm, np.kron(basis, np.eye(3))])
+
+
+def _moved(grid: GelGrid) -> Float[np.ndarray, "3n u"]:
+    return with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
+
+
+def _motion(y: Float[np.ndarray, "n 3"]) -> float:
+    return max(float(np.linalg.norm(y, axis=1).max()), LEAST_MOTION_MM)
+
+
+def _smooth_precision(motion_mm: float) -> Float[np.ndarray, " s"]:
+    return np.tile(1.0 / (SMOOTH_SHARE * motion_mm) ** 2, 6)
 
 
 def _dofs(touching: np.ndarray) -> np.ndarray:

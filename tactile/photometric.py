@@ -143,10 +143,13 @@ def _powers(change: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... k"]:
 
 def _between_dots(image: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
     """Pixels of the bare gel: not much darker than the neighbourhood at its brightest."""
-    grey = image.max(axis=2)
-    bright = cv2.blur(cv2.dilate(grey, np.ones((15, 15), np.uint8)), (31, 31))
+    height, width = image.shape[:2]
+    small = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    grey = np.maximum(np.maximum(small[..., 0], small[..., 1]), small[..., 2])
+    bright = cv2.blur(cv2.dilate(grey, np.ones((7, 7), np.uint8)), (15, 15))
     dark = (grey < DARK * bright).astype(np.uint8)
-    return np.asarray(cv2.dilate(dark, np.ones((5, 5), np.uint8)) == 0)
+    wide = cv2.dilate(dark, np.ones((3, 3), np.uint8))
+    return np.asarray(cv2.resize(wide, (width, height), interpolation=cv2.INTER_NEAREST) == 0)
 
 
 def _blocks(
@@ -154,10 +157,11 @@ def _blocks(
 ) -> tuple[Float[np.ndarray, "a b 3"], Float[np.ndarray, "a b"]]:
     """Mean colour of each block's clear pixels, and their share."""
     size = (shape[1], shape[0])
-    image = image[: shape[0] * BLOCK_PX, : shape[1] * BLOCK_PX]
-    mask = clear[: shape[0] * BLOCK_PX, : shape[1] * BLOCK_PX].astype(np.float32)
+    height, width = shape[0] * BLOCK_PX, shape[1] * BLOCK_PX
+    mask = clear[:height, :width].astype(np.float32)
     share = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
-    total = cv2.resize(image * mask[..., None], size, interpolation=cv2.INTER_AREA)
+    shown = cv2.bitwise_and(image[:height, :width], image[:height, :width], mask=mask.astype(np.uint8))
+    total = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     return total / np.maximum(share, 1e-6)[..., None], np.where(share > 0.2, share, 0.0)
 
 
@@ -166,13 +170,15 @@ def _filled(
 ) -> Float[np.ndarray, "a b 3"]:
     """Values smoothed over blocks, the weightless ones filled from round about."""
     out = np.zeros_like(values)
-    have = np.zeros_like(weight)
-    for widen in (1.0, 2.5, 6.0):
-        blur = [cv2.GaussianBlur(a, (0, 0), sigma * widen) for a in (values * weight[..., None], weight)]
-        share = blur[1]
-        fresh = (have < 0.05) & (share > 1e-3)
-        out = np.where(fresh[..., None], blur[0] / np.maximum(share, 1e-6)[..., None], out)
-        have = np.where(fresh, 1.0, have)
+    empty = np.ones(weight.shape, dtype=bool)
+    for widen in (1.0, 2.5, 6.0, 15.0):
+        share = cv2.GaussianBlur(weight, (0, 0), sigma * widen)
+        total = cv2.GaussianBlur(values * weight[..., None], (0, 0), sigma * widen)
+        fresh = empty & (share > 0.02)
+        out[fresh] = total[fresh] / share[fresh][:, None]
+        empty &= ~fresh
+        if not empty.any():
+            break
     return out
 
 

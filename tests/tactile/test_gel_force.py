@@ -7,7 +7,7 @@ from tactile.gel_slab import GelSlab
 from tactile.sensors import marker_grid
 
 SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.48)
-MARKERS = marker_grid(11, 11, pitch_mm=(0.6, 0.6), first_mm=None)
+MARKERS = marker_grid(13, 13, pitch_mm=(0.6, 0.6), first_mm=None)
 NOISE_MM = np.array([0.001, 0.001, 0.004])
 INFORMATION = np.tile(np.diag(1 / NOISE_MM**2), (len(MARKERS), 1, 1))
 STRENGTH = Strength(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
@@ -69,7 +69,10 @@ def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, 
     blind, full = GelForce(grid, flat, strength), GelForce(grid, INFORMATION, strength)
     found = blind.solve(seen)
     assert found.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
-    unsure, sure = blind.spread(found.touching)[0], full.spread(found.touching)[0]
+    unsure, sure = (
+        blind.force_spread(found.touching, found.motion_mm),
+        full.force_spread(found.touching, found.motion_mm),
+    )
     assert unsure[:, 2].max() > 1.5 * sure[:, 2].max()
 
 
@@ -103,16 +106,16 @@ def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: Gel
     smooth = np.eye(len(touching)) + STRENGTH.roughness**2 * grid.laplacian
     root = np.linalg.cholesky(np.linalg.inv(smooth[np.ix_(touching, touching)]))
     sizes = np.array([0.01, 0.01, 0.04]) * grid.pitch_mm**2
-    K = solver.linear_map(touching)
-    sd, _ = solver.spread(touching)
-    x, y = MARKERS[:, 0] / 3.0, MARKERS[:, 1] / 3.0
+    K = solver.linear_map(touching, 0.5)
+    sd = solver.force_spread(touching, 0.5)
+    x, y = MARKERS[:, 0] / 3.6, MARKERS[:, 1] / 3.6
     quadratics = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
     scores = []
     for _ in range(300):
         t = np.zeros((len(touching), 3))
         t[touching] = root @ rng.normal(size=(m, 3)) * sizes
         seen = (grid.compliance @ t.ravel()).reshape(-1, 3) + noise(rng)
-        seen += quadratics @ rng.normal(scale=0.01, size=(6, 3))
+        seen += quadratics @ (rng.normal(size=(6, 3)) * [0.01, 0.01, 0.0025])
         miss = (K @ seen.ravel()).reshape(-1, 3) - grid.to_markers @ t
         scores.append((miss[sd > 0] / sd[sd > 0]) ** 2)
     assert np.mean(scores) == pytest.approx(1.0, abs=0.05)
@@ -121,11 +124,11 @@ def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: Gel
 def test_force_and_displacement_share_their_noise(grid: GelGrid, solver: GelForce) -> None:
     rng = np.random.default_rng(7)
     touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.2
-    K = solver.linear_map(touching)
+    K = solver.linear_map(touching, 0.5)
     draws = np.stack([noise(rng).ravel() for _ in range(4000)])
     forces = draws @ K.T
     n = draws.shape[1]
-    stated = solver.joint_covariance(touching)
+    stated = solver.joint_covariance(touching, 0.5)
     np.testing.assert_allclose(stated[:n, :n], np.diag(np.tile(NOISE_MM**2, len(MARKERS))), atol=1e-12)
     at = int(np.argmin(np.linalg.norm(MARKERS, axis=1))) * 3 + 2
     drawn = draws.T @ forces[:, at] / len(draws)

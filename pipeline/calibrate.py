@@ -1,0 +1,187 @@
+"""`drupe calibrate`: what presses say of a sensor goes into its description."""
+
+import shutil
+import tempfile
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.problem import BatchRefused, Problem
+from tactile.ball_press import ball_lookup, ball_print
+from tactile.from_frames import recording_of
+from tactile.gel_stiffness import GelGain, gel_gain
+from tactile.pictures import read_picture
+from tactile.raw_grasp import read_raw_grasp
+from tactile.recording import GelPad
+from tactile.sensor_file import read_sensor
+from tactile.sensors import Camera
+from tactile.shading_file import write_lookup
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presses:
+    """What was pressed: a ball (radius, the untouched gel, pictures), and a raw press with a load cell."""
+
+    ball_mm: float | None = None
+    reference: Path | None = None
+    ball: tuple[Path, ...] = ()
+    load_cell: Path | None = None
+
+
+def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[str], None]) -> tuple[str, ...]:
+    """Write `out`, the description `sensor` with what the presses say, and return that in words.
+
+    A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
+    its stiffness per area where that is stated. Raises TactileFailure where a picture or press cannot be
+    used, BatchRefused where options do not go together. `out` appears whole or not at all.
+    """
+    if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
+        raise BatchRefused(
+            [Problem(str(sensor), "a ball's press needs --ball-mm, --reference and one --press or more.")]
+        )
+    if not presses.ball and presses.load_cell is None:
+        raise BatchRefused([Problem(str(sensor), "nothing to calibrate with; give --press or --load-cell.")])
+    described = _described(sensor)
+    with tempfile.TemporaryDirectory() as folder:
+        stage, shading = Path(folder) / out.name, Path(folder) / out.with_suffix(".npz").name
+        said: list[str] = []
+        if presses.ball:
+            said += _ball(sensor, shading, described, presses, report)
+        elif "calibration_file" in described:
+            shading.write_bytes((sensor.parent / described["calibration_file"]).read_bytes())
+        if shading.exists():
+            described["calibration_file"] = shading.name
+        stage.write_text(as_toml(described), encoding="utf-8")
+        read_sensor(stage)
+        if presses.load_cell is not None:
+            said += _stiffness(stage, described, presses.load_cell, report)
+            stage.write_text(as_toml(described), encoding="utf-8")
+            read_sensor(stage)
+        out.parent.mkdir(parents=True, exist_ok=True)
+        for made in (shading, stage):
+            if made.exists():
+                _moved(made, out.parent)
+    return tuple(said)
+
+
+def _described(sensor: Path) -> dict[str, Any]:
+    """The description as it stands; a photometric one may lack lights and look-up until it is calibrated."""
+    if not sensor.is_file():
+        raise BatchRefused([Problem(str(sensor), "does not exist; give the sensor's description.")])
+    try:
+        return tomllib.loads(sensor.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
+        raise BatchRefused([Problem(str(sensor), f"is no TOML: {cause}.")]) from cause
+
+
+def _camera(sensor: Path, described: dict[str, Any]) -> Camera:
+    """The camera of a description that has no lights yet."""
+    if described.get("kind") != "photometric":
+        raise BatchRefused(
+            [
+                Problem(
+                    str(sensor),
+                    f"is of kind {described.get('kind')}; a ball's print calibrates photometric sensors.",
+                )
+            ]
+        )
+    left_out = ("lights", "calibration_file", "kind")
+    bare = {"kind": "markers-mono"} | {k: v for k, v in described.items() if k not in left_out}
+    with tempfile.TemporaryDirectory() as folder:
+        stage = Path(folder) / sensor.name
+        stage.write_text(as_toml(bare), encoding="utf-8")
+        camera = read_sensor(stage).camera
+    if camera is None:
+        raise BatchRefused([Problem(str(sensor), "has no [camera].")])
+    return camera
+
+
+def _ball(
+    path: Path, file: Path, described: dict[str, Any], presses: Presses, report: Callable[[str], None]
+) -> list[str]:
+    camera = _camera(path, described)
+    if presses.reference is None or presses.ball_mm is None:
+        return []
+    untouched = read_picture(presses.reference)
+    prints, said = [], []
+    for picture in presses.ball:
+        found = ball_print(
+            camera, untouched, read_picture(picture), radius_mm=presses.ball_mm, source=str(picture)
+        )
+        prints.append(found)
+        x, y = found.centre_mm
+        said.append(
+            f"{picture.name}: ball {found.depth_mm:.2f} mm deep at x {x:.2f}, y {y:.2f} mm, contact radius "
+            f"{found.contact_mm:.2f} mm"
+        )
+        report(said[-1])
+    write_lookup(file, ball_lookup(prints))
+    steepest = max(float(np.linalg.norm(p.slopes, axis=1).max()) for p in prints)
+    return [*said, f"look-up of slopes up to {steepest:.2f} written to {file.name}"]
+
+
+def _stiffness(
+    path: Path, described: dict[str, Any], press: Path, report: Callable[[str], None]
+) -> list[str]:
+    def told(pad: str, done: int, of: int) -> None:
+        if done == of:
+            report(f"{pad}: {done} of {of} frames")
+
+    recording = recording_of(read_raw_grasp(press, sensor=path), progress=told).recording
+    pad = recording.pads[0]
+    if recording.wrench_N is None or not isinstance(pad, GelPad):
+        raise BatchRefused([Problem(str(press), "has no load cell; log fx_N, fy_N and fz_N in log.csv.")])
+    normal = pad.pose[:, :3, 2]
+    cell = np.einsum("ti,ti->t", recording.wrench_N[:, :3], normal)
+    gain = gel_gain(cell, pad.force_N[:, :, 2].sum(axis=1), source=str(press))
+    return [_scaled(described["gel"], gain)]
+
+
+def _scaled(gel: dict[str, Any], gain: GelGain) -> str:
+    springs: list[str] = [name for name in ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm") if name in gel]
+    said = []
+    for name in springs or ["E_MPa"]:
+        gel[name] = float(f"{gel[name] * gain.value:.5g}")
+        said.append(f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}")
+    return (
+        f"{', '.join(said)} ({gain.value:.3f} times the description's; load cell and gel agree within "
+        f"{100 * gain.residual:.1f} % of the peak)"
+    )
+
+
+def as_toml(values: dict[str, Any], prefix: str = "") -> str:
+    """TOML of texts, numbers, lists, tables and lists of tables, as a sensor's description has them."""
+    lines = [f"{key} = {_value(value)}" for key, value in values.items() if not _is_table(value)]
+    for key, value in values.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
+        elif _is_table(value):
+            for item in value:
+                lines += ["", f"[[{prefix}{key}]]", as_toml(item, f"{prefix}{key}.").rstrip()]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return f'"{escaped}"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    return repr(value)
+
+
+def _moved(made: Path, folder: Path) -> None:
+    """Into place, whole or not at all."""
+    beside = folder / f".{made.name}.part"
+    shutil.copyfile(made, beside)
+    beside.replace(folder / made.name)

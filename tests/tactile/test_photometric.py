@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+
+from samples.gel_images import Field, GelLook, gel_image, seen_at
+from tactile.ball_press import ball_lookup, ball_print
+from tactile.failure import TactileFailure
+from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
+from tactile.sensors import Camera, Light, marker_grid
+
+AMBIENT = 0.35
+DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)
+LOOK = GelLook(rest_mm=DOTS, dot_mm=0.35, ambient=AMBIENT)
+LIGHTS = tuple(
+    Light(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
+    for k, a in enumerate(2 * np.pi * np.arange(3) / 3)
+)
+
+
+def eye(turn_rad: float = 0.0) -> Camera:
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = -22.0 * pose[:3, 2]
+    return Camera(
+        image_px=(480, 360),
+        focal_px=(720.0, 721.0),
+        centre_px=(241.0, 178.0),
+        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
+        gel_from_camera=pose,
+    )
+
+
+def flat(at: np.ndarray) -> np.ndarray:
+    return np.zeros((len(at), 3))
+
+
+def dent(at: np.ndarray) -> np.ndarray:
+    """0.5 mm deep, steepest slope 0.26, nothing left of it at the border; off centre and skewed."""
+    away = at - [0.5, 0.3]
+    depth = np.exp(-(away**2).sum(axis=1) / 3.3)
+    return np.stack([0.03 * away[:, 0] * depth, 0.04 * depth, -0.5 * depth], axis=1)
+
+
+def ball(radius_mm: float, contact_mm: float) -> Field:
+    """A cap of the ball that goes over into a skirt without a kink."""
+    edge = contact_mm / np.sqrt(radius_mm**2 - contact_mm**2)
+
+    def field(at: np.ndarray) -> np.ndarray:
+        r = np.linalg.norm(at - [-0.4, 0.6], axis=1)
+        cap = radius_mm - np.sqrt(radius_mm**2 - np.minimum(r, contact_mm) ** 2)
+        skirt = edge * 0.8 * (1 - np.exp(-np.maximum(r - contact_mm, 0) / 0.8))
+        rise = cap + skirt
+        whole = radius_mm - np.sqrt(radius_mm**2 - contact_mm**2) + edge * 0.8
+        return np.stack([0 * r, 0 * r, rise - whole], axis=1)
+
+    return field
+
+
+def image(camera: Camera, shape: Field, seed: int) -> np.ndarray:
+    return gel_image(camera, LIGHTS, LOOK, shape, np.random.default_rng(seed))
+
+
+def depth_error_um(camera: Camera, lookup: SlopeLookup) -> np.ndarray:
+    shading = PhotometricDepth(camera, image(camera, flat, 0), lookup)
+    places = DOTS + dent(DOTS[:, :2])
+    return 1e3 * (shading.at(image(camera, dent, 1), seen_at(camera, places)) - places)
+
+
+@pytest.mark.parametrize("turn_rad", [0.0, 0.2])
+def test_depth_of_a_dent_by_lights_of_known_direction(turn_rad: float) -> None:
+    miss = depth_error_um(eye(turn_rad), lambert_lookup(LIGHTS, ambient=AMBIENT))
+    assert np.sqrt((miss[:, 2] ** 2).mean()) < 8
+    assert np.abs(miss).max() < 20
+
+
+def test_the_untouched_gel_is_flat_within_two_micrometres() -> None:
+    shading = PhotometricDepth(eye(), image(eye(), flat, 0), lambert_lookup(LIGHTS, ambient=AMBIENT))
+    face = shading.face(image(eye(), flat, 5))
+    assert np.sqrt(((face - 22.0) ** 2).mean()) < 2e-3
+
+
+def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
+    """Neither lights nor ambient light are told."""
+    found = ball_print(
+        eye(), image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2), radius_mm=5.0, source="b"
+    )
+    np.testing.assert_allclose(found.centre_mm, [-0.4, 0.6], atol=0.06)
+    assert found.contact_mm == pytest.approx(2.0, rel=0.15)
+    miss = depth_error_um(eye(), ball_lookup([found]))
+    assert np.sqrt((miss[:, 2] ** 2).mean()) < 15
+
+
+def test_a_picture_without_a_ball_is_refused() -> None:
+    with pytest.raises(TactileFailure, match=r"press-3\.png: colours change by"):
+        ball_print(eye(), image(eye(), flat, 0), image(eye(), flat, 3), radius_mm=5.0, source="press-3.png")

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from tactile.camera import project
+from tactile.sensors import Camera
+from tactile.stereo import across_rays, triangulated
+
+
+def eye(turn_rad: float) -> Camera:
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = -24.0 * pose[:3, 2]
+    return Camera(
+        image_px=(640, 480),
+        focal_px=(740.0, 742.0),
+        centre_px=(320.0, 238.0),
+        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
+        gel_from_camera=pose,
+    )
+
+
+EYES = (eye(0.35), eye(-0.35))
+POINTS = np.random.default_rng(0).uniform([-7, -5, -1], [7, 5, 0.2], (300, 3))
+
+
+def test_exact_pixels_give_the_point() -> None:
+    found, _ = triangulated(EYES, (project(EYES[0], POINTS), project(EYES[1], POINTS)))
+    np.testing.assert_allclose(found, POINTS, atol=1e-6)
+
+
+def test_the_stated_information_is_that_of_noisy_pixels() -> None:
+    rng = np.random.default_rng(1)
+    scores = []
+    for _ in range(20):
+        pixels = [project(camera, POINTS) + rng.normal(scale=0.05, size=(300, 2)) for camera in EYES]
+        found, information = triangulated(EYES, (pixels[0], pixels[1]), noise_px=0.05)
+        miss = found - POINTS
+        scores.append(np.einsum("ni,nij,nj->n", miss, information, miss))
+    assert np.mean(scores) == pytest.approx(3.0, rel=0.05)
+
+
+def test_depth_is_as_sure_as_the_angle_between_the_rays_makes_it() -> None:
+    """s / (sqrt 2 sin 0.35) at the gel's centre, s = 0.05 px * 24 mm / 741 px."""
+    middle = np.zeros((1, 3))
+    _, information = triangulated(EYES, (project(EYES[0], middle), project(EYES[1], middle)), noise_px=0.05)
+    depth = np.sqrt(np.linalg.inv(information[0])[2, 2])
+    assert depth == pytest.approx(0.05 * 24 / 741 / np.sqrt(2) / np.sin(0.35), rel=1e-3)
+
+
+def test_a_marker_lost_to_one_camera_has_no_place() -> None:
+    first, second = project(EYES[0], POINTS), project(EYES[1], POINTS)
+    second[7] = np.nan
+    found, information = triangulated(EYES, (first, second))
+    assert np.isnan(found[7]).all()
+    assert not information[7].any()
+    assert np.isfinite(np.delete(found, 7, axis=0)).all()
+
+
+def test_markers_mixed_up_between_the_cameras_miss_each_other() -> None:
+    first, second = project(EYES[0], POINTS), project(EYES[1], POINTS)
+    np.testing.assert_allclose(across_rays(EYES, (first, second)), 0.0, atol=1e-4)
+    assert np.median(across_rays(EYES, (first, np.roll(second, 1, axis=0)))) > 20
