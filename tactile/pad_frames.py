@@ -10,7 +10,7 @@ from tactile.frame_checks import Watch, refuse_saturated
 from tactile.marker_places import Places, places_of
 from tactile.raw_grasp import RawPad, View
 from tactile.sensors import Camera
-from tactile.tracking import TrackedMarkers, follow, reference_of
+from tactile.tracking import FrameMarkers, TrackedMarkers, follow, reference_of, settled
 
 FEWEST_SEEN = 0.5
 """A frame that shows fewer of the markers cannot be used."""
@@ -28,11 +28,10 @@ def tracked_markers(
     places = places_of(camera, rest_px, pad.sensor.rest_mm, shape=reference.shape, source=source)
     watch = Watch(source, reference.shape)
     count = len(view.pictures.numbers)
-    position = np.full((count, len(places.kept), 2), np.nan)
-    quality = np.zeros((count, len(places.kept)))
+    rows: list[FrameMarkers] = []
     for t, found in enumerate(follow(reference, watch.over(view.pictures.frames()))):
-        position[t], quality[t] = found.position_px[places.kept], found.quality[places.kept]
-        seen = float(np.isfinite(position[t, :, 0]).mean())
+        rows.append(found)
+        seen = float(np.isfinite(found.position_px[places.kept, 0]).mean())
         if seen < FEWEST_SEEN:
             raise TactileFailure(
                 TactileProblem.MARKERS_LOST,
@@ -42,6 +41,7 @@ def tracked_markers(
             )
         if progress is not None:
             progress(pad.name, t + 1, count)
+    position, quality = settled(reference, rows)
     notes = []
     unknown = len(rest_px) - len(places.kept)
     if unknown:
@@ -49,8 +49,8 @@ def tracked_markers(
     tracked = TrackedMarkers(
         time_s=pad.time_s,
         reference_px=rest_px[places.kept],
-        position_px=position,
-        quality=quality,
+        position_px=position[:, places.kept],
+        quality=quality[:, places.kept],
         rest_mm=places.rest_mm,
     )
     return tracked, np.array(watch.doubled, dtype=bool), places, notes

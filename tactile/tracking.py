@@ -1,6 +1,6 @@
 """Markers followed through a sequence, one frame at a time: memory does not grow with its length."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from tactile.cut_markers import OUTSIDE, disc_radius_px, uncut
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.hindsight import mended
 from tactile.marker_image import MarkerLook, contrast, find_look, grey
 from tactile.marker_matching import Lattice, lattice_of, match, neighbours_say
 from tactile.markers import Blobs, centred, find_blobs, inside, markers_of, spacing_of
@@ -65,10 +66,14 @@ class Reference:
 
 @dataclass(frozen=True)
 class FrameMarkers:
-    """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference."""
+    """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference.
+
+    `blobs_px` is all that looked like a marker, so that names can be set right later.
+    """
 
     position_px: Float[np.ndarray, "n 2"]
     quality: Float[np.ndarray, " n"]
+    blobs_px: Float[np.ndarray, "m 2"]
 
 
 def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Reference:
@@ -112,12 +117,23 @@ def follow(reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]) 
 def track(
     reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions (px, NaN where lost) and quality over all frames."""
-    rows = [(found.position_px, found.quality) for found in follow(reference, frames)]
+    """Positions (px, NaN where lost) and quality over all frames, names set right by hindsight."""
+    rows = list(follow(reference, frames))
     count = len(reference.lattice.rest_px)
     if not rows:
         return np.zeros((0, count, 2)), np.zeros((0, count))
-    return np.stack([position for position, _ in rows]), np.stack([quality for _, quality in rows])
+    return settled(reference, rows)
+
+
+def settled(
+    reference: Reference, rows: Sequence[FrameMarkers]
+) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
+    """Positions and quality of all frames followed so far, names set right by hindsight."""
+    before = np.stack([row.position_px for row in rows])
+    position = mended(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
+    quality = np.stack([row.quality for row in rows])
+    lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
+    return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
 
 
 def _markers_in(
@@ -146,7 +162,7 @@ def _markers_in(
     clear = np.minimum(peak / usual.peak, 1.0) * np.minimum(
         mass / usual.mass, usual.mass / np.maximum(mass, 1e-9)
     )
-    return FrameMarkers(position, np.where(found, np.clip(clear, 0.0, 1.0), 0.0))
+    return FrameMarkers(position, np.where(found, np.clip(clear, 0.0, 1.0), 0.0), blobs.centre_px)
 
 
 def _look_for_lost(
