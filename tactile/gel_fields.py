@@ -19,6 +19,7 @@ from tactile.gel_force import GelForce, GelGrid, Strength, chosen_strength, gel_
 from tactile.gel_slab import FLAT_TO, GelLayer, GelSlab, SpringBed
 from tactile.photometric import PhotometricDepth
 from tactile.sensors import Camera, Sensor
+from tactile.spring_force import SpringForce
 from tactile.stereo import sight, triangulated
 from tactile.tracking import TrackedMarkers
 
@@ -37,7 +38,7 @@ class GelFields:
 
     A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
     standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
-    their joint covariance, frame by frame (`joint_covariance`).
+    their joint covariance, frame by frame (`joint_covariance`); `strength` is None where nothing is smoothed.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -47,11 +48,13 @@ class GelFields:
     force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
     motion_mm: Float[np.ndarray, " t"]
-    strength: Strength
-    solver: GelForce
+    strength: Strength | None
+    solver: GelForce | SpringForce
 
     def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
         """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
+        if isinstance(self.solver, SpringForce):
+            return self.solver.joint_covariance()
         return self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
 
 
@@ -177,6 +180,9 @@ def fields_of(
             depth_sd_mm=frame_noise(seen[..., 2:]),
         )  # fmt: skip
     mono = sensor.kind == "markers-mono"
+    layer = layer_of(sensor)
+    if isinstance(layer, SpringBed) and not mono:
+        return _of_springs(layer, reader, seen)
     if strength is None:
         moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))
         strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
@@ -210,6 +216,23 @@ def fields_of(
         motion_mm=motion,
         strength=strength,
         solver=solver,
+    )
+
+
+def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t n 3"]) -> GelFields:
+    """Displacement as it was seen, and each marker's own force."""
+    springs = SpringForce(layer=layer, cell_mm2=reader.grid.cell_mm2, information_per_mm2=reader.information)
+    sd_mm = np.broadcast_to(springs.displacement_sd_mm, seen.shape)
+    return GelFields(
+        rest_mm=reader.rest_mm,
+        displacement_mm=seen,
+        force_N=springs.force_N(seen),
+        displacement_sd_mm=sd_mm,
+        force_sd_N=sd_mm * springs.newton_per_mm,
+        touching=springs.touching(seen),
+        motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
+        strength=None,
+        solver=springs,
     )
 
 
