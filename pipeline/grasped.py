@@ -13,7 +13,7 @@ from pipeline.confirmed import faults
 from pipeline.diary import Diary
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import PlacedGrasp, foreign, place_grasp
-from pipeline.layout import write_whole
+from pipeline.layout import in_order, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.raw_grasps import kept_recording
 from pipeline.records import FleshRecord, GraspRecord
@@ -86,9 +86,10 @@ def _placed(
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed, failures = [], {}
-    recordings = {path.stem: path for path in task.folder.grasp_files()}
+    folder = task.folder
+    recordings = {path.stem: path for path in (*folder.grasp_files(), *folder.raw_grasp_folders())}
     with diary.stage("contact"):
-        for name, path in sorted((recordings | _raw(task)).items()):
+        for name, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
             try:
                 if path.is_dir():
                     kept = kept_recording(path, task.results.cache, diary.report)
@@ -103,10 +104,6 @@ def _placed(
                 failures[name] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
-
-
-def _raw(task: FruitTask) -> dict[str, Path]:
-    return {folder.name: folder for folder in task.folder.raw_grasp_folders()}
 
 
 def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:

@@ -1,6 +1,7 @@
 """Where things lie in a batch and in its results."""
 
 import os
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,14 +59,16 @@ class FruitFolder:
         return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
 
     def grasp_files(self) -> tuple[Path, ...]:
-        """Recordings by name."""
-        return tuple(sorted(p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()))
+        """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
+        return tuple(
+            sorted((p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()), key=in_order)
+        )
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
         """Grasps in the raw form (frames in folders), by name, but for those that an .h5 stands for."""
         ready = {path.stem for path in self.grasp_files()}
         folders = (p for p in (self.root / "grasps").glob("[!.]*") if p.is_dir())
-        return tuple(sorted(p for p in folders if p.name not in ready))
+        return tuple(sorted((p for p in folders if p.name not in ready), key=in_order))
 
     def input_files(self) -> tuple[Path, ...]:
         """Every file the fruit's result depends on."""
@@ -73,6 +76,12 @@ class FruitFolder:
         photos = () if self.fruit_ply.is_file() else (*self.photo_files(), *self.flipped_files())
         raw = (path for folder in self.raw_grasp_folders() for path in raw_grasp_files(folder))
         return ready + photos + self.grasp_files() + tuple(raw)
+
+
+def in_order(path: Path) -> tuple[tuple[str, int], ...]:
+    """A key by which names sort as people count: text as text, numbers as numbers."""
+    parts = re.findall(r"(\D*)(\d*)", path.name)
+    return tuple((text, int(digits or -1)) for text, digits in parts)
 
 
 def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
@@ -93,8 +102,8 @@ class CaseFolder(FruitFolder):
         return self.root / "case.toml"
 
     def grasp_files(self) -> tuple[Path, ...]:
-        """Recordings by name."""
-        return tuple(sorted(p for p in self.root.glob("[!.]*.h5") if p.is_file()))
+        """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
+        return tuple(sorted((p for p in self.root.glob("[!.]*.h5") if p.is_file()), key=in_order))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
         """None: a case holds recordings in HDF5 only."""

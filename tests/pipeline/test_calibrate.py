@@ -49,7 +49,7 @@ KN = 0.25
 def bump(depth_mm: float) -> Field:
     def field(at: np.ndarray) -> np.ndarray:
         r = np.minimum(np.linalg.norm(at, axis=1) / 2.4, 1.0)
-        return np.outer((1 - r**2) ** 3, [0.0, 0.0, -depth_mm])
+        return np.outer((1 - r**2) ** 1.5, [0.0, 0.0, -depth_mm])
 
     return field
 
@@ -98,7 +98,7 @@ def test_a_ball_and_a_load_cell_complete_the_description(draft: Path, tmp_path: 
     rows = ["time_s,aperture_mm,fx_N,fy_N,fz_N,tx_Nmm,ty_Nmm,tz_Nmm"]
     for k, depth in enumerate(depths):
         draw(tmp_path / "seen.toml", press / "tip" / f"frame_{k:06d}.png", bump(depth), rng)
-        force = KN * depth * np.pi * 2.4**2 / 4
+        force = KN * depth * np.pi * 2.4**2 / 2.5
         rows.append(f"{k / 30:.4f},{depth:.4f},0,0,{force:.5f},0,0,0")
     (press / "log.csv").write_text("\n".join(rows) + "\n")
     (press / "grasp.toml").write_text(

@@ -54,3 +54,11 @@ def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
     assert "1 lie beside it" in folder.photos_elsewhere()
     (tmp_path / "photos" / "3.jpg").touch()
     assert folder.photos_elsewhere() == ""
+
+
+def test_recordings_come_in_the_order_in_which_they_are_counted(tmp_path):
+    (tmp_path / "grasps").mkdir()
+    for name in ("grasp-10", "grasp-2", "grasp-1", "b", "a", "grasp-2b"):
+        (tmp_path / "grasps" / f"{name}.h5").touch()
+    found = [path.stem for path in FruitFolder(tmp_path).grasp_files()]
+    assert found == ["a", "b", "grasp-1", "grasp-2", "grasp-2b", "grasp-10"]
