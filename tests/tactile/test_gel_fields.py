@@ -1,0 +1,125 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from samples.gel_images import seen_at
+from tactile.failure import TactileFailure
+from tactile.gel_fields import GelFields, fields_of, frame_noise, layer_of
+from tactile.gel_slab import GelSlab, SpringBed
+from tactile.sensors import Camera, Sensor, marker_grid
+from tactile.tracking import TrackedMarkers
+
+REST = marker_grid(11, 13, pitch_mm=(1.0, 1.0), first_mm=None)
+KN, KT = 0.2, 0.06
+DEPTHS = np.concatenate([np.zeros(6), np.linspace(0.05, 0.6, 8)])
+
+
+def eye(turn_rad: float) -> Camera:
+    c, s = np.cos(turn_rad), np.sin(turn_rad)
+    pose = np.eye(4)
+    pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
+    pose[:3, 3] = -24.0 * pose[:3, 2]
+    return Camera(
+        image_px=(640, 480),
+        focal_px=(740.0, 742.0),
+        centre_px=(320.0, 238.0),
+        distortion=(-0.12, 0.03, 0.001, -0.001, 0.0),
+        gel_from_camera=pose,
+    )
+
+
+SENSOR = Sensor(
+    kind="markers-stereo",
+    name="stereo gel",
+    camera=eye(0.35),
+    second_camera=eye(-0.35),
+    thickness_mm=4.0,
+    E_MPa=0.2,
+    nu=0.48,
+    gel_kn_MPa_per_mm=KN,
+    gel_kt_MPa_per_mm=KT,
+)
+
+
+def motion(depth_mm: float) -> np.ndarray:
+    """A bed of springs pressed by a paraboloid and dragged along x."""
+    r = np.minimum(np.linalg.norm(REST[:, :2], axis=1) / 3.6, 1.0)
+    return np.outer(1 - r**2, [0.3 * depth_mm, 0.0, -depth_mm])
+
+
+def tracked(camera: Camera, seed: int) -> TrackedMarkers:
+    rng = np.random.default_rng(seed)
+    pixels = np.stack([seen_at(camera, REST + motion(d)) for d in DEPTHS])
+    return TrackedMarkers(
+        time_s=np.arange(len(DEPTHS)) / 30,
+        reference_px=seen_at(camera, REST),
+        position_px=pixels + rng.normal(scale=0.03, size=pixels.shape),
+        quality=np.ones(pixels.shape[:2]),
+        rest_mm=REST,
+    )
+
+
+@pytest.fixture(scope="module")
+def fields() -> GelFields:
+    return fields_of(SENSOR, tracked(eye(0.35), 1), second=tracked(eye(-0.35), 2))
+
+
+def test_displacement_is_within_its_stated_deviation(fields: GelFields) -> None:
+    truth = np.stack([motion(d) for d in DEPTHS])
+    scores = (fields.displacement_mm - truth) / fields.displacement_sd_mm
+    assert np.sqrt((scores**2).mean()) < 1.1
+    assert np.sqrt(((fields.displacement_mm - truth)[..., :2] ** 2).mean()) < 0.002
+
+
+def test_springs_push_back_in_proportion(fields: GelFields) -> None:
+    """Force is stiffness times displacement times a marker's square millimetre."""
+    for k in (9, 13):
+        expected = -motion(DEPTHS[k]) * [KT, KT, KN]
+        total = fields.force_N[k].sum(axis=0)
+        assert np.linalg.norm(total - expected.sum(axis=0)) < 0.05 * np.linalg.norm(expected.sum(axis=0))
+        assert np.corrcoef(fields.force_N[k].ravel(), expected.ravel())[0, 1] > 0.98
+
+
+def test_the_air_has_noise_and_no_force_beyond_it(fields: GelFields) -> None:
+    air = DEPTHS == 0
+    assert 0 < fields.displacement_mm[air].std() < 0.005
+    assert np.abs(fields.force_N[air] / fields.force_sd_N[air]).max() < 6
+    assert not fields.touching[air].any()
+
+
+def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
+    stated = fields.joint_covariance(13)
+    n = 3 * len(REST)
+    assert stated.shape == (2 * n, 2 * n)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(stated)[n:]), fields.force_sd_N[13].ravel(), rtol=1e-6, atol=1e-12
+    )
+
+
+def test_a_dome_is_refused_with_what_to_do() -> None:
+    dome = replace(tracked(eye(0.0), 1), rest_mm=REST - np.outer((REST**2).sum(axis=1), [0, 0, 0.03]))
+    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
+    with pytest.raises(TactileFailure, match=r"stereo gel: its gel is a dome .* use the maker's own"):
+        fields_of(mono, dome)
+
+
+def test_stereo_without_the_second_camera_is_refused() -> None:
+    with pytest.raises(TactileFailure, match="the second camera's markers are missing"):
+        fields_of(SENSOR, tracked(eye(0.35), 1))
+
+
+def test_measured_springs_go_before_the_slab() -> None:
+    assert layer_of(SENSOR) == SpringBed(kn_MPa_per_mm=KN, kt_MPa_per_mm=KT)
+    slab = replace(SENSOR, gel_kn_MPa_per_mm=None)
+    assert layer_of(slab) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
+    with pytest.raises(TactileFailure, match=r"forces need the gel: .* E_MPa None"):
+        layer_of(replace(slab, E_MPa=None))
+
+
+def test_noise_is_told_from_motion() -> None:
+    rng = np.random.default_rng(3)
+    t = np.linspace(0, 1, 60)[:, None, None]
+    moving = np.concatenate([np.zeros((20, 1, 1)), 5 * t**2]) * np.ones((1, 200, 2))
+    noisy = moving + rng.normal(scale=0.03, size=moving.shape)
+    assert frame_noise(noisy) == pytest.approx(0.03, rel=0.1)
