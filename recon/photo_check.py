@@ -74,7 +74,7 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     for reason, names in _by_reason({n: r for n, r in weak.items() if n not in lost}).items():
         warnings.append(f"{listed(names)}: {reason}; {done}.")
     if len(kept) < FEWEST_PHOTOS:
-        _refuse_rest(looks, lost)
+        _refuse_rest(looks, lost, known)
     optics = [look.optics for look in kept if look.optics is not None]
     if mat is not None:
         warnings += [*mat_doubts([look.tags for look in kept], mat), *lens_doubts(optics)]
@@ -183,19 +183,24 @@ def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
     return weak
 
 
-def _refuse_rest(looks: list[_Look], lost: dict[str, str]) -> None:
+def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
     """Refuse a set of which fewer than three photos can be placed."""
     if not lost:
         return
     most = max(len(look.tags) for look in looks)
     if most == 0 and not any("blurred" in reason for reason in lost.values()):
-        return
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
+            f"{len(looks)} "
+            "photos; check that mat.json belongs to the printed mat, and that it is in view and in focus.",
+        )
     why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
     raise ReconFailure(
         ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
         f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
-        f"{listed(sorted(lost))}); at "
-        f"least {FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
+        f"{listed(sorted(lost))}); at least "
+        f"{FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
     )
 
 

@@ -30,7 +30,7 @@ def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2
 
     A step smeared by a Gaussian of standard deviation s has its steepest slope (white - black) / (s sqrt(2
     pi)). The way across reaches a sixteenth of the tag's side, half of the narrowest printed cell, to each
-    side.
+    side; a smear of more than about half of that is read too small.
     """
     middle = corners.mean(axis=1, keepdims=True)
     a, b = corners, np.roll(corners, -1, axis=1)

@@ -19,7 +19,7 @@ MAT = standard_mat()
 
 @cache
 def photos(count=13):
-    return tuple(photographed(ring(count, width=640, height=480), egg=Egg(), mat=MAT))
+    return tuple(photographed(ring(count), egg=Egg(), mat=MAT))
 
 
 def spoilt(which, change):
@@ -114,7 +114,7 @@ def test_a_covered_mat_is_told():
 @pytest.mark.parametrize("sigma", [1.5, 2.5])
 def test_smear_of_edges_is_that_of_the_blur(sigma):
     """The pictures' own smear (pixel box, 0.3 to 0.6 px) adds in squares."""
-    image = cv2.resize(photos()[0].image, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
+    image = cv2.resize(photos()[0].image, None, fx=3, fy=3, interpolation=cv2.INTER_CUBIC)
     corners = detect_tags(image, MAT)[1]
     sharp = tag_optics(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), corners).blur_px
     soft = tag_optics(cv2.cvtColor(blurred(sigma)(image), cv2.COLOR_BGR2GRAY), corners).blur_px
@@ -122,9 +122,27 @@ def test_smear_of_edges_is_that_of_the_blur(sigma):
 
 
 def test_a_lens_that_darkens_corners_is_told():
-    v, u = np.mgrid[:480, :640]
-    light = 1 - 0.75 * ((u - 320) ** 2 + (v - 240) ** 2) / (320**2 + 240**2)
+    v, u = np.mgrid[:360, :480]
+    light = 1 - 0.75 * ((u - 240) ** 2 + (v - 180) ** 2) / (240**2 + 180**2)
     checked = checked_photos(
         spoilt(range(13), lambda image: (image * light[..., None]).astype(np.uint8)), MAT
     )
     assert any("darken by" in w for w in checked.warnings)
+
+
+def test_another_mat_than_the_printed_one_is_not_found():
+    other = replace(MAT, dictionary="5X5_100")
+    with pytest.raises(
+        ReconFailure, match=r"No marker of the mat \(5X5_100, 40 tags\) .* 13 photos"
+    ) as caught:
+        checked_photos(photos(), other)
+    assert caught.value.problem is ReconProblem.MAT_NOT_FOUND
+
+
+def test_without_a_mat_the_first_photo_stays_or_the_set_is_refused():
+    """It says where the suture is."""
+    dim = checked_photos(spoilt({0}, brighter(0.15)), None)
+    assert dim.photos[0].name == "000.png"
+    assert "000.png: too dark" in dim.warnings[0]
+    with pytest.raises(ReconFailure, match=r"The first photo, 000\.png, is of no use \(mirrored"):
+        checked_photos(spoilt({0}, mirrored), None)
