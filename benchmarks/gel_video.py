@@ -10,6 +10,7 @@ for contact and stick.
 """
 
 import argparse
+import csv
 import json
 import time
 from collections.abc import Iterator
@@ -148,6 +149,16 @@ def dropped_and_back(frames: list[np.ndarray]) -> dict[str, float]:
     }
 
 
+def write_table(rows: dict[str, dict[str, object]], path: Path) -> None:
+    """One row per clip."""
+    with path.open("w", newline="") as file:
+        table = csv.DictWriter(file, ["clip", *next(iter(rows.values()))], lineterminator="\n")
+        table.writeheader()
+        for name, row in rows.items():
+            rounded = {k: float(f"{v:.4g}") if isinstance(v, float) else v for k, v in row.items()}
+            table.writerow({"clip": name} | rounded)
+
+
 def picture(clips: dict[str, tuple[np.ndarray, Reference, np.ndarray]], path: Path) -> None:
     """First frames with every marker's motion from the empty gel."""
     mpl.use("Agg")
@@ -225,6 +236,7 @@ def main() -> None:
             first = track(empty[clip.stem], frames[:1])[0][0]
             shown[name] = (frames[0], empty[clip.stem], first)
     (given.out / "gel_video.json").write_text(json.dumps(answer, indent=1) + "\n")
+    write_table({name: row for name, row in answer.items() if "markers" in row}, given.out / "gel_video.csv")
     picture(shown, given.out / "gel-markers.png")
     stick_picture(ratios, given.out / "gel-stick.png")
 
