@@ -1,7 +1,10 @@
 """Which files of a fruit's folder count."""
 
+import cv2
+import numpy as np
 import pytest
 
+from pipeline.check import check
 from pipeline.layout import FruitFolder, FruitResults, write_whole
 
 
@@ -62,3 +65,22 @@ def test_recordings_come_in_the_order_in_which_they_are_counted(tmp_path):
         (tmp_path / "grasps" / f"{name}.h5").touch()
     found = [path.stem for path in FruitFolder(tmp_path).grasp_files()]
     assert found == ["a", "b", "grasp-1", "grasp-2", "grasp-2b", "grasp-10"]
+
+
+def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
+    """Every file is read, and three at least must be there."""
+    batch = tmp_path / "batch"
+    fruit = batch / "fruits" / "N01"
+    for name in ("photos", "photos-flipped", "grasps"):
+        (fruit / name).mkdir(parents=True)
+    picture = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
+    for name in ("photos/1.jpg", "photos/2.jpg", "photos/3.jpg", "photos-flipped/1.jpg"):
+        (fruit / name).write_bytes(picture)
+    (fruit / "photos-flipped" / "2.jpg").write_bytes(b"")
+    (batch / "batch.toml").write_text('category = "nectarine"\n')
+    (batch / "fruits.csv").write_text("fruit_id,height_mm\nN01,56\n")
+    files = [p.relative_to(fruit).as_posix() for p in FruitFolder(fruit).input_files()]
+    assert files[-2:] == ["photos-flipped/1.jpg", "photos-flipped/2.jpg"]
+    said = [p.sentence for p in check(batch) if "flipped" in p.file]
+    assert any("upside down holds 2 photos" in sentence for sentence in said)
+    assert any("2.jpg in" in sentence and "is empty" in sentence for sentence in said)
