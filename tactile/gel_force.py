@@ -30,7 +30,7 @@ from scipy.spatial import Delaunay, cKDTree
 from tactile.gel_slab import GelLayer, tent_compliance
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
-GROWS_AT_SD = 3.0
+GROWS_AT_SD = 1.0
 APPEARS_AT_SD = 6.0
 MOST_ROUNDS = 12
 NODE_PER_MARKER = 0.7

@@ -6,18 +6,18 @@ from tactile.gel_force import GelForce, GelGrid, Strength, chosen_strength, gel_
 from tactile.gel_slab import GelSlab
 from tactile.sensors import marker_grid
 
-SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.48)
+SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
 MARKERS = marker_grid(13, 13, pitch_mm=(0.6, 0.6), first_mm=None)
 NOISE_MM = np.array([0.001, 0.001, 0.004])
 INFORMATION = np.tile(np.diag(1 / NOISE_MM**2), (len(MARKERS), 1, 1))
 STRENGTH = Strength(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
-SIDES = (-8, -5.5, -4.2, -2.8, -2.1, -1.4, -0.7, 0, 0.7, 1.4, 2.1, 2.8, 4.2, 5.5, 8)
+SIDES = (-8, -5, -3.4, -2.4, -1.6, -0.8, 0, 0.8, 1.6, 2.4, 3.4, 5, 8)
 
 
 @pytest.fixture(scope="module")
 def block() -> GelBlock:
     return gel_block(
-        thickness_mm=2.0, E_MPa=0.2, nu=0.48, reach_mm=1.9, x_mm=SIDES, y_mm=SIDES, depths=(0, 0.4, 1)
+        thickness_mm=2.0, E_MPa=0.2, nu=0.45, reach_mm=1.9, x_mm=SIDES, y_mm=SIDES, depths=(0, 0.25, 0.6, 1)
     )
 
 
