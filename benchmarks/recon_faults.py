@@ -159,7 +159,7 @@ def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"
         except (ReconFailure, FruitEnded) as failure:
             return row | {
                 "ending": "refused",
-                "sentence": str(failure),
+                "sentence": str(failure).replace(str(root), "BATCH"),
                 "seconds": round(time.perf_counter() - started, 1),
             }
     to_mesh = shape.mesh_from_fruit

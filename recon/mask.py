@@ -112,6 +112,14 @@ def learn_palette(fruit: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "m 3
     return Palette(_density(fruit), _density(other))
 
 
+def looks_like(
+    colours: Float[np.ndarray, "h w 3"], sample: Float[np.ndarray, "n 3"]
+) -> Bool[np.ndarray, "h w"]:
+    """Where a colour is as common in a sample as nine tenths of the sample's own colours are."""
+    density = _density(sample)
+    return np.asarray(density[_cells(colours)] >= np.percentile(density[_cells(sample)], 10))
+
+
 def colour_odds(
     colours: Float[np.ndarray, "h w 3"],
     difference: Float[np.ndarray, "h w 3"],

@@ -30,20 +30,23 @@ SEARCHES = (
     Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
     Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
     Search(highest=0.05, lowest=-0.07, steps=18, from_moved=True),
+    Search(highest=0.05, lowest=-0.07, steps=18, from_moved=True),
+    Search(highest=0.04, lowest=-0.04, steps=16, from_moved=True),
 )
 LEVEL = 5
 VIEWS_EACH = 5
 SIDE = 7
 PATCH_STEP_PX = 1.7
-LEAST_SCORE = 0.55
+LEAST_SCORE = 0.5
 LEAST_CONTRAST = 1.2
 GLOSS_DEPTH_SHARE = 0.04
 HIGHLIGHT = 215.0
 STEM_COSINE = 0.75
 SHALLOW_SHARE = 0.055
 MOST_DEEP = 0.25
-STIFFNESS = 0.6
+STIFFNESS = 1.2
 SUPPORT_WEIGHT = 5.0
+EVERYWHERE, LOOSE = 0.02, 2e-4
 FLAT, ROUND = 0.45, 0.85
 HOLLOW_SHARE = 0.02
 HOLLOW_DENSITY = 0.25
@@ -80,21 +83,22 @@ def with_relief(
     ]
     bending = _bending(points, normals, coarse_faces)
     held = SUPPORT_WEIGHT * support[:count] * _rounded(bending * radius)
-    moved, share = points, 0.0
+    moved, share, hollow = points, 0.0, np.zeros(count)
     for search in SEARCHES:
         base = moved if search.from_moved else points
         offsets = np.linspace(search.highest, search.lowest, search.steps) * radius
         scores = _agreement(base, normals, bending, grey, cameras, offsets)
-        below = np.einsum("ij,ij->i", base - points, normals)[:, None] + offsets
-        scores[np.abs(normals[:, 2]) < STEM_COSINE] *= (below > -SHALLOW_SHARE * radius)[
-            np.abs(normals[:, 2]) < STEM_COSINE
-        ]
+        height = np.einsum("ij,ij->i", base - points, normals)
+        side = np.abs(normals[:, 2]) < STEM_COSINE
+        scores[side] *= (height[:, None] + offsets > -SHALLOW_SHARE * radius)[side]
         offset, weight = _peaks(_shared(scores, coarse_faces), offsets)
-        deep = below[:, 0] - offsets[0] + offset < -GLOSS_DEPTH_SHARE * radius
-        if (weight * deep).sum() > MOST_DEEP * max(float(weight.sum()), 1.0):
+        found = height + offset
+        if (weight * (found < -GLOSS_DEPTH_SHARE * radius)).sum() > MOST_DEEP * max(float(weight.sum()), 1.0):
             return vertices, 0.0
-        hollow = _hollow(below[:, 0] - offsets[0] + offset < -HOLLOW_SHARE * radius, weight > 0, coarse_faces)
-        moved = base + _membrane(offset, weight, held * (1 - hollow), coarse_faces)[:, None] * normals
+        hollow = np.maximum(hollow, _hollow(found < -HOLLOW_SHARE * radius, weight > 0, coarse_faces))
+        pull = LOOSE + (EVERYWHERE + held) * (1 - hollow) ** 4
+        smooth = _membrane(found, weight, pull, coarse_faces)
+        moved = base + (smooth - height)[:, None] * normals
         share = float((weight > 0).mean())
         turned = vertex_normals(moved, coarse_faces)
         normals = turned if search.from_moved else _blend(normals, turned)
@@ -234,12 +238,10 @@ def _membrane(
     pull: Float[np.ndarray, " n"],
     faces: Int[np.ndarray, "m 3"],
 ) -> Float[np.ndarray, " n"]:
-    """argmin sum w (x - offset)² + pull x² + STIFFNESS |x - mean of neighbours|², with a small pull
-    everywhere.
-    """
+    """argmin sum w (x - offset)² + pull x² + STIFFNESS |x - mean of neighbours|²."""
     step = _neighbours(faces, len(offset))
     bend = sparse.identity(len(offset)) - step
-    A = sparse.diags(weight + pull + 0.02) + STIFFNESS * (bend.T @ bend) * 4
+    A = sparse.diags(weight + pull) + STIFFNESS * (bend.T @ bend) * 4
     return np.asarray(spsolve(A.tocsc(), weight * offset))
 
 

@@ -21,6 +21,9 @@ COARSE_SIDE_PX = 300
 FINE_SIDE_PX = 480
 PRIOR_ODDS = 4.0
 FEWEST_CELLS = 60
+CORE_SHARE = 0.4
+SURE_ODDS = 2.0
+FEWEST_SURE_PIXELS = 500
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ def segmented(
     plate = clean_plate(images, cameras, half_width_mm=half_width)
     views = _views(images, cameras, _corners(low_mm, high_mm), plate, margin=0.02, side=COARSE_SIDE_PX)
     odds = [colour.first_odds(v.difference, v.known) for v in views]
-    masks = [colour.tidy(o) | ~v.known for o, v in zip(odds, views, strict=True)]
+    alike = _alike(views, odds, low_mm, high_mm)
+    masks = [colour.tidy(o) | ~v.known | a for o, v, a in zip(odds, views, alike, strict=True)]
     block = _carved(masks, views, low_mm, high_mm)
     for first in (True, False):
         cells = block.standing_points if first else block.points
@@ -114,6 +118,35 @@ def _views(
             View(i, window, camera, colours, *colour.plate_difference(colours, window, plate, camera))
         )
     return views
+
+
+def _alike(
+    views: list[View],
+    odds: list[Float[np.ndarray, "h w"]],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
+
+    They say nothing against a fruit. The fruit's colours are those of pixels surely unlike the plate, where
+    the middle of the box projects to.
+    """
+    x, y, z = (np.linspace(-s, s, 9) for s in (1.0, 1.0, 1.0))
+    grid = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    middle, half = (low + high) / 2, (high - low) / 2
+    core = middle + grid * half * CORE_SHARE
+    core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
+    sure = []
+    for view, odd in zip(views, odds, strict=True):
+        columns, rows = view.window.small_size_px
+        hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
+        inside = np.zeros((rows, columns), np.uint8)
+        cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
+        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & view.known])
+    pixels = np.concatenate(sure)
+    if len(pixels) < FEWEST_SURE_PIXELS:
+        return [np.zeros_like(v.known) for v in views]
+    return [colour.looks_like(v.colours, pixels) & v.known for v in views]
 
 
 def _carved(

@@ -7,15 +7,22 @@ log.csv               time_s, aperture_mm, [frame], [fx_N, fy_N, fz_N, tx_Nmm, t
 <pad>/times.csv       optional: frame, time_s of the pad's own clock
 ```
 
-```toml fruit_id = "f01" category = "nectarine" loading = "grasp"                  # or "press", with one pad
-`tip` pose_aperture_mm = 60.0            # the aperture at which the poses below hold [pads.left]
-# and [pads.right] sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one
-is given for all pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
+```toml
+fruit_id = "f01"
+category = "nectarine"
+loading = "grasp"                  # or "press", with one pad `tip`
+pose_aperture_mm = 60.0            # the aperture at which the poses below hold
+[pads.left]                        # and [pads.right]
+sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one is given for all
+pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
 frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
-second_frames = "left-b"           # a stereo sensor's second camera, its reference.png in <second> reference
-= "left/reference.png"   # optional reference_frames = [0, 5]          # in its place: the mean of frames 0 to
-4, which must be of the untouched gel serial = "2A47"                    # optional: the sensor these frames
-came from time_offset_s = 0.0                # optional: the pad's clock less the log's ``` A pad moves along
+second_frames = "left-b"           # a stereo sensor's second camera, its reference.png in that folder
+reference = "left/reference.png"   # optional
+reference_frames = [0, 5]          # in its place: the mean of frames 0 to 4, all of the untouched gel
+serial = "2A47"                    # optional: the sensor these frames came from
+time_offset_s = 0.0                # optional: the pad's clock less the log's
+```
+A pad moves along
 its own z by half of what the aperture changes (a press: its tip by all of the travel).
 """
 

@@ -27,7 +27,7 @@ pitch_mm = [2.0, 2.0]
 first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
 
 [[lights]]                       # photometric: three lights or more, or calibration_file = "look-up.npz"
-direction = [1.0, 0.0, 0.5]
+direction = [1.0, 0.0, -0.5]
 colour = [1.0, 0.0, 0.0]
 ```
 """
