@@ -77,9 +77,12 @@ def segmented(
     plate = clean_plate(images, cameras, half_width_mm=half_width)
     views = _views(images, cameras, _corners(low_mm, high_mm), plate, margin=0.02, side=COARSE_SIDE_PX)
     odds = [colour.first_odds(v.difference, v.known) for v in views]
-    alike = _alike(views, odds, low_mm, high_mm)
-    masks = [colour.tidy(o) | ~v.known | a for o, v, a in zip(odds, views, alike, strict=True)]
-    block = _carved(masks, views, low_mm, high_mm)
+    masks = [colour.tidy(o) | ~v.known for o, v in zip(odds, views, strict=True)]
+    try:
+        block = _carved(masks, views, low_mm, high_mm)
+    except ReconFailure:
+        alike = _alike(views, odds, low_mm, high_mm)
+        block = _carved([m | a for m, a in zip(masks, alike, strict=True)], views, low_mm, high_mm)
     for first in (True, False):
         cells = block.standing_points if first else block.points
         palettes = _palettes(views, odds, block, first=first)
