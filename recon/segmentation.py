@@ -131,8 +131,8 @@ def _alike(
 ) -> list[Bool[np.ndarray, "h w"]]:
     """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
 
-    They say nothing against a fruit. The fruit's colours are those of pixels surely unlike the plate, where
-    the middle of the box projects to.
+    They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
+    pixels surely unlike the plate, where the middle of the box projects to.
     """
     x, y, z = (np.linspace(-s, s, 9) for s in (1.0, 1.0, 1.0))
     grid = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
