@@ -19,7 +19,7 @@ STIFFNESS = 6.0
 REACH_SHARE = 0.03
 LEAST_SPREAD_PX = 0.35
 SPREADS = 3.0
-LIT, SHADED = 0.4, 0.8
+SHADED = 0.4
 SPREADING = 6
 
 
@@ -53,8 +53,7 @@ def settled(
 
     with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
     solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and rims that
-    look down at it count less the steeper they do, and not at all beyond 53 degrees: the fruit's own shadow
-    lies behind them.
+    look down at it count for little (none straight down): the fruit's own shadow lies behind them.
     """
     i, j = _edges(faces)
     L = _bending(faces, len(vertices))
@@ -82,7 +81,7 @@ def settled(
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
         if floor_mm is not None:
             down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
-            weight *= np.clip((SHADED - down) / (SHADED - LIT), 0.0, 1.0) ** 2
+            weight *= np.clip((1 - down) / SHADED, 0.0, 1.0) ** 2
         normal_of = A.T @ sparse.diags(weight) @ A + STIFFNESS * (L.T @ L)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
         if floor_mm is not None:
