@@ -14,12 +14,14 @@ from recon.camera import Camera
 from recon.closed import vertex_normals
 from recon.hull import Silhouette
 
-ROUNDS = 6
+ROUNDS, WARY = 8, 5
 STIFFNESS = 6.0
 REACH_SHARE = 0.03
 LEAST_SPREAD_PX = 0.35
 SPREADS = 3.0
-SHADED = 0.4
+SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
+"""How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in the
+WARY first rounds; over the SHADED before that it counts ever less."""
 SPREADING = 6
 
 
@@ -52,8 +54,9 @@ def settled(
         min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
 
     with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
-    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and rims that
-    look down at it count for little (none straight down): the fruit's own shadow lies behind them.
+    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one. Rims that look
+    down at it have the fruit's own shadow behind them: in the first rounds those beyond 53 degrees do not
+    count at all, and what the rest say of the bottom tells afterwards which of them are wrong.
     """
     i, j = _edges(faces)
     L = _bending(faces, len(vertices))
@@ -81,7 +84,8 @@ def settled(
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
         if floor_mm is not None:
             down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
-            weight *= np.clip((1 - down) / SHADED, 0.0, 1.0) ** 2
+            none_from = NONE_AT_FIRST_FROM if turn < WARY else NONE_FROM
+            weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
         normal_of = A.T @ sparse.diags(weight) @ A + STIFFNESS * (L.T @ L)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
         if floor_mm is not None:

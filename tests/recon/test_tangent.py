@@ -29,23 +29,27 @@ def conic(camera: Camera) -> np.ndarray:
     return middle + np.stack([np.cos(angle), np.sin(angle)], axis=1) / np.sqrt(w) @ V.T
 
 
-def outline_seen(camera: Camera, wave_px: np.ndarray) -> Silhouette:
+def outline_seen(camera: Camera, wave_px: np.ndarray, shadow_px: float = 0.0) -> Silhouette:
+    """The egg's outline with waves on it, and bulging where a shadow below is taken for the fruit."""
     points = conic(camera)
     tangent = np.roll(points, -1, 0) - np.roll(points, 1, 0)
     normals = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     normals *= np.sign(np.sum(normals * (points - points.mean(0)), axis=1, keepdims=True))
+    wave_px = wave_px + shadow_px * np.clip((normals[:, 1] - 0.75) / 0.15, 0.0, 1.0)
     picture = np.zeros((camera.height_px, camera.width_px, 3), np.uint8)
     outline = Outline(points + wave_px[:, None] * normals, normals, 1.0)
     return silhouette_of_outline(outline, Window(picture, (0, 0), 1), camera)
 
 
-def hull_and_settled(count: int, *, noise_px: float) -> tuple[np.ndarray, Settled, np.ndarray]:
+def hull_and_settled(
+    count: int, *, noise_px: float, shadow_px: float = 0.0
+) -> tuple[np.ndarray, Settled, np.ndarray]:
     rng = np.random.default_rng(3)
     silhouettes = []
     for camera in ring(count):
         wave = gaussian_filter1d(rng.normal(size=1024), 8, mode="wrap")
-        silhouettes.append(outline_seen(camera, noise_px * wave / wave.std()))
+        silhouettes.append(outline_seen(camera, noise_px * wave / wave.std(), shadow_px))
     vertices, faces = visual_hull(
         silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, doubt=0.03
     )
@@ -79,3 +83,9 @@ def test_it_stands_on_the_floor_and_says_where_no_outline_holds_it():
     assert found.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
     height = found.vertices[:, 2]
     assert np.median(found.support[height < 0.5]) < 0.1 * np.median(found.support[height > 10])
+
+
+def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
+    hull, found, faces = hull_and_settled(24, noise_px=0.0, shadow_px=8.0)
+    beyond = volume_mm3(hull, faces) / EGG.volume_mm3 - 1
+    assert volume_mm3(found.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
