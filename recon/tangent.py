@@ -20,8 +20,8 @@ REACH_SHARE = 0.03
 LEAST_SPREAD_PX = 0.35
 SPREADS = 3.0
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
-"""How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in the
-WARY first rounds; over the SHADED before that it counts ever less."""
+"""How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in
+the WARY first rounds; over the SHADED before that it counts ever less."""
 SPREADING = 6
 
 
