@@ -14,6 +14,7 @@ from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
+from tactile.failure import TactileFailure, TactileProblem
 from tactile.recording import GelPad, Recording, read_recording
 from tactile.registration import PadRegistration, register
 
@@ -52,9 +53,21 @@ def place_grasp(
     name = name or path.stem
     source = path.name if path.stem == name else name
     recording = corrected(read_recording(path), faults)
+    _refuse_no_pose(recording, source)
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     return PlacedGrasp(name=name, path=path, recording=recording, contact=contact, pads=pads)
+
+
+def _refuse_no_pose(recording: Recording, source: str) -> None:
+    """A pad at the fruit's foot, facing up, in every frame: nobody has said where the pad was."""
+    for pad in recording.pads:
+        if isinstance(pad, GelPad) and (pad.pose == np.eye(4)).all():
+            raise TactileFailure(
+                TactileProblem.UNREADABLE_RECORDING,
+                f"{source}: pads/{pad.name}/pose: found no pose (the identity in every frame), expected "
+                "where the pad was on the fruit in each; write the gripper's poses into the recording.",
+            )
 
 
 def foreign(grasp: PlacedGrasp, fruit_id: str, category: str) -> list[str]:

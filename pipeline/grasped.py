@@ -87,7 +87,8 @@ def _placed(
     """Every recording that can be used, and the failure of each that cannot."""
     placed, failures = [], {}
     folder = task.folder
-    recordings = {path.stem: path for path in (*folder.grasp_files(), *folder.raw_grasp_folders())}
+    recordings = {path.stem: path for path in folder.grasp_files()}
+    recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with diary.stage("contact"):
         for name, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
             try:

@@ -5,6 +5,7 @@ takes; its notes lie beside it. Both are named by the hash of all that they came
 """
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,8 +35,9 @@ def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> 
     if not (path.is_file() and notes.is_file()):
         made = recording_of(read_raw_grasp(folder), progress=_in_quarters(folder.name, report))
         cache.mkdir(parents=True, exist_ok=True)
-        for old in (*cache.glob(f"{folder.name}-*.h5"), *cache.glob(f"{folder.name}-*.json")):
-            old.unlink()
+        for old in cache.iterdir():
+            if re.fullmatch(re.escape(folder.name) + r"-[0-9a-f]{16}\.(h5|json|part)", old.name):
+                old.unlink()
         unfinished = path.with_suffix(".part")
         write_recording(unfinished, made.recording)
         unfinished.replace(path)

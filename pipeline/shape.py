@@ -52,9 +52,11 @@ def fruit_shape(task: FruitTask) -> Shape:
     doubts = size_doubts(task.given, shape.record, task.prior, on_mat=task.mat is not None)
     stance = stance_of(shape.vertices, shape.faces)
     said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
+    if not task.folder.pit_ply.is_file():
+        doubts = (*doubts, *stance_doubts(stance))
     return replace(
         shape,
-        warnings=(*shape.warnings, *doubts, *stance_doubts(stance)),
+        warnings=(*shape.warnings, *doubts),
         record=shape.record.model_copy(update={"stance": StanceRecord(**said)}),
     )
 

@@ -70,9 +70,11 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     kept = best if len(best) >= ENOUGH_VIEWS else good
     if mat is None:
         kept = _with_first(distinct[0], good, kept, lost)
-    done = "left out" if kept is best else "used all the same, for want of better ones"
-    for reason, names in _by_reason({n: r for n, r in weak.items() if n not in lost}).items():
-        warnings.append(f"{listed(names)}: {reason}; {done}.")
+    used = {look.photo.name for look in kept}
+    for done, these in (("left out", False), ("used all the same, for want of better ones", True)):
+        told = {n: r for n, r in weak.items() if n not in lost and (n in used) == these}
+        for reason, names in _by_reason(told).items():
+            warnings.append(f"{listed(names)}: {reason}; {done}.")
     if len(kept) < FEWEST_PHOTOS:
         _refuse_rest(looks, lost, known)
     optics = [look.optics for look in kept if look.optics is not None]

@@ -3,6 +3,7 @@
 The data and their source: tests/data/nectarine-grasp/SOURCE.md.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,8 @@ from fem.modulus_budget import ErrorBudget
 from fem.pad_link import contact_nodes
 from pipeline.grasp import grasp_record, history, place_grasp
 from recon.mesh_file import read_mesh
+from tactile.failure import TactileFailure
+from tactile.recording import read_recording, write_recording
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
 E_MPA, NU = 1.066393333897285, 0.45
@@ -34,6 +37,14 @@ def graded():
         mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [pressed])
     )
     return grasp, estimate_modulus(pressed, grasp_model(pressed, solid), budget=ErrorBudget())
+
+
+def test_a_recording_without_poses_is_refused(tmp_path):
+    recording = read_recording(DATA / "grasp.h5")
+    nowhere = [replace(pad, pose=np.broadcast_to(np.eye(4), pad.pose.shape).copy()) for pad in recording.pads]
+    write_recording(tmp_path / "grasp.h5", replace(recording, pads=tuple(nowhere)))
+    with pytest.raises(TactileFailure, match="pads/left/pose: found no pose"):
+        place_grasp(tmp_path / "grasp.h5", *read_mesh(DATA / "fruit.ply"))
 
 
 @pytest.fixture(scope="module")

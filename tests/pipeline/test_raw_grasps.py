@@ -61,6 +61,14 @@ def test_the_sensors_description_above_counts_and_the_batchs_settings_do_not(fol
     assert len(readings) == 2
 
 
+def test_another_grasps_kept_recording_stays(folder, readings, tmp_path):
+    other = folder.with_name("grasp")
+    (other / "left").mkdir(parents=True)
+    kept = kept_recording(folder, tmp_path / "cache", print)
+    kept_recording(other, tmp_path / "cache", print)
+    assert kept.path.is_file()
+
+
 def test_frames_that_cannot_be_read_leave_nothing_behind(folder, monkeypatch, tmp_path):
     def refused(path: Path) -> None:
         raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, "left: found no frames")

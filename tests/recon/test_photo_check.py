@@ -144,5 +144,6 @@ def test_without_a_mat_the_first_photo_stays_or_the_set_is_refused():
     dim = checked_photos(spoilt({0}, brighter(0.15)), None)
     assert dim.photos[0].name == "000.png"
     assert "000.png: too dark" in dim.warnings[0]
+    assert "used all the same" in dim.warnings[0]
     with pytest.raises(ReconFailure, match=r"The first photo, 000\.png, is of no use \(mirrored"):
         checked_photos(spoilt({0}, mirrored), None)
