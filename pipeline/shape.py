@@ -53,7 +53,7 @@ def fruit_shape(task: FruitTask) -> Shape:
     stance = stance_of(shape.vertices, shape.faces)
     said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
     if not task.folder.pit_ply.is_file():
-        doubts = (*doubts, *stance_doubts(stance))
+        doubts = [*doubts, *stance_doubts(stance)]
     return replace(
         shape,
         warnings=(*shape.warnings, *doubts),
