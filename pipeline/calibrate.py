@@ -78,8 +78,8 @@ def _described(sensor: Path) -> dict[str, Any]:
         raise BatchRefused([Problem(str(sensor), f"is no TOML: {cause}.")]) from cause
 
 
-def _camera(sensor: Path, described: dict[str, Any]) -> Camera:
-    """The camera of a description that has no lights yet."""
+def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
+    """The camera and its gamma, of a description that has no lights yet."""
     if described.get("kind") != "photometric":
         raise BatchRefused(
             [
@@ -94,23 +94,28 @@ def _camera(sensor: Path, described: dict[str, Any]) -> Camera:
     with tempfile.TemporaryDirectory() as folder:
         stage = Path(folder) / sensor.name
         stage.write_text(as_toml(bare), encoding="utf-8")
-        camera = read_sensor(stage).camera
-    if camera is None:
+        read = read_sensor(stage)
+    if read.camera is None:
         raise BatchRefused([Problem(str(sensor), "has no [camera].")])
-    return camera
+    return read.camera, read.gamma
 
 
 def _ball(
     path: Path, file: Path, described: dict[str, Any], presses: Presses, report: Callable[[str], None]
 ) -> list[str]:
-    camera = _camera(path, described)
+    camera, gamma = _camera(path, described)
     if presses.reference is None or presses.ball_mm is None:
         return []
     untouched = read_picture(presses.reference)
     prints, said = [], []
     for picture in presses.ball:
         found = ball_print(
-            camera, untouched, read_picture(picture), radius_mm=presses.ball_mm, source=str(picture)
+            camera,
+            untouched,
+            read_picture(picture),
+            radius_mm=presses.ball_mm,
+            source=str(picture),
+            gamma=gamma,
         )
         prints.append(found)
         x, y = found.centre_mm

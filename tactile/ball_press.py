@@ -41,13 +41,14 @@ def ball_print(
     *,
     radius_mm: float,
     source: str,
+    gamma: float = 1.0,
 ) -> BallPrint:
     """Find the ball in `image`; `source` is how a failure names the picture.
 
     Raises TactileFailure (unreadable-frames) where no print is seen: nothing changed by 15 %.
     """
     untold = SlopeLookup(coefficients=np.zeros((1, 2)))
-    shading = PhotometricDepth(camera, reference, untold)
+    shading = PhotometricDepth(camera, reference, untold, gamma=gamma)
     change = shading.change(image).reshape(-1, 3)
     face = on_face(camera, shading.pixels.reshape(-1, 2))[:, :2]
     strength = np.linalg.norm(change, axis=1)
@@ -79,7 +80,7 @@ def ball_print(
         height = deep - distance[near, None] ** 2 / (2.0 * radius_mm)
         x = (face[near] - centre) * (1.0 + height / eye)
         slopes = x / np.sqrt(radius_mm**2 - (x**2).sum(axis=1, keepdims=True))
-        shading = PhotometricDepth(camera, reference, fitted_lookup(change[near], slopes))
+        shading = PhotometricDepth(camera, reference, fitted_lookup(change[near], slopes), gamma=gamma)
         deep = -float(shading.at(image, middle)[0, 2])
     return BallPrint(centre_mm=centre, contact_mm=contact, depth_mm=deep, change=change[near], slopes=slopes)
 

@@ -13,11 +13,10 @@ from tactile.gaps import at_times, filled
 from tactile.gel_fields import fields_of
 from tactile.marker_places import places_of
 from tactile.pad_frames import Progress, camera_of, losses_said, of_frames, of_markers, tracked_markers
-from tactile.photometric import PhotometricDepth, lambert_lookup
 from tactile.raw_grasp import RawGrasp, RawPad, View
 from tactile.recording import GelPad, Recording
-from tactile.sensors import Camera, Sensor
-from tactile.shading_file import read_lookup
+from tactile.sensors import Sensor
+from tactile.shading_file import shading_of
 from tactile.stiffness import layer_stiffness
 from tactile.tracking import reference_of
 
@@ -93,7 +92,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
     notes += losses_said(tracked, source) + gaps_said(tracked.time_s, source)
     if not kept.all():
         notes.append(f"{source}: {int((~kept).sum())} frames are the one before written again; left out.")
-    shading = _shading(pad, camera)
+    shading = shading_of(pad.sensor, camera, pad.view.reference)
     found = fields_of(
         pad.sensor,
         tracked,
@@ -143,14 +142,6 @@ def _fits(pad: RawPad, sensor: Sensor) -> bool:
     except TactileFailure:
         return False
     return True
-
-
-def _shading(pad: RawPad, camera: Camera) -> PhotometricDepth | None:
-    if pad.sensor.kind != "photometric":
-        return None
-    file = pad.sensor.calibration_file
-    lookup = lambert_lookup(pad.sensor.lights) if file is None else read_lookup(file)
-    return PhotometricDepth(camera, pad.view.reference, lookup)
 
 
 def _chosen(view: View, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:

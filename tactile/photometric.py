@@ -57,8 +57,7 @@ def lambert_change(
         inward /= np.linalg.norm(inward, axis=1, keepdims=True)
         total = np.full((len(slope), 3), ambient)
         for light in lights:
-            towards = light.direction * (-np.sign(light.direction[2]) or 1.0)
-            total = total + np.maximum(inward @ towards, 0.0)[:, None] * light.colour
+            total = total + np.maximum(inward @ light.direction, 0.0)[:, None] * light.colour
         return np.asarray(total)
 
     return np.asarray(brightness(slopes) / brightness(np.zeros((1, 2))) - 1.0)
@@ -75,11 +74,19 @@ def lambert_lookup(lights: tuple[Light, ...], *, ambient: float = 0.0, steepest:
 class PhotometricDepth:
     """Depth of a gel's face, frame by frame, against the frame in which nothing touches it."""
 
-    def __init__(self, camera: Camera, reference: UInt8[np.ndarray, "h w 3"], lookup: SlopeLookup) -> None:
+    def __init__(
+        self,
+        camera: Camera,
+        reference: UInt8[np.ndarray, "h w 3"],
+        lookup: SlopeLookup,
+        *,
+        gamma: float = 1.0,
+    ) -> None:
         self._camera, self._lookup = camera, lookup
+        self._light = (255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.float32)
         height, width = reference.shape[:2]
         self._shape = (height // BLOCK_PX, width // BLOCK_PX)
-        rest, clear = _blocks(reference, _between_dots(reference), self._shape)
+        rest, clear = _blocks(reference, _between_dots(reference), self._shape, self._light)
         self._reference = _filled(rest, clear, sigma=6.0)
         _, direction = rays(camera, self.pixels.reshape(-1, 2))
         turn = camera.gel_from_camera[:3, :3]
@@ -92,7 +99,7 @@ class PhotometricDepth:
 
     def change(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "a b 3"]:
         """r - 1 at the middle of every block, dots filled from round about."""
-        now, clear = _blocks(image, _between_dots(image), self._shape)
+        now, clear = _blocks(image, _between_dots(image), self._shape, self._light)
         return _filled(now / self._reference - 1.0, clear, sigma=1.2)
 
     @property
@@ -153,15 +160,18 @@ def _between_dots(image: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
 
 
 def _blocks(
-    image: UInt8[np.ndarray, "h w 3"], clear: Bool[np.ndarray, "h w"], shape: tuple[int, int]
+    image: UInt8[np.ndarray, "h w 3"],
+    clear: Bool[np.ndarray, "h w"],
+    shape: tuple[int, int],
+    light: Float[np.ndarray, "256"],
 ) -> tuple[Float[np.ndarray, "a b 3"], Float[np.ndarray, "a b"]]:
-    """Mean colour of each block's clear pixels, and their share."""
+    """Mean light of each block's clear pixels (`light` of each picture value), and their share."""
     size = (shape[1], shape[0])
     height, width = shape[0] * BLOCK_PX, shape[1] * BLOCK_PX
     mask = clear[:height, :width].astype(np.float32)
     share = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
     shown = cv2.bitwise_and(image[:height, :width], image[:height, :width], mask=mask.astype(np.uint8))
-    total = cv2.resize(shown.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    total = cv2.resize(cv2.LUT(shown, light), size, interpolation=cv2.INTER_AREA)
     return total / np.maximum(share, 1e-6)[..., None], np.where(share > 0.2, share, 0.0)
 
 

@@ -4,12 +4,13 @@
 kind = "markers-mono"            # markers-mono, markers-stereo, photometric, fields
 name = "GelSight Mini"
 serial = "2A47"                  # optional; frames that name another serial are refused
+ambient = 0.3                    # optional: light from all sides, in the unit of the lights' colours (0)
+gamma = 2.2                      # optional: of the pictures (1.0, linear)
 
 [gel]                            # not needed by kind "fields"
 thickness_mm = 4.0
 E_MPa = 0.25
 nu = 0.48
-face_mm = [18.6, 14.3]           # optional: what of the gel is in view, x and y
 gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
 gel_kt_MPa_per_mm = 0.02
 
@@ -26,7 +27,7 @@ columns = 9
 pitch_mm = [2.0, 2.0]
 first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
 
-[[lights]]                       # photometric: three lights or more, or calibration_file = "look-up.npz"
+[[lights]]                       # photometric: three lights or more, or calibration_file = "look-up.npz"; z < 0
 direction = [1.0, 0.0, -0.5]
 colour = [1.0, 0.0, 0.0]
 ```
@@ -43,7 +44,10 @@ from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
 from tactile.toml_table import Table, read_table
 
 KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
-TOP = {"kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file"}
+TOP = {
+    "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
+    "ambient", "gamma",
+}  # fmt: skip
 FEWEST_LIGHTS = 3
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation."""
@@ -61,12 +65,11 @@ def read_sensor(path: Path) -> Sensor:
     kind = top.choice("kind", KINDS)
     photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
     gel = top.table("gel", needed=images)
-    gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "face_mm", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
+    gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
     nu = gel.number("nu", needed=images, above=0.0)
     if nu is not None and nu >= 0.5:
         raise gel.refusal("nu", repr(nu), "a number below 0.5 (0.48 for a soft gel)")
-    face = gel.numbers("face_mm", (2,), needed=False)
-    lights = tuple(_light(table) for table in top.tables("lights"))
+    lights = _lights(top)
     calibration = _calibration(top)
     if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
         found = f"{len(lights)} lights and no calibration_file"
@@ -82,9 +85,10 @@ def read_sensor(path: Path) -> Sensor:
         nu=nu,
         gel_kn_MPa_per_mm=gel.number("gel_kn_MPa_per_mm", needed=False, above=0.0),
         gel_kt_MPa_per_mm=gel.number("gel_kt_MPa_per_mm", needed=False, above=0.0),
-        face_mm=None if face is None else _two(face),
         rest_mm=_rest(top.table("markers", needed=False)),
         lights=lights,
+        ambient=_ambient(top),
+        gamma=top.number("gamma", needed=False, above=0.0) or 1.0,
         calibration_file=calibration,
     )
 
@@ -134,13 +138,38 @@ def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
     )
 
 
+def _lights(top: Table) -> tuple[Light, ...]:
+    """The lights, which together must light every channel: a dark one has no brightness to compare."""
+    lights = tuple(_light(table) for table in top.tables("lights"))
+    if lights:
+        total = np.sum([light.colour for light in lights], axis=0)
+        dark = [name for name, value in zip("RGB", total, strict=True) if value == 0.0]
+        if dark:
+            found = f"no light in {' and '.join(dark)}"
+            raise top.refusal("lights", found, "colours (R, G, B) that light every channel")
+    return lights
+
+
+def _ambient(top: Table) -> float:
+    value = top.number("ambient", needed=False, above=-np.inf)
+    if value is not None and value < 0.0:
+        raise top.refusal("ambient", f"{value:g}", "0 or a number above, in the unit of the lights' colours")
+    return value or 0.0
+
+
 def _light(table: Table) -> Light:
     table.refuse_unknown({"direction", "colour"})
     direction = table.numbers("direction", (3,))
     length = float(np.linalg.norm(direction))
     if length == 0.0:
         raise table.refusal("direction", "zero", "the direction from the gel to the light")
-    return Light(direction=direction / length, colour=table.numbers("colour", (3,)))
+    if direction[2] >= 0.0:
+        found = f"z = {direction[2]:g}, a light on the fruit's side"
+        raise table.refusal("direction", found, "z below 0: from the gel to the light, z out of the gel")
+    colour = table.numbers("colour", (3,))
+    if (colour < 0.0).any():
+        raise table.refusal("colour", str(colour.tolist()), "three numbers, none below 0")
+    return Light(direction=direction / length, colour=colour)
 
 
 def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:

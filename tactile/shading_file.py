@@ -1,12 +1,25 @@
-"""A photometric look-up in a file: NumPy's .npz with one array, `coefficients` (k, 2)."""
+"""A sensor's shading, and its look-up in a file: NumPy's .npz with one array, `coefficients` (k, 2)."""
 
 from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
+from jaxtyping import UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
-from tactile.photometric import SlopeLookup
+from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
+from tactile.sensors import Camera, Sensor
+
+
+def shading_of(
+    sensor: Sensor, camera: Camera, reference: UInt8[np.ndarray, "h w 3"]
+) -> PhotometricDepth | None:
+    """The depth reader of a photometric sensor, by its look-up or else its lights; None for other kinds."""
+    if sensor.kind != "photometric":
+        return None
+    file = sensor.calibration_file
+    lookup = lambert_lookup(sensor.lights, ambient=sensor.ambient) if file is None else read_lookup(file)
+    return PhotometricDepth(camera, reference, lookup, gamma=sensor.gamma)
 
 
 def read_lookup(path: Path) -> SlopeLookup:

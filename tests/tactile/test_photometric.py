@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -5,7 +7,9 @@ from samples.gel_images import Field, GelLook, gel_image, seen_at
 from tactile.ball_press import ball_lookup, ball_print
 from tactile.failure import TactileFailure
 from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
+from tactile.sensor_file import read_sensor
 from tactile.sensors import Camera, Light, marker_grid
+from tactile.shading_file import shading_of
 
 AMBIENT = 0.35
 DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)
@@ -93,3 +97,30 @@ def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
 def test_a_picture_without_a_ball_is_refused() -> None:
     with pytest.raises(TactileFailure, match=r"press-3\.png: colours change by"):
         ball_print(eye(), image(eye(), flat, 0), image(eye(), flat, 3), radius_mm=5.0, source="press-3.png")
+
+
+@pytest.mark.parametrize("gamma", [1.0, 2.2])
+def test_a_description_by_lights_gives_the_depth_of_a_dent(tmp_path: Path, gamma: float) -> None:
+    """The room's light and the pictures' gamma are told by the file; without ambient depth is 0.2 mm off."""
+    lights = "".join(
+        f"[[lights]]\ndirection = {light.direction.tolist()}\ncolour = {light.colour.tolist()}\n"
+        for light in LIGHTS
+    )
+    path = tmp_path / "sensor.toml"
+    path.write_text(
+        f'kind = "photometric"\nname = "lit"\nambient = {AMBIENT}\ngamma = {gamma}\n[gel]\nthickness_mm = 4.0\n'
+        "E_MPa = 0.2\nnu = 0.48\n[camera]\nimage_px = [480, 360]\nfocal_px = [720.0, 721.0]\n"
+        "centre_px = [241.0, 178.0]\ndistortion = [-0.12, 0.03, 0.001, -0.001, 0.0]\n"
+        f"gel_from_camera = {eye().gel_from_camera.tolist()}\n{lights}"
+    )
+    sensor = read_sensor(path)
+    rest, pressed = (
+        np.rint(255 * (image(eye(), shape, seed) / 255) ** (1 / gamma)).astype(np.uint8)
+        for seed, shape in enumerate((flat, dent))
+    )
+    assert sensor.camera is not None
+    shading = shading_of(sensor, sensor.camera, rest)
+    assert shading is not None
+    places = DOTS + dent(DOTS[:, :2])
+    miss = 1e3 * (shading.at(pressed, seen_at(eye(), places)) - places)
+    assert np.sqrt((miss[:, 2] ** 2).mean()) < 8

@@ -57,10 +57,10 @@ def test_a_fields_sensor_needs_a_name_only(tmp_path: Path) -> None:
 
 def test_light_directions_become_unit_vectors(tmp_path: Path) -> None:
     text = MONO.replace("markers-mono", "photometric") + "".join(
-        f"[[lights]]\ndirection = {d}\ncolour = [1, 0, 0]\n" for d in ([3, 0, 4], [0, 3, 4], [-3, 0, 4])
+        f"[[lights]]\ndirection = {d}\ncolour = [1, 1, 1]\n" for d in ([3, 0, -4], [0, 3, -4], [-3, 0, -4])
     )
     lights = read_sensor(written(tmp_path, text)).lights
-    np.testing.assert_allclose(lights[0].direction, [0.6, 0, 0.8])
+    np.testing.assert_allclose(lights[0].direction, [0.6, 0, -0.8])
 
 
 REFUSALS = [
@@ -80,6 +80,32 @@ REFUSALS = [
     ('name = "dots"', 'name = "dots', "the file", "line"),
     ('name = "dots"', 'name = "dots"\ncalibration_file = "x.npz"', "calibration_file", "no file x.npz"),
 ]
+
+LIT = "".join(
+    f"[[lights]]\ndirection = {d}\ncolour = {c}\n"
+    for d, c in (([3, 0, -4], [1, 0, 0]), ([0, 3, -4], [0, 1, 0]), ([-3, 0, -4], [0, 0, 1]))
+)
+LIT_REFUSALS = [
+    ("direction = [0, 3, -4]", "direction = [0, 3, 4]", "lights[1].direction", "z = 4"),
+    ("direction = [0, 3, -4]", "direction = [0, 3, 0]", "lights[1].direction", "z = 0"),
+    ("colour = [0, 0, 1]", "colour = [0, 1, 0]", "lights", "no light in B"),
+    ("colour = [0, 0, 1]", "colour = [0, -1, 1]", "lights[2].colour", "-1"),
+    ('name = "dots"', 'name = "dots"\nambient = -0.1', "ambient", "-0.1"),
+    ('name = "dots"', 'name = "dots"\ngamma = 0', "gamma", "0"),
+]
+
+
+@pytest.mark.parametrize(("written_as", "instead", "field", "found"), LIT_REFUSALS)
+def test_lights_that_cannot_be_are_named(
+    tmp_path: Path, written_as: str, instead: str, field: str, found: str
+) -> None:
+    text = MONO.replace("markers-mono", "photometric") + LIT
+    assert written_as in text
+    assert len(read_sensor(written(tmp_path, text)).lights) == 3
+    with pytest.raises(TactileFailure) as caught:
+        read_sensor(written(tmp_path, text.replace(written_as, instead)))
+    assert str(caught.value).startswith(f"sensor.toml: {field}: found ")
+    assert found in str(caught.value)
 
 
 @pytest.mark.parametrize(("written_as", "instead", "field", "found"), REFUSALS)
