@@ -38,7 +38,9 @@ class GelFields:
 
     A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
     standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
-    their joint covariance, frame by frame (`joint_covariance`); `strength` is None where nothing is smoothed.
+    their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
+    one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
+    `strength` is None where nothing is smoothed.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -61,10 +63,13 @@ class GelFields:
 def layer_of(sensor: Sensor) -> GelLayer:
     """The sensor's gel: springs where their stiffness was measured, else the bonded slab.
 
+    One camera without lights (`markers-mono`) tells pressure only by the sideways motion that it makes, which
+    springs do not have: the slab, whatever else was measured.
+
     Raises TactileFailure (unreadable-sensor) where the description lacks the gel.
     """
     kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
-    if kn is not None and kt is not None:
+    if kn is not None and kt is not None and sensor.kind != "markers-mono":
         return SpringBed(kn_MPa_per_mm=kn, kt_MPa_per_mm=kt)
     if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
         raise TactileFailure(
@@ -181,7 +186,7 @@ def fields_of(
         )  # fmt: skip
     mono = sensor.kind == "markers-mono"
     layer = layer_of(sensor)
-    if isinstance(layer, SpringBed) and not mono:
+    if isinstance(layer, SpringBed):
         return _of_springs(layer, reader, seen)
     if strength is None:
         moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))

@@ -27,7 +27,7 @@ columns = 9
 pitch_mm = [2.0, 2.0]
 first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
 
-[[lights]]                       # photometric: three lights or more, or calibration_file = "look-up.npz"; z < 0
+[[lights]]                       # photometric: three lights or more (z below 0), or calibration_file = ...
 direction = [1.0, 0.0, -0.5]
 colour = [1.0, 0.0, 0.0]
 ```

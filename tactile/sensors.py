@@ -60,8 +60,8 @@ class Sensor:
     displacement and force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a
     marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the
     layer's normal and shear stiffness per area, are stated where they were measured. `calibration_file` is a
-    photometric look-up. `ambient` is light from all sides, in the unit of the lights' colours; a picture's values
-    are light to the power 1 / `gamma` (1: linear).
+    photometric look-up. `ambient` is light from all sides, in the unit of the lights' colours; a picture's
+    values are light to the power 1 / `gamma` (1: linear).
     """
 
     kind: SensorKind

@@ -117,6 +117,16 @@ def test_measured_springs_go_before_the_slab() -> None:
         layer_of(replace(slab, E_MPa=None))
 
 
+def test_one_camera_reads_the_slab_even_where_springs_were_measured() -> None:
+    """Springs make no sideways motion under pressure, so that one camera would see none of it."""
+    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
+    assert layer_of(mono) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
+    with pytest.raises(
+        TactileFailure, match=r"forces need the gel: .* nu None, expected all three; add them"
+    ):
+        layer_of(replace(mono, nu=None))
+
+
 def test_noise_is_told_from_motion() -> None:
     rng = np.random.default_rng(3)
     t = np.linspace(0, 1, 60)[:, None, None]
