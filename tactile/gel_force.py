@@ -21,6 +21,7 @@ Because t is linear in y, force and displacement share their noise: `GelForce.jo
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -70,6 +71,15 @@ class Strength:
 
 
 FIRST_STRENGTH = Strength(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settled:
+    """Which nodes touch, the unknowns (0 outside), and how much each node outside wants to push, in noise."""
+
+    touching: Bool[np.ndarray, " m"]
+    unknowns: Float[np.ndarray, " u"]
+    push_sd: Float[np.ndarray, " m"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,9 +179,7 @@ class GelForce:
         self._size = size
         loose = self._normal.copy()
         loose[size:, size:] += np.diag(_smooth_precision(USUAL_MOTION_MM))
-        self._free_factor = cho_factor(loose, lower=True)
-        inverse = lapack.dtrtri(self._free_factor[0], lower=1)[0]
-        self._free_sd = np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
+        self._free = _factored(loose)
 
     def solve(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
@@ -179,18 +187,22 @@ class GelForce:
         """One frame; markers that are not `seen` (or NaN) say nothing."""
         y, normal, right = self._observed(displacement_mm, seen)
         motion_mm = _motion(y)
-        touching, found = self._settled(normal, right, motion_mm)
-        every = np.zeros(len(right))
-        every[self._at(touching)] = found
-        t = every[: 3 * len(touching)].reshape(-1, 3)
-        t[:, 2] = np.maximum(t[:, 2], 0.0)
+        found = self._settled(normal, right, motion_mm)
+        t = found.unknowns[: self._size].reshape(-1, 3)
         return Contact(
             node_force_N=t,
-            touching=touching,
+            touching=found.touching,
             motion_mm=motion_mm,
             force_N=self.grid.to_markers @ t,
-            displacement_mm=(self._moved_by @ every).reshape(y.shape),
+            displacement_mm=(self._moved_by @ found.unknowns).reshape(y.shape),
         )
+
+    def settled(
+        self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
+    ) -> Settled:
+        """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
+        y, normal, right = self._observed(displacement_mm, seen)
+        return self._settled(normal, right, _motion(y))
 
     def _block(
         self, touching: Bool[np.ndarray, " m"], motion_mm: float, normal: np.ndarray | None = None
@@ -272,49 +284,60 @@ class GelForce:
             normal = normal - self._weighted[lost].T @ self._observed_by[lost]
         return y, normal, self._weighted.T @ y.ravel()
 
-    def _settled(
-        self, normal: np.ndarray, right: np.ndarray, motion_mm: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The active set of nodes, and the unknowns in play."""
+    def _settled(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> Settled:
+        """The active set; after `MOST_ROUNDS` nodes only leave, so that it ends with none that pulls."""
         m = len(self.grid.nodes_mm)
         normal_rows = slice(2, 3 * m, 3)
-        free = cho_solve(self._free_factor, right, check_finite=False)[normal_rows]
+        factor, sd = self._free
+        if normal is not self._normal:
+            loose = normal.copy()
+            loose[self._size :, self._size :] += np.diag(_smooth_precision(USUAL_MOTION_MM))
+            factor, sd = _factored(loose)
+        free = cho_solve(factor, right, check_finite=False)[normal_rows]
         beside = self.grid.laplacian < 0
-        noise = np.sqrt(np.diag(self._data)[normal_rows])
-        alone = self._alone(normal, right, motion_mm)
+        heard = self._heard(normal)
+        alone = self._alone(normal, right, motion_mm, heard)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
-        sure = np.minimum(TOUCHES_AT_SD * self._free_sd[normal_rows], STARTS_AT * free.max())
+        sure = np.minimum(TOUCHES_AT_SD * sd[normal_rows], STARTS_AT * free.max())
         touching = (free > sure) & (alone > APPEARS_AT_SD)
         touching[np.argmax(alone)] |= alone.max() > APPEARS_AT_SD
         dropped = np.zeros_like(touching)
-        for _ in range(MOST_ROUNDS):
-            if not touching.any():
-                break
+        for turn in count():
             at = self._at(touching)
             block = self._block(touching, motion_mm, normal)
             factor = cho_factor(block, lower=True, overwrite_a=True, check_finite=False)
             found = cho_solve(factor, right[at], check_finite=False)
+            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / np.sqrt(heard)
             pulls = np.flatnonzero(touching)[found[2 : 3 * int(touching.sum()) : 3] < 0]
-            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / noise
             near = (beside @ touching.astype(float)) > 0
             joins = ~touching & ((near & ~dropped & (push > GROWS_AT_SD)) | (push > APPEARS_AT_SD))
+            joins &= touching.any() & (turn < MOST_ROUNDS)
             if not len(pulls) and not joins.any():
-                return touching, found
+                break
             touching = touching | joins
             touching[pulls] = False
             dropped[pulls] = True
-        at = self._at(touching)
-        return touching, np.linalg.solve(self._block(touching, motion_mm, normal), right[at])
+        unknowns = np.zeros(len(right))
+        unknowns[at] = found
+        return Settled(touching=touching, unknowns=unknowns, push_sd=np.where(touching, 0.0, push))
 
-    def _alone(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> Float[np.ndarray, " m"]:
+    def _heard(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
+        """What the markers in view say of each node's push, without prior (1/N^2)."""
+        rows = slice(2, self._size, 3)
+        full = np.diag(self._data)[rows]
+        return np.asarray(np.maximum(full + (np.diag(normal) - np.diag(self._normal))[rows], 1e-9 * full))
+
+    def _alone(
+        self, normal: np.ndarray, right: np.ndarray, motion_mm: float, heard: Float[np.ndarray, " m"]
+    ) -> Float[np.ndarray, " m"]:
         """How many standard deviations each node's push alone would explain, beside the smooth fields."""
         size = 3 * len(self.grid.nodes_mm)
         rows = slice(2, size, 3)
         smooth = cho_factor(normal[size:, size:] + np.diag(_smooth_precision(motion_mm)), lower=True)
         across = normal[rows, size:]
         left = right[rows] - across @ cho_solve(smooth, right[size:])
-        spread = np.diag(self._data)[rows] - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
-        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * np.diag(self._data)[rows])))
+        spread = heard - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
+        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * heard)))
 
 
 def chosen_strength(
@@ -439,6 +462,13 @@ def _motion(y: Float[np.ndarray, "n 3"]) -> float:
 
 def _smooth_precision(motion_mm: float) -> Float[np.ndarray, " s"]:
     return np.tile(1.0 / (SMOOTH_SHARE * motion_mm) ** 2, 6)
+
+
+def _factored(matrix: Float[np.ndarray, "u u"]) -> tuple[tuple[np.ndarray, bool], Float[np.ndarray, " u"]]:
+    """Cholesky's factor, and the standard deviations that the inverse states."""
+    factor = cho_factor(matrix, lower=True)
+    inverse = lapack.dtrtri(factor[0], lower=1)[0]
+    return factor, np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
 
 
 def _dofs(touching: np.ndarray) -> np.ndarray:

@@ -98,6 +98,39 @@ def test_lost_markers_change_little(block: GelBlock, solver: GelForce) -> None:
     assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.04 * np.linalg.norm(total)
 
 
+def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock, grid: GelGrid) -> None:
+    """Half of the markers gone, in the press too: as if their information had been zero from the start."""
+    displacement, _, total = elements_say(block)
+    solver = GelForce(grid, INFORMATION, STRENGTH)
+    for seed, share in enumerate((0.1, 0.3, 0.5)):
+        rng = np.random.default_rng(seed)
+        seen = displacement + noise(rng)
+        lost = rng.random(len(MARKERS)) < share
+        told = INFORMATION.copy()
+        told[lost] = 0.0
+        expected = GelForce(grid, told, STRENGTH).settled(np.where(lost[:, None], 0.0, seen))
+        found = solver.settled(np.where(lost[:, None], np.nan, seen))
+        assert (found.touching == expected.touching).all()
+        np.testing.assert_allclose(found.unknowns, expected.unknowns, atol=1e-7)
+        force = solver.solve(seen, ~lost).force_N.sum(axis=0)
+        assert np.linalg.norm(force - total) < 0.06 * np.linalg.norm(total)
+
+
+def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(block: GelBlock, solver: GelForce) -> None:
+    """Complementarity, before anything could hide that the contact did not settle."""
+    displacement, _, _ = elements_say(block)
+    rng = np.random.default_rng(9)
+    for scale in (0.05, 0.1, 0.3, 0.5, 1.0, 2.0):
+        for lost in (0.0, 0.3):
+            seen = scale * displacement + 3 * noise(rng)
+            seen[rng.random(len(seen)) < lost] = np.nan
+            found = solver.settled(seen)
+            pressure = found.unknowns[2 : 3 * len(found.touching) : 3]
+            assert pressure.min() >= 0
+            assert (pressure[~found.touching] == 0).all()
+            assert found.push_sd.max() < 6
+
+
 def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: GelForce) -> None:
     """Forces drawn from the prior on a known contact, seen with the stated noise, on no perfect slab."""
     rng = np.random.default_rng(6)
