@@ -13,6 +13,8 @@ import numpy as np
 from pipeline.problem import BatchRefused, Problem
 from tactile.ball_press import ball_lookup, ball_print
 from tactile.from_frames import recording_of
+from tactile.gel_fields import layer_of
+from tactile.gel_slab import SpringBed
 from tactile.gel_stiffness import GelGain, gel_gain
 from tactile.pictures import read_picture
 from tactile.raw_grasp import read_raw_grasp
@@ -36,8 +38,8 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
     """Write `out`, the description `sensor` with what the presses say, and return that in words.
 
     A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
-    its stiffness per area where that is stated. Raises TactileFailure where a picture or press cannot be
-    used, BatchRefused where options do not go together. `out` appears whole or not at all.
+    its normal stiffness per area where springs are stated. Raises TactileFailure where a picture or press
+    cannot be used, BatchRefused where options do not go together. `out` appears whole or not at all.
     """
     if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
         raise BatchRefused(
@@ -52,7 +54,7 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
         if presses.ball:
             said += _ball(sensor, shading, described, presses, report)
         elif "calibration_file" in described:
-            shading.write_bytes((sensor.parent / described["calibration_file"]).read_bytes())
+            shading.write_bytes(_look_up(sensor, described["calibration_file"]).read_bytes())
         if shading.exists():
             described["calibration_file"] = shading.name
         stage.write_text(as_toml(described), encoding="utf-8")
@@ -66,6 +68,15 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
             if made.exists():
                 _moved(made, out.parent)
     return tuple(said)
+
+
+def _look_up(sensor: Path, name: object) -> Path:
+    """The description's look-up, which must be there to be kept."""
+    path = sensor.parent / str(name)
+    if not path.is_file():
+        said = f"calibration_file: no file {name} beside it; put it there, or press a ball with --press."
+        raise BatchRefused([Problem(str(sensor), said)])
+    return path
 
 
 def _described(sensor: Path) -> dict[str, Any]:
@@ -143,17 +154,17 @@ def _stiffness(
     normal = pad.pose[:, :3, 2]
     cell = np.einsum("ti,ti->t", recording.wrench_N[:, :3], normal)
     gain = gel_gain(cell, pad.force_N[:, :, 2].sum(axis=1), source=str(press))
-    return [_scaled(described["gel"], gain)]
+    return [_scaled(described["gel"], gain, springs=isinstance(layer_of(read_sensor(path)), SpringBed))]
 
 
-def _scaled(gel: dict[str, Any], gain: GelGain) -> str:
-    springs: list[str] = [name for name in ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm") if name in gel]
-    said = []
-    for name in springs or ["E_MPa"]:
-        gel[name] = float(f"{gel[name] * gain.value:.5g}")
-        said.append(f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}")
+def _scaled(gel: dict[str, Any], gain: GelGain, *, springs: bool) -> str:
+    """Scale what the force was proportional to: springs' normal stiffness, or the slab's modulus."""
+    name = "gel_kn_MPa_per_mm" if springs else "E_MPa"
+    gel[name] = float(f"{gel[name] * gain.value:.5g}")
+    left = "; gel_kt_MPa_per_mm stays: a normal press does not measure it" if springs else ""
     return (
-        f"{', '.join(said)} ({gain.value:.3f} times the description's; load cell and gel agree within "
+        f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}{left} "
+        f"({gain.value:.3f} times the description's; load cell and gel agree within "
         f"{100 * gain.residual:.1f} % of the peak)"
     )
 

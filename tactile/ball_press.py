@@ -73,6 +73,12 @@ def ball_print(
         outward = (towards * arm).sum(axis=1) / np.maximum(distance, 1e-9)
         contact = _highest(distance, outward, within=4.0 * reach)
         reach = INSIDE * contact
+    if not reach < radius_mm:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{source}: found a print that reaches {reach:.2f} mm, expected less than the ball's radius of "
+            f"{radius_mm:g} mm; give the radius (not the diameter) in mm, and press less deep",
+        )
     near = distance < reach
     deep, eye = contact**2 / radius_mm, camera.gel_from_camera[2, 3]
     middle = project(camera, np.append(centre, 0.0)[None])

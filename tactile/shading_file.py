@@ -35,7 +35,9 @@ def read_lookup(path: Path) -> SlopeLookup:
 
 
 def write_lookup(path: Path, lookup: SlopeLookup) -> None:
-    """Write `lookup` so that `read_lookup` gives it back."""
+    """Write `lookup` so that `read_lookup` gives it back; raises TactileFailure where it is not finite."""
+    if not np.isfinite(lookup.coefficients).all():
+        raise _refused(path, "coefficients that are not finite")
     with path.open("wb") as file:
         np.savez(file, coefficients=lookup.coefficients)
 

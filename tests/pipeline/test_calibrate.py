@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.calibrate import as_toml
+from pipeline.calibrate import Presses, _scaled, as_toml, calibrate
 from pipeline.cli import app
+from pipeline.problem import BatchRefused
 from samples.gel_images import Field, GelLook, gel_image
+from tactile.gel_stiffness import GelGain
 from tactile.photometric import PhotometricDepth
 from tactile.sensor_file import read_sensor
 from tactile.sensors import Light, marker_grid
@@ -114,13 +116,29 @@ def test_a_ball_and_a_load_cell_complete_the_description(draft: Path, tmp_path: 
     assert status == 0, said
     made = read_sensor(out)
     assert made.gel_kn_MPa_per_mm == pytest.approx(KN, rel=0.05)
-    assert made.gel_kt_MPa_per_mm == pytest.approx(0.05 * made.gel_kn_MPa_per_mm / 0.175, rel=1e-3)
+    assert made.gel_kt_MPa_per_mm == 0.05
+    assert "gel_kt_MPa_per_mm stays" in " ".join(said.split())
     assert made.calibration_file is not None
     assert made.camera is not None
     rest, pressed = (cv2.imread(str(folder / name))[..., ::-1] for name in ("rest.png", "1.png"))
     shape = PhotometricDepth(made.camera, rest, read_lookup(made.calibration_file))
     middle = shape.at(pressed, np.array([[161.0, 118.0]]))
     assert middle[0, 2] == pytest.approx(ball(np.zeros((1, 2)))[0, 2], abs=0.015)
+
+
+@pytest.mark.parametrize(("springs", "changed"), [(True, "gel_kn_MPa_per_mm"), (False, "E_MPa")])
+def test_a_press_scales_what_the_force_was_made_with(springs: bool, changed: str) -> None:
+    """One stated spring alone makes no force: then it came from E."""
+    gel = {"E_MPa": 0.2, "gel_kn_MPa_per_mm": 0.1} | ({"gel_kt_MPa_per_mm": 0.05} if springs else {})
+    made = dict(gel)
+    _scaled(made, GelGain(value=1.5, sd=0.01, residual=0.01), springs=springs)
+    assert made == gel | {changed: pytest.approx(1.5 * gel[changed])}
+
+
+def test_a_look_up_that_is_gone_is_refused(draft: Path, tmp_path: Path) -> None:
+    draft.write_text(draft.read_text().replace("name =", 'calibration_file = "gone.npz"\nname =', 1))
+    with pytest.raises(BatchRefused, match=r"no file gone\.npz"):
+        calibrate(draft, tmp_path / "o.toml", Presses(load_cell=tmp_path), report=print)
 
 
 def test_a_picture_without_the_ball_writes_nothing(draft: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from tactile.failure import TactileFailure
 from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
 from tactile.sensor_file import read_sensor
 from tactile.sensors import Camera, Light, marker_grid
-from tactile.shading_file import shading_of
+from tactile.shading_file import shading_of, write_lookup
 
 AMBIENT = 0.35
 DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)
@@ -92,6 +92,17 @@ def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
     assert found.contact_mm == pytest.approx(2.0, rel=0.15)
     miss = depth_error_um(eye(), ball_lookup([found]))
     assert np.sqrt((miss[:, 2] ** 2).mean()) < 15
+
+
+def test_a_print_wider_than_the_ball_is_refused() -> None:
+    with pytest.raises(TactileFailure, match=r"b: found a print that reaches .* ball's radius of 1 mm"):
+        ball_print(eye(), image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2), radius_mm=1.0, source="b")
+
+
+def test_a_look_up_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
+    with pytest.raises(TactileFailure, match=r"look\.npz: found coefficients that are not finite"):
+        write_lookup(tmp_path / "look.npz", SlopeLookup(coefficients=np.full((19, 2), np.nan)))
+    assert not (tmp_path / "look.npz").exists()
 
 
 def test_a_picture_without_a_ball_is_refused() -> None:
