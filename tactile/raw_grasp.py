@@ -12,11 +12,13 @@ fruit_id = "f01"
 category = "nectarine"
 loading = "grasp"                  # or "press", with one pad `tip`
 pose_aperture_mm = 60.0            # the aperture at which the poses below hold
+sensor = "both.toml"               # optional: of every pad that names none
 [pads.left]                        # and [pads.right]
 sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one is given for all
 pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
 frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
-second_frames = "left-b"           # a stereo sensor's second camera, its reference.png in that folder
+second_frames = "left-b"           # a stereo sensor's second camera: a folder with its reference.png,
+                                   # or left-b.avi with left-b/reference.png
 reference = "left/reference.png"   # optional
 reference_frames = [0, 5]          # in its place: the mean of frames 0 to 4, all of the untouched gel
 serial = "2A47"                    # optional: the sensor these frames came from
@@ -96,8 +98,13 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     pads_table = top.table("pads", needed=True)
     names = PADS_OF_LOADING[loading]
     pads_table.refuse_unknown(names)
+    shared = _sensor_path(folder, top) if sensor is None and "sensor" in top.values else None
     pads = tuple(
-        _pad(folder, name, pads_table.table(name, needed=True), log, loading, at_mm, sensor) for name in names
+        _pad(
+            folder, name, table, log, loading, at_mm, sensor or (None if "sensor" in table.values else shared)
+        )
+        for name in names
+        for table in [pads_table.table(name, needed=True)]
     )
     _refuse_swapped(folder, pads_table, pads)
     when = pads[0].time_s
@@ -126,7 +133,13 @@ def _pad(
     second = None
     if described.kind == "markers-stereo":
         other = folder / table.text("second_frames", default=f"{name}-b")
-        second = View(reference=read_picture(_reference_path(other)), pictures=pictures_in(other))
+        beside = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
+        untouched = _reference_path(beside)
+        if not untouched.is_file():
+            raise unusable(
+                f"{beside.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
+            )
+        second = View(reference=read_picture(untouched), pictures=pictures_in(other))
         if second.pictures.numbers != pictures.numbers:
             found = f"{len(second.pictures.numbers)} frames"
             raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from drawn_gel import drawn
@@ -77,3 +78,29 @@ def test_a_second_camera_that_lacks_frames_is_refused(tmp_path: Path) -> None:
     (folder / "tip-b/frame_000002.png").unlink()
     with pytest.raises(TactileFailure, match=r"tip-b: found 4 frames, expected the numbers of tip \(5\)"):
         read_raw_grasp(folder)
+
+
+def test_the_second_camera_may_be_a_video_with_its_reference_in_the_folder_of_its_name(
+    tmp_path: Path,
+) -> None:
+    folder = write_stereo(tmp_path / "g")
+    video = cv2.VideoWriter(str(folder / "tip-b.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 10, (320, 240))
+    for picture in sorted((folder / "tip-b").glob("frame_*.png")):
+        video.write(cv2.imread(str(picture)))
+        picture.unlink()
+    video.release()
+    with (folder / "grasp.toml").open("a") as file:
+        file.write('second_frames = "tip-b.avi"\n')
+    second = read_raw_grasp(folder).pads[0].second
+    assert second is not None
+    assert len(second.pictures.numbers) == FRAMES
+    (folder / "tip-b/reference.png").unlink()
+    with pytest.raises(TactileFailure, match=r"tip-b/reference\.png: found no such file"):
+        read_raw_grasp(folder)
+
+
+def test_the_sensor_at_the_top_is_that_of_every_pad_that_names_none(tmp_path: Path) -> None:
+    folder = write_stereo(tmp_path / "g")
+    text = (folder / "grasp.toml").read_text().replace('sensor = "s.toml"\n', "")
+    (folder / "grasp.toml").write_text('sensor = "s.toml"\n' + text)
+    assert read_raw_grasp(folder).pads[0].sensor.name == "two eyes"
