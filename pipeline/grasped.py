@@ -94,7 +94,7 @@ def _placed(
             try:
                 if path.is_dir():
                     kept = kept_recording(path, task.results.cache, diary.report)
-                    diary.warnings += [f"{name}: {note}" for note in kept.notes]
+                    diary.warnings += kept.notes
                     path = kept.path
                 grasp = place_grasp(
                     path, shape.vertices, shape.faces, name=name, faults=faults(task.settings.mismatch)

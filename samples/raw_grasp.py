@@ -47,6 +47,7 @@ def write_sensor(folder: Path, pad: GelPad) -> None:
     lines = [
         'kind = "markers-stereo"',
         'name = "20x20 marker gel (rendered)"',
+        'serial = "rendered"',
         "[gel]",
         f"thickness_mm = {THICKNESS_MM}",
         f"E_MPa = {E_MPA}",

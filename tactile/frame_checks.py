@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.pictures import unusable
@@ -50,17 +50,22 @@ def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:
         )
 
 
-def gaps_said(time_s: Float[np.ndarray, " t"], source: str) -> list[str]:
-    """A note where steps of time are so long that frames must be missing."""
+def gaps_said(
+    time_s: Float[np.ndarray, " t"], source: str, *, numbers: Int[np.ndarray, " t"] | None = None
+) -> list[str]:
+    """A note where frames are missing: by their `numbers` if they have any, else where time steps are long.
+
+    Frames that are numbered without a gap are all there, however unevenly they were taken.
+    """
     if len(time_s) < 3:
         return []
     step = np.diff(time_s)
     usual = float(np.median(step))
-    long = np.flatnonzero(step > GAP * usual)
+    long = np.flatnonzero(step > GAP * usual if numbers is None else np.diff(numbers) > 1)
     if not len(long):
         return []
-    lost = int(np.rint(step[long] / usual).sum() - len(long))
+    steps = step[long] / usual if numbers is None else np.diff(numbers)[long]
     return [
-        f"{source}: about {lost} frames lost in {len(long)} gaps, the first after {time_s[long[0]]:.3f} s "
-        f"(usual step {usual * 1e3:.1f} ms)."
+        f"{source}: about {int(np.rint(steps).sum() - len(long))} frames lost in {len(long)} gaps, the first "
+        f"after {time_s[long[0]]:.3f} s (usual step {usual * 1e3:.1f} ms)."
     ]

@@ -19,6 +19,7 @@ from tactile.sensors import Sensor
 from tactile.shading_file import shading_of
 from tactile.stiffness import layer_stiffness
 from tactile.tracking import reference_of
+from tactile.view_edge import edge_said
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,10 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         notes += more
     tracked = of_frames(tracked, kept)
     second = None if second is None else of_frames(second, kept)
-    notes += losses_said(tracked, source) + gaps_said(tracked.time_s, source)
+    notes += losses_said(tracked, source)
+    pictures = pad.view.pictures
+    numbers = np.array(pictures.numbers, dtype=np.int64) if pictures.numbered else None
+    notes += gaps_said(pad.time_s, source, numbers=numbers)
     if not kept.all():
         notes.append(f"{source}: {int((~kept).sum())} frames are the one before written again; left out.")
     shading = shading_of(pad.sensor, camera, pad.view.reference)
@@ -100,6 +104,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         images=_chosen(pad.view, kept) if shading is not None else None,
         shape=shading,
     )
+    notes += edge_said(found.rest_mm, found.force_N, source)
     kn, kt = layer_stiffness(pad.sensor)
     gel = GelPad(
         name=pad.name,

@@ -19,11 +19,12 @@ NUMBERED = re.compile(r"^frame_(\d+)$")
 
 @dataclass(frozen=True)
 class Pictures:
-    """`numbers` are the frames' own (a video's count from 0); `frames()` starts a new pass, in RGB."""
+    """`frames()` starts a new pass, in RGB. `numbered`: the recorder's own numbers, not counted here."""
 
     source: str
     numbers: tuple[int, ...]
     frames: Callable[[], Iterator[UInt8[np.ndarray, "h w 3"]]]
+    numbered: bool = False
 
 
 def unusable(source: str, found: str, expected: str) -> TactileFailure:
@@ -87,7 +88,7 @@ def _folder(folder: Path) -> Pictures:
         for number in numbers:
             yield read_picture(found[number])
 
-    return Pictures(folder.name, numbers, frames)
+    return Pictures(folder.name, numbers, frames, numbered=True)
 
 
 def _video(path: Path) -> Pictures:

@@ -189,6 +189,16 @@ def test_dropped_frames_with_numbers_in_the_log_are_said(raw: Path) -> None:
     assert "about 2 frames lost in 1 gaps, the first after 0.150 s" in found.notes[0]
 
 
+def test_frames_taken_unevenly_are_not_lost(raw: Path) -> None:
+    rows = (raw / "log.csv").read_text().splitlines()
+    late = [
+        row if k < 5 else f"{float(row.split(',')[0]) + 0.5},{row.split(',', 1)[1]}"
+        for k, row in enumerate(rows)
+    ]
+    (raw / "log.csv").write_text("\n".join(late))
+    assert not [note for note in recording_of(read_raw_grasp(raw)).notes if "lost" in note]
+
+
 def test_a_torn_marker_is_said_and_filled_from_its_neighbours(raw: Path) -> None:
     for t in range(4, FRAMES):
         shown = shear(t)
