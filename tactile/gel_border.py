@@ -7,12 +7,12 @@ so the inverse takes the seen depth as (G_z - H B) t, B the compliance of the bo
 
 import numpy as np
 from jaxtyping import Float
-from scipy.fft import dstn, idstn
 from scipy.interpolate import RegularGridInterpolator
 
 from tactile.camera import on_face, project
-from tactile.gel_force import GelGrid, with_smooth
+from tactile.gel_grid import GelGrid, with_smooth
 from tactile.gel_slab import GelLayer, tent_compliance
+from tactile.poisson import laplacian_eigenvalues, poisson
 from tactile.sensors import Camera
 
 CELLS = 48
@@ -80,8 +80,7 @@ def _harmonic(
 def _laplace(border: Float[np.ndarray, "a b"]) -> Float[np.ndarray, "a b"]:
     """The discrete harmonic function with these border values (sine transform)."""
     pull = border[2:, 1:-1] + border[:-2, 1:-1] + border[1:-1, 2:] + border[1:-1, :-2]
-    a, b = (2.0 * np.cos(np.pi * np.arange(1, n - 1) / (n - 1)) - 2.0 for n in border.shape)
-    inside = idstn(dstn(-pull, type=1) / (a[:, None] + b), type=1)
+    rows, columns = border.shape
     out = border.copy()
-    out[1:-1, 1:-1] = inside
+    out[1:-1, 1:-1] = poisson(-pull, laplacian_eigenvalues((rows, columns)))
     return out

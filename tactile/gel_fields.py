@@ -15,7 +15,8 @@ from jaxtyping import Bool, Float, UInt8
 from tactile.camera import on_face
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.gel_border import border_observation
-from tactile.gel_force import GelForce, GelGrid, Strength, chosen_strength, gel_grid
+from tactile.gel_force import GelForce, Strength, chosen_strength
+from tactile.gel_grid import GelGrid, gel_grid
 from tactile.gel_slab import FLAT_TO, GelLayer, GelSlab, SpringBed
 from tactile.photometric import PhotometricDepth
 from tactile.sensors import Camera, Sensor

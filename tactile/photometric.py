@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from scipy.fft import dstn, idstn
 from scipy.ndimage import map_coordinates
 
 from tactile.camera import rays
+from tactile.poisson import laplacian_eigenvalues, poisson
 from tactile.sensors import Camera, Light
 
 BLOCK_PX = 4
@@ -95,7 +95,7 @@ class PhotometricDepth:
         gel_normal = turn[2]
         self._rest_depth = -camera.gel_from_camera[2, 3] / (self._plane @ gel_normal)
         self._flat = self._log_depth_gradient(np.zeros((*self._shape, 2)))
-        self._eigen = _laplacian(self._shape)
+        self._eigen = laplacian_eigenvalues(self._shape)
 
     def change(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "a b 3"]:
         """r - 1 at the middle of every block, dots filled from round about."""
@@ -192,12 +192,6 @@ def _filled(
     return out
 
 
-def _laplacian(shape: tuple[int, int]) -> Float[np.ndarray, "a b"]:
-    """Eigenvalues of the five-point Laplacian inside a fixed border, in the order of the sine transform."""
-    a, b = (2.0 * np.cos(np.pi * np.arange(1, n - 1) / (n - 1)) - 2.0 for n in shape)
-    return np.asarray(a[:, None] + b)
-
-
 def _integrated(
     gradient: Float[np.ndarray, "a b 2"], eigen: Float[np.ndarray, "a b"]
 ) -> Float[np.ndarray, "a b"]:
@@ -205,5 +199,4 @@ def _integrated(
     down = (gradient[1:, :, 0] + gradient[:-1, :, 0]) / 2
     right = (gradient[:, 1:, 1] + gradient[:, :-1, 1]) / 2
     divergence = (down[1:, 1:-1] - down[:-1, 1:-1]) + (right[1:-1, 1:] - right[1:-1, :-1])
-    inside = idstn(dstn(divergence, type=1) / eigen, type=1)
-    return np.pad(inside, 1)
+    return np.pad(poisson(divergence, eigen), 1)

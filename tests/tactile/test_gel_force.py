@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel_force import GelForce, GelGrid, Strength, chosen_strength, gel_grid
+from tactile.gel_force import GelForce, Strength, chosen_strength
+from tactile.gel_grid import GelGrid, gel_grid
 from tactile.gel_slab import GelSlab
 from tactile.sensors import marker_grid
 
