@@ -1,13 +1,13 @@
 """Photos to mesh against the true surface: one row per folder, route and number of photos.
 
-    python benchmarks/recon.py FOLDER... [--route mat|height|colmap]... [--every 2]... [--views 12]...
+    python benchmarks/recon.py FOLDER... [--route mat|flipped|height|colmap]... [--every 2]... [--views 12]...
         [--no-all] [--height MM] [--out benchmarks/results/recon.csv]
 
 A FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json. Each row is computed in a process
 of its own, on one thread, so that seconds, CPU seconds and peak memory are its own. The mat routes are
 compared in the mat's frame; the height route (which is given the true height to 0.1 mm) after a rigid
-registration without scaling. `seen` is the true surface that some camera of the row saw
-(benchmarks/recon_score.py).
+registration without scaling; `flipped` takes photos-flipped/ in too. `seen` is the true surface that some
+camera of the row saw, without those of photos-flipped/ (benchmarks/recon_score.py).
 """
 
 import argparse
@@ -19,6 +19,7 @@ import resource
 import sys
 import time
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +49,7 @@ def row(folder: Path, route: str, which: list[int] | None, height_mm: float | No
     from recon.mat import parse_mat
     from recon.photos import read_photos
     from recon.stage_clock import one_thread
+    from recon.underside import with_underside
 
     start, cpu = time.perf_counter(), time.process_time()
     photos = list(read_photos(folder / "photos"))
@@ -65,9 +67,12 @@ def row(folder: Path, route: str, which: list[int] | None, height_mm: float | No
         else:
             made = reconstruct(
                 photos,
-                mat=mat if route == "mat" else None,
+                mat=None if route == "height" else mat,
                 height_mm=tall if route == "height" else None,
             )
+            if route == "flipped":
+                same = partial(reconstruct, mat=mat, height_mm=None)
+                made = with_underside(made, folder / "photos-flipped", same, mat=mat)
             vertices, faces = made.vertices, made.faces
             found = [c.name for c in made.cameras]
             places = np.array([c.place for c in made.cameras])
@@ -94,7 +99,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", type=Path, nargs="+")
-    parser.add_argument("--route", choices=("mat", "height", "colmap"), action="append")
+    parser.add_argument("--route", choices=("mat", "flipped", "height", "colmap"), action="append")
     parser.add_argument("--every", type=int, action="append", default=[], help="every n-th photo too")
     parser.add_argument("--views", type=int, action="append", default=[], help="so many photos too, spread")
     parser.add_argument("--no-all", action="store_true", help="leave out the row of all photos")

@@ -1,9 +1,11 @@
 """Render fruit of other kinds than the shipped sample, with what is true of them, for benchmarks/recon.py.
 
     python benchmarks/recon_fruits.py OUT KIND SEED [--views 36] [--mat big|small] [--reach 315] [--spp 8]
+        [--over TILT TURN]
 
 OUT gets photos/, mat.json, fruit_truth.ply (mm, in the mat's frame) and cameras_truth.json. KIND is one of
-samples/kinds.py: cherry, black-cherry, plum, waxy-plum. Needs the extra `samples`.
+samples/kinds.py: cherry, black-cherry, plum, waxy-plum. With --over, photos-flipped/ alone is written: the
+same fruit upside down, tilted and turned by so many degrees. Needs the extra `samples`.
 """
 
 import argparse
@@ -29,6 +31,7 @@ def main() -> None:
     parser.add_argument("--mat", choices=("big", "small"), default="big")
     parser.add_argument("--reach", type=float, default=315.0, help="camera to fruit, mm (default 315)")
     parser.add_argument("--spp", type=int, default=8, help="light samples per pixel (default 8)")
+    parser.add_argument("--over", type=float, nargs=2, metavar=("TILT", "TURN"))
     options = parser.parse_args()
 
     fruit = fruit_of_kind(options.kind, seed=options.seed)
@@ -37,12 +40,14 @@ def main() -> None:
     (options.out / "mat.json").write_text(json.dumps(mat_mapping(mat)) + "\n")
     write_mesh(options.out / "fruit_truth.ply", *skin_mesh(fruit.skin, cells=72))
     views = write_photos(
-        options.out / "photos", fruit, mat, views=options.views,
+        options.out / ("photos-flipped" if options.over else "photos"), fruit, mat, views=options.views,
         options=PhotoOptions(
             samples_per_pixel=options.spp, reach_mm=options.reach, skin_cells=200,
-            look=KINDS[options.kind].look,
+            look=KINDS[options.kind].look, over_deg=tuple(options.over) if options.over else None,
         ),
     )  # fmt: skip
+    if options.over:
+        return
     facts = {
         "f": views[0].focal_px, "width": views[0].width_px, "height": views[0].height_px,
         "views": [

@@ -15,6 +15,7 @@ from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstr
 from recon.photo_check import checked_photos
 from recon.photos import Photo, read_photos
 from recon.rim_check import rim_doubts
+from recon.underside import with_underside
 from recon.verdict import require_seen, shape_doubts
 from recon.wording import listed
 from reports.photo import thumbnail_jpeg
@@ -26,28 +27,35 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
     checked = checked_photos(given, task.mat)
     recon = task.settings.recon
     options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
-    route = reconstruct if model is None else partial(reconstruct_with_model, model=model)
-    made = route(checked.photos, mat=task.mat, height_mm=task.given.height_mm, options=options)
-    quality = replace(made.quality, views_given=len(given))
-    require_seen(quality)
-    vertices, fruit_from_mesh = to_fruit_frame(made.vertices)
+    route = partial(
+        reconstruct if model is None else partial(reconstruct_with_model, model=model),
+        mat=task.mat,
+        height_mm=task.given.height_mm,
+        options=options,
+    )
+    made = route(checked.photos)
+    require_seen(replace(made.quality, views_given=len(given)))
+    whole = made
+    if task.folder.flipped_files():
+        whole = with_underside(made, task.folder.photos_flipped, route, mat=task.mat)
+    quality = replace(whole.quality, views_given=len(given))
+    vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
     return Artifact(
         arrays={
             "vertices": vertices,
-            "faces": made.faces,
+            "faces": whole.faces,
             "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
             "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
         },
         facts={
-            "scale_sd": made.scale_sd,
-            "surface_sd_mm": made.surface_sd_mm,
+            "scale_sd": whole.scale_sd,
+            "surface_sd_mm": whole.surface_sd_mm,
             "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
             "warnings": [
                 *checked.warnings,
-                *made.warnings,
+                *whole.warnings,
                 *_photo_doubts(checked.photos, made),
-                *_flipped_doubts(task),
-                *shape_doubts(vertices, made.faces),
+                *shape_doubts(vertices, whole.faces),
             ],
         },
     )
@@ -69,15 +77,3 @@ def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
             "or the camera could not be placed; retake such photos with the whole fruit and the mat in view."
         )
     return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]
-
-
-def _flipped_doubts(task: FruitTask) -> list[str]:
-    """What is not done with photos of the fruit upside down."""
-    flipped = task.folder.flipped_files()
-    if not flipped:
-        return []
-    return [
-        f"The {len(flipped)} photos in photos-flipped/ were not used: this version closes the side that "
-        f"stood on the "
-        "mat by itself."
-    ]

@@ -14,7 +14,11 @@ from recon.outline import outline_of
 
 @dataclass(frozen=True, kw_only=True)
 class ReconQuality:
-    """Counts, residuals and agreement of one reconstruction."""
+    """Counts, residuals and agreement of one reconstruction.
+
+    `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
+    is from the upright one where both saw the skin (root mean square).
+    """
 
     views_given: int
     views_used: int
@@ -29,6 +33,8 @@ class ReconQuality:
     seen_share: float
     decimation_rms_mm: float
     relief_share: float
+    flipped_views: int = 0
+    flipped_miss_mm: float = float("nan")
 
 
 NOTHING_KNOWN = ReconQuality(

@@ -15,6 +15,7 @@ from typing import Any
 import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
+from scipy.spatial.transform import Rotation
 
 from recon.mat import Mat
 from samples.appearance import mat_texture, table_texture
@@ -28,7 +29,7 @@ from samples.viewpoints import View, rings
 @dataclass(frozen=True, kw_only=True)
 class PhotoOptions:
     """Picture size, light samples per pixel, JPEG quality, sensor noise (sRGB levels), how far away the
-    camera is, and the fruit's skin.
+    camera is, and the fruit's skin. `over_deg`: the fruit lies upside down, so tilted and so turned.
     """
 
     width_px: int = 1280
@@ -39,6 +40,7 @@ class PhotoOptions:
     skin_cells: int = 160
     reach_mm: float = 315.0
     look: Look = NECTARINE
+    over_deg: tuple[float, float] | None = None
 
 
 def write_photos(
@@ -138,6 +140,8 @@ def _scene(
 def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     sphere = even_sphere(options.skin_cells)
     points, triangles = fruit.skin.points_mm(sphere.directions), sphere.triangles()
+    if options.over_deg is not None:
+        points = laid_over(points, *options.over_deg)
     look = options.look
     colours = look.colours(
         sphere.directions, ripeness=fruit.ripeness, rng=np.random.default_rng([fruit.seed, 5])
@@ -162,6 +166,12 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     values["vertex_normals"] = _normals(points, triangles).astype(np.float32).ravel()
     values.update()
     return mesh
+
+
+def laid_over(points: Float[np.ndarray, "n 3"], tilt_deg: float, turn_deg: float) -> Float[np.ndarray, "n 3"]:
+    """The skin turned upside down about x, tilted from there, turned about z, its lowest point at z = 0."""
+    over = Rotation.from_euler("xz", [180.0 + tilt_deg, turn_deg], degrees=True).apply(points)
+    return np.asarray(over - [0.0, 0.0, over[:, 2].min()])
 
 
 def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:

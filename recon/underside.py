@@ -1,0 +1,67 @@
+"""Photos of the fruit upside down: the side that stood on the mat, put in the place of a guess."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from recon.failure import ReconFailure
+from recon.flipped import Side, both_sides
+from recon.fruit_mesh import Reconstruction
+from recon.mat import Mat
+from recon.photo_check import checked_photos
+from recon.photos import Photo, read_photos
+from recon.repair import repaired
+from recon.verdict import require_seen
+
+Route = Callable[[Sequence[Photo]], Reconstruction]
+
+
+def with_underside(
+    upright: Reconstruction, folder: Path, route: Route, *, mat: Mat | None
+) -> Reconstruction:
+    """The upright reconstruction with the other side's skin; as it was, with a warning, where that fails.
+
+    Photos in `folder` show the fruit upside down, `route` makes a mesh of them as it did of the others.
+    """
+    try:
+        return _merged(upright, read_photos(folder), route, mat)
+    except ReconFailure as failure:
+        why = failure.detail.rstrip(".")
+        return replace(upright, warnings=(*upright.warnings, f"{folder.name}/ was not used: {why}."))
+
+
+def _merged(
+    upright: Reconstruction, photos: Sequence[Photo], route: Route, mat: Mat | None
+) -> Reconstruction:
+    checked = checked_photos(photos, mat)
+    over = route(checked.photos)
+    require_seen(over.quality)
+    found = both_sides(_side(upright), _side(over), free_scale=mat is None)
+    mesh = repaired(found.vertices, upright.faces, max_faces=len(upright.faces))
+    said = [f"In photos-flipped/: {warning}" for warning in (*checked.warnings, *over.warnings)]
+    if found.by_convention:
+        said.append(
+            "The fruit is so round that photos-flipped/ fits in two ways; it was taken as laid over about "
+            "the mat's arrow, with the suture still along it."
+        )
+    return replace(
+        upright,
+        vertices=mesh.vertices,
+        faces=mesh.faces,
+        surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
+        quality=replace(
+            upright.quality,
+            seen_share=float((found.seen > 0).mean()),
+            flipped_views=over.quality.views_used,
+            flipped_miss_mm=found.miss_mm,
+        ),
+        warnings=(*upright.warnings, *said),
+        seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
+    )
+
+
+def _side(made: Reconstruction) -> Side:
+    places = np.array([camera.place for camera in made.cameras]).reshape(-1, 3)
+    return Side.of(made.vertices, made.faces, places)
