@@ -153,15 +153,19 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
 def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
     """Photos that cannot be placed, and why."""
     usual = float(np.median([look.sharpness for look in looks]))
+    others_show_it = any(len(look.tags) >= FEWEST_TAGS for look in looks)
     lost = {}
     for look in looks:
         if look.mirrored:
             lost[look.photo.name] = "mirrored (the mat's tags can be read in a mirror only); flip it back"
         elif on_mat and len(look.tags) < FEWEST_TAGS:
             blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
-            what = (
-                "too blurred for its tags to be read" if blurred else "shows fewer than four tags of the mat"
-            )
+            if blurred and (look.tags or not others_show_it):
+                what = "too blurred for its tags to be read"
+            elif blurred:
+                what = "shows no tags of the mat (too blurred, or another scene)"
+            else:
+                what = "shows fewer than four tags of the mat"
             lost[look.photo.name] = f"{what}; retake it, in focus and with the mat in view"
     return lost
 

@@ -163,7 +163,8 @@ def _whole_views(found: Segmented, given: int) -> Segmented:
         raise ReconFailure(
             ReconProblem.FRUIT_CUT_OFF,
             f"Only {len(whole)} of {given} photos hold the whole fruit; at least {FEWEST_VIEWS} must, "
-            "all should: step back.",
+            "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
+            "top open: take photos from two or three heights.",
         )
     return found.only(whole)
 

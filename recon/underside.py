@@ -18,9 +18,7 @@ from recon.verdict import require_seen
 Route = Callable[[Sequence[Photo]], Reconstruction]
 
 
-def with_underside(
-    upright: Reconstruction, folder: Path, route: Route, *, mat: Mat | None
-) -> Reconstruction:
+def with_underside(upright: Reconstruction, folder: Path, route: Route, *, mat: Mat | None) -> Reconstruction:
     """The upright reconstruction with the other side's skin; as it was, with a warning, where that fails.
 
     Photos in `folder` show the fruit upside down, `route` makes a mesh of them as it did of the others.

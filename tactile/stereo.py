@@ -46,15 +46,3 @@ def triangulated(
     points[seen] = np.linalg.solve(total, right[..., None])[..., 0]
     precision[seen] = total
     return points, precision
-
-
-def across_rays(
-    cameras: tuple[Camera, Camera],
-    pixels: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]],
-) -> Float[np.ndarray, " n"]:
-    """By how much (px of the first camera) two rays miss each other: large where markers were mixed up."""
-    points, _ = triangulated(cameras, pixels)
-    centre, direction = rays(cameras[0], np.nan_to_num(pixels[0]))
-    arm = points - centre
-    aside = np.linalg.norm(arm - (arm * direction).sum(1, keepdims=True) * direction, axis=1)
-    return np.asarray(2.0 * aside / np.linalg.norm(arm, axis=1) * np.mean(cameras[0].focal_px))

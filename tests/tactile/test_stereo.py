@@ -3,7 +3,7 @@ import pytest
 
 from tactile.camera import project
 from tactile.sensors import Camera
-from tactile.stereo import across_rays, triangulated
+from tactile.stereo import triangulated
 
 
 def eye(turn_rad: float) -> Camera:
@@ -55,9 +55,3 @@ def test_a_marker_lost_to_one_camera_has_no_place() -> None:
     assert np.isnan(found[7]).all()
     assert not information[7].any()
     assert np.isfinite(np.delete(found, 7, axis=0)).all()
-
-
-def test_markers_mixed_up_between_the_cameras_miss_each_other() -> None:
-    first, second = project(EYES[0], POINTS), project(EYES[1], POINTS)
-    np.testing.assert_allclose(across_rays(EYES, (first, second)), 0.0, atol=1e-4)
-    assert np.median(across_rays(EYES, (first, np.roll(second, 1, axis=0)))) > 20
