@@ -4,6 +4,7 @@ outside.
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy import sparse
 
 
 def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
@@ -35,3 +36,12 @@ def vertex_normals(
         [np.bincount(faces.ravel(), np.repeat(flat[:, k], 3), len(vertices)) for k in range(3)], axis=1
     )
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
+
+
+def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
+    """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
+    i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    i = np.concatenate([i, i[:, ::-1]])
+    A = sparse.csr_array((np.ones(len(i)), (i[:, 0], i[:, 1])), shape=(count, count))
+    A.data[:] = 1.0
+    return sparse.csr_array(sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A)

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from recon.camera import Camera
-from recon.closed import vertex_normals
+from recon.closed import neighbour_mean, vertex_normals
 from recon.hull import ball, sampled, split
 
 
@@ -81,7 +81,7 @@ def with_relief(
     grey = [
         cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32) for i in images
     ]
-    bending = _bending(points, normals, coarse_faces)
+    bending = _curvature(points, normals, coarse_faces)
     held = SUPPORT_WEIGHT * support[:count] * _rounded(bending * radius)
     moved, share, hollow = points, 0.0, np.zeros(count)
     for search in SEARCHES:
@@ -102,7 +102,7 @@ def with_relief(
         share = float((weight > 0).mean())
         turned = vertex_normals(moved, coarse_faces)
         normals = turned if search.from_moved else _blend(normals, turned)
-        bending = _bending(moved, turned, coarse_faces)
+        bending = _curvature(moved, turned, coarse_faces)
     return vertices + split(moved - points, level, finer), share
 
 
@@ -120,7 +120,7 @@ def _hollow(
     """1 where the photos agree all around that the skin lies deep under the outlines, 0 elsewhere, soft
     between.
     """
-    step = _neighbours(faces, len(deep))
+    step = neighbour_mean(faces, len(deep))
     sure, low = trusted.astype(float), (trusted & deep).astype(float)
     for _ in range(HOLLOW_SPREADING):
         sure, low = 0.5 * (sure + step @ sure), 0.5 * (low + step @ low)
@@ -186,7 +186,7 @@ def _facing(
     return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
 
 
-def _bending(
+def _curvature(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, " n"]:
     """Mean curvature, 1/mm, negative where convex: the mean of 2 n . (x_j - x_i) / |x_j - x_i|² over the
@@ -196,7 +196,7 @@ def _bending(
     step = points[j] - points[i]
     each = 2 * np.einsum("ij,ij->i", step, normals[i]) / np.sum(step**2, axis=1)
     mean = np.bincount(i, each, len(points)) / np.bincount(i, minlength=len(points))
-    smooth = _neighbours(faces, len(points))
+    smooth = neighbour_mean(faces, len(points))
     for _ in range(6):
         mean = 0.5 * mean + 0.5 * (smooth @ mean)
     limit = 3 / float(np.median(np.linalg.norm(points - points.mean(0), axis=1)))
@@ -205,7 +205,7 @@ def _bending(
 
 def _shared(scores: Float[np.ndarray, "n d"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, "n d"]:
     """Scores averaged with the neighbours', twice."""
-    step = _neighbours(faces, len(scores))
+    step = neighbour_mean(faces, len(scores))
     for _ in range(2):
         scores = 0.5 * scores + 0.5 * (step @ scores)
     return scores
@@ -239,7 +239,7 @@ def _membrane(
     faces: Int[np.ndarray, "m 3"],
 ) -> Float[np.ndarray, " n"]:
     """argmin sum w (x - offset)² + pull x² + STIFFNESS |x - mean of neighbours|²."""
-    step = _neighbours(faces, len(offset))
+    step = neighbour_mean(faces, len(offset))
     bend = sparse.identity(len(offset)) - step
     A = sparse.diags(weight + pull) + STIFFNESS * (bend.T @ bend) * 4
     return np.asarray(spsolve(A.tocsc(), weight * offset))
@@ -248,12 +248,3 @@ def _membrane(
 def _blend(old: Float[np.ndarray, "n 3"], new: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     mixed = old + new
     return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
-
-
-def _neighbours(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
-    """Row-stochastic adjacency."""
-    i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    i = np.concatenate([i, i[:, ::-1]])
-    A = sparse.csr_array((np.ones(len(i)), (i[:, 0], i[:, 1])), shape=(count, count))
-    A.data[:] = 1.0
-    return sparse.csr_array(sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A)

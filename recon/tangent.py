@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from recon.camera import Camera
-from recon.closed import vertex_normals
+from recon.closed import neighbour_mean, vertex_normals
 from recon.hull import Silhouette
 
 ROUNDS, WARY = 8, 5
@@ -59,7 +59,7 @@ def settled(
     count at all, and what the rest say of the bottom tells afterwards which of them are wrong.
     """
     i, j = _edges(faces)
-    L = _bending(faces, len(vertices))
+    L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))
     x = vertices.copy()
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
     misses, held = np.zeros(1), np.zeros(len(x))
@@ -123,13 +123,3 @@ def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np
     every = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     i, j = np.unique(every, axis=0).T
     return i, j
-
-
-def _bending(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
-    """L: the mean of a vertex's neighbours less the vertex."""
-    i, j = _edges(faces)
-    A = sparse.csr_array(
-        (np.ones(2 * len(i)), (np.concatenate([i, j]), np.concatenate([j, i]))), shape=(count, count)
-    )
-    mean = sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A
-    return sparse.csr_array(mean - sparse.identity(count))
