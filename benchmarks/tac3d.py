@@ -17,18 +17,14 @@ from pathlib import Path
 import matplotlib as mpl
 import numpy as np
 
-from tactile.contact import PadContact, find_contact
+from tactile.contact import find_contact
+from tactile.contact_course import Course, contact_course
 from tactile.failure import TactileFailure
 from tactile.from_tac3d import recording_of_tac3d, rest_of
-from tactile.patch import patch_of
 from tactile.recording import GelPad, Recording, read_recording, write_recording
-from tactile.stick import stick_ratio
 from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
 
 WHEEL = "pytac3d==3.3.0.9"
-LAG = 3
-SCATTER_MM = 0.005
-"""Single markers scatter by 2 to 20 µm from frame to frame; half of them by less than a micrometre."""
 
 
 def unpacked(folder: Path) -> list[Path]:
@@ -72,18 +68,14 @@ def drawn(name: str, recording: Recording, path: Path) -> dict[str, float]:
     contact = find_contact(recording, source=name)
     figure, axes = plt.subplots(4, 1, figsize=(7, 7.5), sharex=True)
     numbers: dict[str, float] = {}
-    for pad, gel in zip(contact.pads, recording.pads, strict=True):
+    for course, gel in zip(contact_course(contact), recording.pads, strict=True):
         assert isinstance(gel, GelPad)
-        touching = pad.episode >= 0
-        area = np.array([patch_of(gel.rest_mm, now).area_mm2 for now in touching])
-        noise = max(pad.displacement_noise.sd, SCATTER_MM)
-        stick = stick_ratio(pad.position_mm, touching, noise=noise, lag=LAG)
         noise_um = frame_noise(gel.displacement_mm) * 1e3
-        axes[0].plot(recording.time_s, pad.total_normal_N, label=pad.name)
-        axes[1].plot(recording.time_s, area, label=pad.name)
-        axes[2].plot(recording.time_s, stick.ratio, label=pad.name)
-        axes[3].plot(recording.time_s[1:-1], noise_um, label=pad.name)
-        numbers |= _numbers(pad, area, stick.ratio, noise_um)
+        axes[0].plot(recording.time_s, course.normal_N, label=course.pad)
+        axes[1].plot(recording.time_s, course.patch_mm2, label=course.pad)
+        axes[2].plot(recording.time_s, course.stick_ratio, label=course.pad)
+        axes[3].plot(recording.time_s[1:-1], noise_um, label=course.pad)
+        numbers |= _numbers(course, noise_um)
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in contact.pads], axis=0)
     for axis, label in zip(axes, ("normal force, N", "patch, mm²", "stick ratio", "noise, µm"), strict=True):
         axis.fill_between(
@@ -98,15 +90,14 @@ def drawn(name: str, recording: Recording, path: Path) -> dict[str, float]:
     return numbers
 
 
-def _numbers(pad: PadContact, area: np.ndarray, ratio: np.ndarray, noise_um: np.ndarray) -> dict[str, float]:
-    touched = (pad.episode >= 0).any(axis=1)
-    starts = int((np.diff(touched.astype(int)) == 1).sum()) + int(touched[0])
+def _numbers(course: Course, noise_um: np.ndarray) -> dict[str, float]:
+    starts = int((np.diff(course.touches.astype(int)) == 1).sum()) + int(course.touches[0])
     return {
-        f"{pad.name} largest force, N": float(pad.total_normal_N.max()),
-        f"{pad.name} contacts": float(starts),
-        f"{pad.name} largest patch, mm2": float(np.nanmax(area)),
-        f"{pad.name} mean stick ratio in contact": float(ratio[touched].mean()),
-        f"{pad.name} noise in contact, um": float(np.median(noise_um[noise_um > 0])),
+        f"{course.pad} largest force, N": float(course.normal_N.max()),
+        f"{course.pad} contacts": float(starts),
+        f"{course.pad} largest patch, mm2": float(np.nanmax(course.patch_mm2)),
+        f"{course.pad} mean stick ratio in contact": float(course.stick_ratio[course.touches].mean()),
+        f"{course.pad} noise in contact, um": float(np.median(noise_um[noise_um > 0])),
     }
 
 

@@ -9,14 +9,17 @@ from pathlib import Path
 from typing import Literal
 
 from pipeline.problem import BatchRefused, Problem
+from tactile.contact import find_contact
+from tactile.contact_course import contact_course, said
 from tactile.converted import Converted
+from tactile.failure import TactileFailure
 from tactile.field_tables import read_field_table
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.load_cell import is_trace, read_trace
 from tactile.raw_grasp import read_raw_grasp
 from tactile.raw_h5 import holds_images_only, raw_of
-from tactile.recording import opened, read_recording, write_recording
+from tactile.recording import GelPad, Recording, opened, read_recording, write_recording
 from tactile.sensor_file import read_sensor
 from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.tac3d_file import write_source
@@ -69,7 +72,20 @@ def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], 
         f"wrote {out}: {frames} frames, "
         f"{converted.recording.time_s[-1] - converted.recording.time_s[0]:.2f} s"
     )
+    for line in _contact(converted.recording, out.name):
+        report(line)
     return converted.notes
+
+
+def _contact(recording: Recording, name: str) -> list[str]:
+    """What the contact came to, pad by pad; why it cannot be told, where it cannot."""
+    if not all(isinstance(pad, GelPad) for pad in recording.pads):
+        return []
+    try:
+        contact = find_contact(recording, source=name)
+    except TactileFailure as failure:
+        return [str(failure)]
+    return [said(course, contact.time_s) for course in contact_course(contact)]
 
 
 def _read(
