@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import NAMES, excess_of_soft
+from fem.mismatch.detect import NAMES
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import detection_statistics, plain_ground
 from fem.mismatch.singles import linear_round
@@ -28,15 +28,26 @@ BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
 
 
 def row_of(folder: Path) -> dict[str, Any]:
-    """The statistics of one case, and the effects that came nearest."""
+    """The statistics of one case, and how much of every effect seems to be there, the nearest first."""
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)
         ground, _ = plain_ground(mismatch_case(case, grasped_fruit(case.task, Diary(str))))
     recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
     linear = linear_round(ground, recorded, EFFECTS)
-    statistics = detection_statistics(linear, recorded, excess_of_soft(ground))
-    best = [(one.effect.name, round(one.gain, 1)) for one in linear.best[:4]]
-    return {"case": f"{folder.parent.name}/{folder.name}", **statistics, "best": best}
+    statistics = detection_statistics(linear, recorded, ground.softness)
+    shown = {
+        one.effect.name: {
+            "gain": round(one.gain, 2), "signature": one.signature.label,
+            "amounts": [float(f"{amount:.4g}") for amount in one.amounts],
+        }
+        for one in linear.best
+    }  # fmt: skip
+    return {
+        "case": f"{folder.parent.name}/{folder.name}",
+        **statistics,
+        "softness": ground.softness,
+        "shown": shown,
+    }
 
 
 def bank_of(rows: list[dict[str, Any]]) -> str:
@@ -79,7 +90,12 @@ def main() -> None:
             known.append(row)
             with chosen.rows.open("a") as file:
                 file.write(json.dumps(row) + "\n")
-            print(row["case"], *(f"{one} {row[one]:.4g}" for one in NAMES), row["best"][0], flush=True)
+            print(
+                row["case"],
+                *(f"{one} {row[one]:.4g}" for one in NAMES),
+                next(iter(row["shown"].items())),
+                flush=True,
+            )
     if chosen.write:
         BANK.write_text(bank_of(known))
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fem.mismatch.lookalikes import beside
 from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound, Shown, senseless
 
@@ -17,11 +18,10 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
     others = [one for one in linear.shown if one.effect.name not in mine]
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
-    products, chosen = linear.products.about(
-        known.ground, known.response, [*linear.nuisances, *columns], slopes
-    )
-    place = dict(zip([*linear.nuisances, *columns], chosen, strict=False))
-    free = [*(place[j] for j in linear.nuisances), *chosen[len(chosen) - len(slopes) :]]
+    plain = beside(known.effects, linear.products.columns, linear.nuisances)
+    products, chosen = linear.products.about(known.ground, known.response, [*plain, *columns], slopes)
+    place = dict(zip([*plain, *columns], chosen, strict=False))
+    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free).log_evidence
     best: dict[str, tuple[float, Shown]] = {}
     for one in others:

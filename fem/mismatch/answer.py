@@ -9,6 +9,7 @@ from fem.mismatch.effect import ParameterSpec, Response
 from fem.mismatch.evidence import Products, Recorded
 from fem.mismatch.explanation import Candidate, GraspTrace, Modulus, Parameter
 from fem.mismatch.ground import Ground
+from fem.mismatch.lookalikes import seeming_spread
 from fem.mismatch.name import Named, Ranked
 from fem.mismatch.pads import pad_force
 from fem.mismatch.prove import predictive
@@ -90,7 +91,9 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
             found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
         vectors: dict[str, list[tuple[float, float]]] = {}
         for k, spec in enumerate(effect.parameters):
-            name, value, unit, spread = _said(spec, values[spec.name], float(sd[first + k]), modulus)
+            seeming = seeming_spread(effect) / (values[spec.name] if spec.log else 1.0)
+            own_sd = float(np.hypot(sd[first + k], seeming))
+            name, value, unit, spread = _said(spec, values[spec.name], own_sd, modulus)
             stem, _, component = name.partition(".")
             if component:
                 vectors.setdefault(stem, []).append((value, spread))

@@ -1,7 +1,7 @@
 """Is there a mismatch at all: a few statistics, and how they come out where there is none.
 
-Gain of the best single effect and of the best pair (ln evidence) over what sound recordings of flesh so soft
-usually show, and what the plain model leaves per number.
+Gain of the best single effect over the flesh's softness (Ground.softness) and of the best pair over its
+square (ln evidence; so they grow on sound recordings), and what the plain model leaves per number.
 Each is ranked among the same statistic of sound recordings of other fruits (fem.mismatch.null_bank, made
 by a solver of its own); the best of those ranks is ranked once more among the bank's own best, so that
 many looks do not add up to a false alarm (conformal p-value, Vovk et al. 2005,
@@ -18,29 +18,10 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.ground import Ground
 from fem.mismatch.null_bank import NAMES, NULLS
 
 LEVEL = 0.05
 """p-values below it are a mismatch."""
-SOFT = 1.5
-"""How many times farther flesh than gel gives way from where on it counts as soft."""
-
-
-def excess_of_soft(ground: Ground) -> float:
-    """How much more ln evidence effects gain that are not there, the softer the flesh is against the gel.
-
-    The softer it is, the more steeply the traction falls at a patch's rim and the farther the skin moves, and
-    the more a model leaves of it: on sound recordings gains grow as the square of how many times farther the
-    flesh gives way than the gel.
-    """
-    ratio = []
-    for seen in ground.base.grasps:
-        tracks = seen.tracks
-        touching = tracks.episode >= 0
-        flesh = float((ground.compliance * tracks.unit_displacement[touching]).std())
-        ratio.append(flesh / float(np.sqrt((tracks.gel_displacement_mm[touching] ** 2).sum(axis=1).mean())))
-    return max(1.0, float(np.median(ratio)) / SOFT) ** 2
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

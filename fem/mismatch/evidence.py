@@ -113,8 +113,9 @@ class Fit:
 class Products:
     """Products of all columns with each other and the data, recording by recording.
 
-    Row 0 is the data, row 1 the plain model (its response s c), then the columns in the order given. Column 0
-    is the plain model's, so that `columns[j]` is the j-th of those given, counted from one.
+    Row 0 is the data (less all columns' prior means), row 1 the plain model (its response s c), then the
+    columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
+    given, counted from one.
     """
 
     def __init__(self, ground: Ground, recorded: Sequence[Recorded], columns: Sequence[Column]) -> None:
@@ -125,13 +126,15 @@ class Products:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
+        self.data = [
+            _beyond_means(plain_data(ground, one), self.columns, k) for k, one in enumerate(recorded)
+        ]
         for k, one in enumerate(recorded):
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
-            plain, heavy = one.rows([plain_data(ground, one), *(self.columns[j].fields[k] for j in known)])
+            plain, heavy = one.rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)
-        self.data = [plain_data(ground, one) for one in recorded]
         self._recorded = recorded
 
     def about(
@@ -154,6 +157,7 @@ class Products:
             data = plain_data(ground, one, unit=unit, shift_mm=shift)
             if response.balance is not None and data.balance is not None:
                 data = Field(markers=data.markers, balance=data.balance - response.balance[k])
+            data = _beyond_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
             plain, heavy = one.rows(fresh)
@@ -208,6 +212,15 @@ class Products:
             amounts=amounts,
             covariance=np.linalg.inv(normal),
         )
+
+
+def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
+    """What the columns' prior means leave of recording k's data."""
+    for column in columns:
+        field = column.fields[k]
+        if column.mean and field is not None and field.markers is not None and data.markers is not None:
+            data = replace(data, markers=data.markers - column.mean * field.markers)
+    return data
 
 
 def _plain(ground: Ground, one: Recorded) -> Field:

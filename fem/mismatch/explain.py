@@ -12,7 +12,7 @@ from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.checks import checks
-from fem.mismatch.detect import LEVEL, excess_of_soft, of_sound, p_values
+from fem.mismatch.detect import LEVEL, of_sound, p_values
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
 from fem.mismatch.ground import Ground
@@ -43,8 +43,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
     with stage("all effects, linear"):
         linear = linear_round(ground, recorded, EFFECTS)
-        usual_gain = excess_of_soft(ground)
-        statistics = detection_statistics(linear, recorded, usual_gain)
+        statistics = detection_statistics(linear, recorded, ground.softness)
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
@@ -52,7 +51,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         sound = Sound(
             chi2=count * of_sound("what is left"),
             most_chi2=count * of_sound("what is left", 0.95),
-            gain=usual_gain * of_sound("best single", 0.95),
+            gain=ground.softness * of_sound("best single", 0.95),
         )
         found = named(ground, linear, detected=detected, sound=sound)
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
@@ -120,12 +119,12 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 
 def detection_statistics(
-    linear: LinearRound, recorded: Sequence[Recorded], usual_gain: float
+    linear: LinearRound, recorded: Sequence[Recorded], softness: float
 ) -> dict[str, float]:
-    """The numbers that fem.mismatch.detect ranks; gains over `usual_gain` (excess_of_soft)."""
+    """The numbers that fem.mismatch.detect ranks, by the flesh's softness against the gel."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": max((one.gain for one in linear.best), default=0.0) / usual_gain,
-        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / usual_gain,
+        "best single": max((one.gain for one in linear.best), default=0.0) / softness,
+        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / softness**2,
         "what is left": linear.null.chi2 / count,
     }

@@ -24,7 +24,7 @@ class Field:
 
 @dataclass(frozen=True, kw_only=True)
 class Column:
-    """One unknown amount: its name, prior mean zero and standard deviation, its field in every recording.
+    """One unknown amount: its name, prior mean (zero) and standard deviation, its field in every recording.
 
     None: this recording does not show it. `positive`: an amount below zero makes no sense.
     """
@@ -33,6 +33,7 @@ class Column:
     sd: float
     fields: Sequence[Field | None]
     positive: bool = False
+    mean: float = 0.0
 
 
 def wrench(

@@ -15,6 +15,8 @@ from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.sight import Sight
 
 T = TypeVar("T")
+SOFT = 1.5
+"""How many times farther flesh than gel gives way from where on it counts as soft."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +63,22 @@ class Ground:
     def sight(self) -> Sight:
         """What the recordings see of every piece of flesh."""
         return Sight.of(self.base, self.points, compliance=self.compliance)
+
+    @cached_property
+    def softness(self) -> float:
+        """How many times farther the flesh gives way than the gel, over SOFT; at least 1.
+
+        The softer flesh is, the more steeply the traction falls at a patch's rim and the farther the skin
+        moves, and the more a model leaves of it.
+        """
+        ratio = []
+        for seen in self.base.grasps:
+            tracks = seen.tracks
+            touching = tracks.episode >= 0
+            flesh = float((self.compliance * tracks.unit_displacement[touching]).std())
+            gel = float(np.sqrt((tracks.gel_displacement_mm[touching] ** 2).sum(axis=1).mean()))
+            ratio.append(flesh / gel)
+        return max(1.0, float(np.median(ratio)) / SOFT)
 
     def moved_by_stress(self, seen: Seen, stress: Float[np.ndarray, "r m 4 6"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""

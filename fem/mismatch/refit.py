@@ -17,6 +17,7 @@ from fem.mismatch.effect import Effect, ParameterSpec, Response
 from fem.mismatch.evidence import Fit, Products
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
+from fem.mismatch.lookalikes import beside
 from fem.mismatch.singles import LinearRound, Shown
 
 ROUNDS, POLISH = 3, 6
@@ -170,6 +171,8 @@ class _Search:
         self, ground: Ground, linear: LinearRound, shown: tuple[Shown, ...], specs: Sequence[ParameterSpec]
     ) -> None:
         self.ground, self.linear, self.shown = ground, linear, shown
+        effects = [one.effect for one in shown]
+        self.nuisances = beside(effects, linear.products.columns, linear.nuisances)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
@@ -221,7 +224,7 @@ class _Search:
         key = at.tobytes()
         if key not in self.known:
             response = self.respond(at)
-            products, chosen = self.linear.products.about(self.ground, response, self.linear.nuisances)
+            products, chosen = self.linear.products.about(self.ground, response, self.nuisances)
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
 
@@ -238,7 +241,7 @@ class _Search:
             slopes.append(
                 Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
             )
-        products, chosen = self.linear.products.about(self.ground, response, self.linear.nuisances, slopes)
+        products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
         still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2

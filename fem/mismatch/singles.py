@@ -12,6 +12,7 @@ from fem.mismatch.effect import Effect, Signature, Witnessed
 from fem.mismatch.evidence import Fit, Products, Recorded
 from fem.mismatch.fields import Column
 from fem.mismatch.ground import Ground
+from fem.mismatch.lookalikes import lookalikes
 from fem.mismatch.nuisances import common_nuisances
 
 
@@ -49,20 +50,20 @@ class LinearRound:
 
 def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence[Effect]) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs."""
-    known = common_nuisances(ground)
-    columns: list[Column] = list(known)
-    found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+    seen: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
     for effect in effects:
         try:
-            signatures = effect.signatures(ground)
+            seen += [(effect, signature) for signature in effect.signatures(ground)]
         except FemFailure as failure:
             without[effect.name] = failure.detail
-            continue
-        for signature in signatures:
-            first = len(columns) + 1
-            columns += signature.columns
-            found.append((effect, signature, tuple(range(first, len(columns) + 1))))
+    known = [*common_nuisances(ground), *lookalikes(ground, seen)]
+    columns: list[Column] = list(known)
+    found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+    for effect, signature in seen:
+        first = len(columns) + 1
+        columns += signature.columns
+        found.append((effect, signature, tuple(range(first, len(columns) + 1))))
     products = Products(ground, recorded, columns)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)

@@ -1,5 +1,6 @@
 """Evidence by products of columns: what the dense Gaussian marginal of all data says, amounts written out."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from planted_mismatch import only_grasp, planted_case
 from scipy.stats import multivariate_normal
 
+from fem.mismatch.effect import Response
 from fem.mismatch.evidence import PLAIN_SD, Products, Recorded
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.fields import Column, Field
@@ -84,6 +86,21 @@ def test_amounts_and_their_covariance_are_those_of_the_gaussian_posterior(small)
     left = y - expected @ rows
     chi2 = left @ np.linalg.solve(noise, left) + (expected / sds) @ (expected / sds)
     assert fit.chi2 == pytest.approx(chi2, rel=1e-10)
+
+
+def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_column(small):
+    recorded, columns, _ = small
+    meant = [columns[0], replace(columns[1], mean=0.8), columns[2]]
+    y, noise, rows, sds = dense_parts(small, (1, 2))
+    products = Products(SimpleNamespace(compliance=0.4), recorded, meant)
+    truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
+    constant = multivariate_normal(cov=noise).logpdf(0 * y)
+    assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
+    plain = Response(unit=[one.seen.tracks.unit_displacement for one in recorded])
+    about, chosen = products.about(SimpleNamespace(compliance=0.4), plain, (1,))
+    y, noise, rows, sds = dense_parts(small, (1,))
+    truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
+    assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
 
 
 def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evidences(small):

@@ -1,0 +1,73 @@
+"""What the model's own error looks like: such an amount is no finding, more of it is."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from fem.mismatch.effect import Signature
+from fem.mismatch.evidence import Products
+from fem.mismatch.fields import Column, Field
+from fem.mismatch.lookalikes import SEEMING, beside, lookalikes, seeming_spread
+
+SHAPE = (4, 12, 3)
+NOISE_MM = 0.01
+
+
+def effect(name: str) -> SimpleNamespace:
+    return SimpleNamespace(name=name)
+
+
+class Recording:
+    """Markers with equal and independent noise."""
+
+    def __init__(self, position_mm: np.ndarray, unit: np.ndarray) -> None:
+        self.balance = None
+        tracks = SimpleNamespace(
+            unit_displacement=unit, place_mm=np.zeros(SHAPE[1:]), position_mm=position_mm
+        )
+        self.seen = SimpleNamespace(tracks=tracks)
+
+    def rows(self, fields) -> tuple[np.ndarray, np.ndarray]:
+        plain = np.array([field.markers.ravel() for field in fields])
+        return plain, plain / NOISE_MM**2
+
+
+def gain_of(name: str, *, amount: float, softness: float = 1.0, compliance: float = 2.0) -> float:
+    """ln evidence that an effect's signature adds where so much of it is in the data."""
+    rng = np.random.default_rng(3)
+    unit, field = rng.normal(size=SHAPE), rng.normal(size=SHAPE)
+    position = compliance * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
+    ground = SimpleNamespace(compliance=compliance, softness=softness)
+    own = Column(name="own", sd=4.0, fields=[Field(markers=field)], positive=True)
+    columns = lookalikes(ground, [(effect(name), Signature(label="", columns=(own,)))])
+    products = Products(ground, [Recording(position, unit)], [*columns, own])
+    nuisances = tuple(range(1, len(columns) + 1))
+    return products.fit((*nuisances, len(columns) + 1)).log_evidence - products.fit(nuisances).log_evidence
+
+
+@pytest.mark.parametrize("name", ["skin", "poisson_ratio"])
+def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
+    mean, sd = SEEMING[name]
+    assert gain_of(name, amount=mean) < 0
+    assert gain_of(name, amount=mean + sd) < 0
+    assert gain_of(name, amount=mean + 10 * sd) > 30
+    assert gain_of(name, amount=0.0) > gain_of(name, amount=mean)
+
+
+def test_jaws_seem_to_give_way_the_more_the_softer_the_flesh():
+    soft = SEEMING["gripper_compliance"][0] * 4.0 * 3.0
+    assert gain_of("gripper_compliance", amount=soft, softness=3.0, compliance=4.0) < 0
+    assert gain_of("gripper_compliance", amount=10 * soft, softness=3.0, compliance=4.0) > 30
+
+
+def test_an_effect_without_a_seeming_amount_counts_from_nothing():
+    assert gain_of("clock_lag", amount=0.05) > 30
+
+
+def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
+    columns = [Column(name=name, sd=1.0, fields=[]) for name in ("1/E", "as if skin", "as if poisson_ratio")]
+    assert beside([effect("skin")], columns, (1, 2)) == (2,)
+    assert beside([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
+    assert seeming_spread(effect("skin")) > SEEMING["skin"][0]
+    assert seeming_spread(effect("poisson_ratio")) == 0
