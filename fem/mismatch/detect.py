@@ -1,7 +1,8 @@
 """Is there a mismatch at all: a few statistics, and how they come out where there is none.
 
-Gain of the best single effect over the flesh's softness (Ground.softness) and of the best pair over its
-square (ln evidence; so they grow on sound recordings), and what the plain model leaves per number.
+Gain (ln evidence) of the best single effect over the flesh's softness (Ground.softness), beyond what that
+effect gains on nine of ten sound recordings; of the best pair over softness squared; and what the plain model
+leaves per number. So gains grow on sound recordings, and some effects are sooner seen there than others.
 Each is ranked among the same statistic of sound recordings of other fruits (fem.mismatch.null_bank, made
 by a solver of its own); the best of those ranks is ranked once more among the bank's own best, so that
 many looks do not add up to a false alarm (conformal p-value, Vovk et al. 2005,
@@ -18,10 +19,21 @@ from collections.abc import Mapping
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.null_bank import NAMES, NULLS
+from fem.mismatch.null_bank import NAMES, NULLS, USUAL
 
 LEVEL = 0.05
 """p-values below it are a mismatch."""
+
+
+def best_beyond_usual(gains: Mapping[str, float], softness: float) -> float:
+    """The first statistic, from the gain of each effect."""
+    return max((gain / softness - USUAL.get(name, 0.0) for name, gain in gains.items()), default=0.0)
+
+
+def sound_gain(name: str, softness: float, share: float = 0.95) -> float:
+    """What one effect, or the more usual of two joined by "+", gains on such a share of sound recordings."""
+    usual = max(USUAL.get(part, 0.0) for part in name.split("+"))
+    return softness * (usual + max(of_sound(NAMES[0], share), 0.0))
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

@@ -12,7 +12,7 @@ from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.checks import checks
-from fem.mismatch.detect import LEVEL, of_sound, p_values
+from fem.mismatch.detect import LEVEL, best_beyond_usual, of_sound, p_values
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
 from fem.mismatch.ground import Ground
@@ -51,7 +51,7 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         sound = Sound(
             chi2=count * of_sound("what is left"),
             most_chi2=count * of_sound("what is left", 0.95),
-            gain=ground.softness * of_sound("best single", 0.95),
+            softness=ground.softness,
         )
         found = named(ground, linear, detected=detected, sound=sound)
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
@@ -124,7 +124,7 @@ def detection_statistics(
     """The numbers that fem.mismatch.detect ranks, by the flesh's softness against the gel."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": max((one.gain for one in linear.best), default=0.0) / softness,
+        "best single": best_beyond_usual({one.effect.name: one.gain for one in linear.best}, softness),
         "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / softness**2,
         "what is left": linear.null.chi2 / count,
     }

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.mismatch.added import added
+from fem.mismatch.detect import sound_gain
 from fem.mismatch.effect import Witnessed
 from fem.mismatch.explanation import NONE, UNKNOWN
 from fem.mismatch.ground import Ground
@@ -69,13 +70,17 @@ class _Tried:
 class Sound:
     """What sound recordings of this size and flesh show (fem.mismatch.null_bank).
 
-    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `gain`: what some
-    effect gains even there: less names nothing.
+    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `softness`: of
+    this flesh (fem.mismatch.ground).
     """
 
     chi2: float
     most_chi2: float
-    gain: float
+    softness: float
+
+    def gain(self, name: str) -> float:
+        """What an effect gains even there: less names nothing."""
+        return sound_gain(name, self.softness)
 
 
 def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
@@ -85,7 +90,9 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
         found = _singles(ground, linear, found, sound.chi2)
         if found and found[0].refit is not None:
             found += _pairs(ground, linear, found[0], found[0].refit, sound)
-    none = 0.0 if detected else max([sound.gain, *(one.gain for one in found)]) + NOT_DETECTED
+    none = 0.0
+    if not detected:
+        none = max([0.0, *(max(one.gain, sound.gain(one.name)) for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None:
         found[0] = _polished(ground, linear, found[0], found[0].refit)
@@ -142,11 +149,11 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     if single.fit.chi2 <= sound.most_chi2:
         return []
     found = []
-    least = max(PAIR_GAIN, sound.gain)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     for gain, other in added(linear, single)[:PAIRS]:
+        least = max(PAIR_GAIN, sound.gain(other.effect.name))
         if gain < least:
-            break
+            continue
         both = (*best.shown, other)
         again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
         if again is None:
@@ -167,7 +174,7 @@ def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit) ->
 
 def _verdict(linear: LinearRound, ranking: Sequence[Ranked], sound: Sound) -> str | tuple[str, ...]:
     first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.refit is None or first.gain <= sound.gain:
+    if first is None or first.refit is None or first.gain <= sound.gain(first.name):
         return UNKNOWN
     before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
     if after > max(LEFT * before, MUCH * sound.chi2):
