@@ -132,13 +132,21 @@ def _matched(
     blob = _mutual(lattice.rest_px + guess, blobs_px, tree, GATE * lattice.spacing_px)
     known = blob >= 0
     error = np.where(known[:, None], blobs_px[blob] - lattice.rest_px - guess, 0.0)
-    near = lattice.nearest
-    around = np.where(known[near][..., None], error[near], np.nan)
-    some = known[near].any(axis=1)
-    drift = np.zeros_like(guess)
-    drift[some] = np.nanmedian(around[some], axis=1)
+    drift = _median_of_known(error[lattice.nearest], known[lattice.nearest])
     blob = _mutual(lattice.rest_px + guess + drift, blobs_px, tree, GATE * lattice.spacing_px)
     return Match(blob, _cost(lattice, blob, blobs_px, expected))
+
+
+def _median_of_known(
+    values: Float[np.ndarray, "n k 2"], known: Bool[np.ndarray, "n k"]
+) -> Float[np.ndarray, "n 2"]:
+    """Median over the known ones of each row; zero where there are none."""
+    ordered = np.sort(np.where(known[..., None], values, np.inf), axis=1)
+    count = known.sum(axis=1)
+    rows = np.arange(len(values))
+    low, high = np.maximum(count - 1, 0) // 2, count // 2
+    middle = (ordered[rows, low] + ordered[rows, high]) / 2
+    return np.where((count > 0)[:, None], middle, 0.0)
 
 
 def _seams(lattice: Lattice, best: Match, blobs_px: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " e"]:

@@ -92,6 +92,7 @@ class PhotometricDepth:
         turn = camera.gel_from_camera[:3, :3]
         local = direction @ turn
         self._plane = (local / local[:, 2:]).reshape(*self._shape, 3)
+        self._steps = [np.gradient(self._plane, axis=axis) for axis in (0, 1)]
         gel_normal = turn[2]
         self._rest_depth = -camera.gel_from_camera[2, 3] / (self._plane @ gel_normal)
         self._flat = self._log_depth_gradient(np.zeros((*self._shape, 2)))
@@ -129,17 +130,17 @@ class PhotometricDepth:
         """d(ln Z) from block to block, along rows and columns of blocks."""
         normal = np.concatenate([-slopes, np.ones((*self._shape, 1))], axis=-1)
         normal = normal @ self._camera.gel_from_camera[:3, :3]
-        along = (normal * self._plane).sum(axis=-1)
-        return np.stack(
-            [-(normal * np.gradient(self._plane, axis=axis)).sum(axis=-1) / along for axis in (0, 1)],
-            axis=-1,
-        )
+        along = np.einsum("abx,abx->ab", normal, self._plane)
+        return np.stack([-np.einsum("abx,abx->ab", normal, step) / along for step in self._steps], axis=-1)
 
 
 def _powers(change: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... k"]:
-    r, g, b = np.moveaxis(np.asarray(change), -1, 0)
+    red, green, blue = (
+        np.cumprod([np.ones_like(channel), *[channel] * DEGREE], axis=0)
+        for channel in np.moveaxis(np.asarray(change), -1, 0)
+    )
     terms = [
-        r**i * g**j * b**k
+        red[i] * green[j] * blue[k]
         for i in range(DEGREE + 1)
         for j in range(DEGREE + 1 - i)
         for k in range(DEGREE + 1 - i - j)
