@@ -19,8 +19,10 @@ SEEMING: Mapping[str, tuple[float, float]] = {
     "skin": (0.42, 0.09),
     "poisson_ratio": (0.03, 0.015),
     "gripper_compliance": (0.001, 0.0007),
+    "sensor_gain": (0.0, 0.002),
+    "sensor_drift": (0.0, 0.003),
 }
-"""Mean and standard deviation of the amount of an effect's signature."""
+"""Mean and standard deviation of the amount of an effect's signature, of each pad's where it has one."""
 AS_FLESH_GIVES_WAY = ("gripper_compliance",)
 """Of these the amount grows as the flesh gives way: times 1/E and Ground.softness."""
 BEND_OVER = ("skin",)
