@@ -30,10 +30,9 @@ def best_beyond_usual(gains: Mapping[str, float], softness: float) -> float:
     return max((gain / softness - USUAL.get(name, 0.0) for name, gain in gains.items()), default=0.0)
 
 
-def sound_gain(name: str, softness: float, share: float = 0.95) -> float:
-    """What one effect, or the more usual of two joined by "+", gains on such a share of sound recordings."""
-    usual = max(USUAL.get(part, 0.0) for part in name.split("+"))
-    return softness * (usual + max(of_sound(NAMES[0], share), 0.0))
+def usual_gain(name: str, softness: float) -> float:
+    """What an effect, or the more usual of two joined by "+", gains on most sound recordings at most."""
+    return softness * max(USUAL.get(part, 0.0) for part in name.split("+"))
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

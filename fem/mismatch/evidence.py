@@ -218,8 +218,12 @@ def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
     """What the columns' prior means leave of recording k's data."""
     for column in columns:
         field = column.fields[k]
-        if column.mean and field is not None and field.markers is not None and data.markers is not None:
+        if not column.mean or field is None:
+            continue
+        if field.markers is not None and data.markers is not None:
             data = replace(data, markers=data.markers - column.mean * field.markers)
+        if field.balance is not None and data.balance is not None:
+            data = replace(data, balance=data.balance - column.mean * field.balance)
     return data
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.mismatch.added import added
-from fem.mismatch.detect import sound_gain
+from fem.mismatch.detect import of_sound, usual_gain
 from fem.mismatch.effect import Witnessed
 from fem.mismatch.explanation import NONE, UNKNOWN
 from fem.mismatch.ground import Ground
@@ -41,7 +41,8 @@ recordings leave; where it leaves more of both, it is none of the catalogue."""
 
 @dataclass(frozen=True, kw_only=True)
 class Ranked:
-    """One explanation: its name, its gain in ln evidence (all channels), its probability, its refit."""
+    """One explanation: its name, its gain in ln evidence (all channels, beyond what is usual on sound
+    recordings), its probability, its refit."""
 
     name: str
     gain: float
@@ -78,24 +79,27 @@ class Sound:
     most_chi2: float
     softness: float
 
-    def gain(self, name: str) -> float:
-        """What an effect gains even there: less names nothing."""
-        return sound_gain(name, self.softness)
+    def usual(self, name: str) -> float:
+        """What an effect gains even there, most of the time; gains count beyond it."""
+        return usual_gain(name, self.softness)
+
+    @property
+    def least(self) -> float:
+        """What the best effect gains beyond its usual on all but a few: less names nothing."""
+        return self.softness * max(of_sound("best single", 0.95), 0.0)
 
 
 def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
     """Refits the best singles and pairs; where nothing was detected none is the first."""
-    found = [_Tried(one.effect.name, one.gain, (one,)) for one in linear.best]
+    found = [_Tried(one.effect.name, one.gain - sound.usual(one.effect.name), (one,)) for one in linear.best]
     if detected:
-        found = _singles(ground, linear, found, sound.chi2)
+        found = _singles(ground, linear, found, sound)
         if found and found[0].refit is not None:
             found += _pairs(ground, linear, found[0], found[0].refit, sound)
-    none = 0.0
-    if not detected:
-        none = max([0.0, *(max(one.gain, sound.gain(one.name)) for one in found)]) + NOT_DETECTED
+    none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None:
-        found[0] = _polished(ground, linear, found[0], found[0].refit)
+        found[0] = _polished(ground, linear, found[0], found[0].refit, sound)
     weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
     weight /= weight.sum()
     ranking = tuple(
@@ -106,39 +110,40 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
     return Named(ranking=ranking, verdict=verdict)
 
 
-def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound_chi2: float) -> list[_Tried]:
+def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound: Sound) -> list[_Tried]:
     """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
     most = max((one.gain for one in found), default=0.0)
     best, tried = 0.0, []
     for number, one in enumerate(found):
-        enough = best > ENOUGH * (linear.null.chi2 - sound_chi2) / 2
+        enough = best > ENOUGH * (linear.null.chi2 - sound.chi2) / 2
         hopeful = number < SINGLES and one.gain > (EQUAL if enough else HOPE) * most
-        again = _refitted(ground, linear, one, best) if hopeful or one.name in ALWAYS else one
+        again = _refitted(ground, linear, one, best, sound) if hopeful or one.name in ALWAYS else one
         tried.append(again)
         best = max(best, again.gain if again.refit is not None else 0.0)
     for _ in found:
         tried.sort(key=lambda one: -one.gain)
         if tried[0].refit is not None:
             break
-        again = _refitted(ground, linear, tried[0], best)
+        again = _refitted(ground, linear, tried[0], best, sound)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
     return tried
 
 
-def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float) -> _Tried:
+def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
     """As it was where its model cannot be computed."""
     again = refit(ground, linear, one.shown, beat=best)
-    return one if again is None else replace(one, gain=_gain(linear, again), refit=again)
+    return one if again is None else replace(one, gain=_gain(linear, again, sound), refit=again)
 
 
-def _gain(linear: LinearRound, again: Refit) -> float:
+def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
+    """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
     beside = sum(
         effect.beside(again.ground, own, choice)
         for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
         if isinstance(effect, Witnessed)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(beside, max(moved, 0.0))
+    return moved + min(beside, max(moved, 0.0)) - sound.usual(again.name)
 
 
 def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
@@ -149,32 +154,32 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     if single.fit.chi2 <= sound.most_chi2:
         return []
     found = []
+    least = max(PAIR_GAIN, sound.least)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     for gain, other in added(linear, single)[:PAIRS]:
-        least = max(PAIR_GAIN, sound.gain(other.effect.name))
-        if gain < least:
+        if gain - sound.usual(other.effect.name) < least:
             continue
         both = (*best.shown, other)
         again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
         if again is None:
             continue
-        pair = _Tried(again.name, _gain(linear, again), both, again)
+        pair = _Tried(again.name, _gain(linear, again, sound), both, again)
         if pair.gain > best.gain + least and again.fit.chi2 < may_leave:
             found.append(pair)
     return found
 
 
-def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit) -> _Tried:
+def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit, sound: Sound) -> _Tried:
     """The refit carried on for as long as it gains."""
     again = refit(ground, linear, one.shown, known=first)
     if again is None or again.log_evidence <= first.log_evidence:
         return one
-    return replace(one, gain=_gain(linear, again), refit=again)
+    return replace(one, gain=_gain(linear, again, sound), refit=again)
 
 
 def _verdict(linear: LinearRound, ranking: Sequence[Ranked], sound: Sound) -> str | tuple[str, ...]:
     first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.refit is None or first.gain <= sound.gain(first.name):
+    if first is None or first.refit is None or first.gain <= sound.least:
         return UNKNOWN
     before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
     if after > max(LEFT * before, MUCH * sound.chi2):
