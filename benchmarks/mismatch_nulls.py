@@ -1,15 +1,19 @@
 """Detection statistics of sound cases, and from them the bank that detection is calibrated on.
 
     python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write]
+        [--without EFFECT ...]
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
-those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
+those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL. --without
+leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
+fem.mismatch.lookalikes states.
 """
 
 import argparse
 import json
 import tempfile
+from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,6 +24,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.detect import NAMES
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import detection_statistics, plain_ground
+from fem.mismatch.lookalikes import SEEMING
 from fem.mismatch.singles import linear_round
 from pipeline.case import open_case
 from pipeline.diary import Diary
@@ -30,13 +35,17 @@ USUALLY = 0.9
 BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
 
 
-def row_of(folder: Path) -> dict[str, Any]:
-    """The statistics of one case, and how much of every effect seems to be there, the nearest first."""
+def row_of(folder: Path, without: Collection[str] = ()) -> dict[str, Any]:
+    """The statistics of one case, and how much of every effect seems to be there, the nearest first.
+
+    `without`: effects whose seeming amount (fem.mismatch.lookalikes) is left out of the plain model.
+    """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)
         ground, _ = plain_ground(mismatch_case(case, grasped_fruit(case.task, Diary(str))))
     recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
-    linear = linear_round(ground, recorded, EFFECTS)
+    seeming = {name: own for name, own in SEEMING.items() if name not in without}
+    linear = linear_round(ground, recorded, EFFECTS, seeming=seeming)
     statistics = detection_statistics(linear, recorded, ground.softness)
     shown = {
         one.effect.name: {
@@ -86,8 +95,8 @@ def bank_of(rows: list[dict[str, Any]]) -> str:
         f"{len(rows)} cases of four grasps, {len(fruits)} fruits, by the samples' own contact solver on\n"
         "hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, "
         f"{datetime.now(UTC):%Y-%m-%d}.\nOne row per case, columns as in NAMES. USUAL: what nine of ten stay "
-        "below of each effect's gain over the\nsoftness of the flesh, 0 at least; a row's own best single counts "
-        'beyond that of the other fruits.\n"""\n\n'
+        "below of each effect's gain over the\nsoftness of the flesh, 0 at least; a row's own best single "
+        'counts beyond that of the other fruits.\n"""\n\n'
         f"NAMES = {json.dumps(NAMES).replace('[', '(').replace(']', ')')}\n"
         "USUAL: dict[str, float] = {\n"
         + "".join(f'    "{name}": {value:.3g},\n' for name, value in usual.items())
@@ -105,6 +114,7 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True)
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--without", nargs="+", choices=list(SEEMING), default=[])
     chosen = parser.parse_args()
     known = (
         [json.loads(line) for line in chosen.rows.read_text().splitlines()] if chosen.rows.is_file() else []
@@ -115,7 +125,7 @@ def main() -> None:
             name = f"{folder.name}/{path.parent.name}"
             if name in done or int(path.parent.name.rsplit("-", 1)[1]) > chosen.records:
                 continue
-            row = row_of(path.parent)
+            row = row_of(path.parent, chosen.without)
             known.append(row)
             with chosen.rows.open("a") as file:
                 file.write(json.dumps(row) + "\n")

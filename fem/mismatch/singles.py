@@ -1,6 +1,6 @@
 """The linear round: every effect's best signature, and every pair of them, by evidence."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -12,7 +12,7 @@ from fem.mismatch.effect import Effect, Signature, Witnessed
 from fem.mismatch.evidence import Fit, Products, Recorded
 from fem.mismatch.fields import Column
 from fem.mismatch.ground import Ground
-from fem.mismatch.lookalikes import lookalikes
+from fem.mismatch.lookalikes import SEEMING, lookalikes
 from fem.mismatch.nuisances import common_nuisances
 
 
@@ -48,8 +48,17 @@ class LinearRound:
     without: dict[str, str]
 
 
-def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence[Effect]) -> LinearRound:
-    """Signatures of all effects, their products, and the evidence of each alone and of all pairs."""
+def linear_round(
+    ground: Ground,
+    recorded: Sequence[Recorded],
+    effects: Sequence[Effect],
+    *,
+    seeming: Mapping[str, tuple[float, float]] = SEEMING,
+) -> LinearRound:
+    """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
+
+    `seeming`: mean and standard deviation of what the model's own error seems to show of some of them.
+    """
     seen: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
     for effect in effects:
@@ -57,7 +66,7 @@ def linear_round(ground: Ground, recorded: Sequence[Recorded], effects: Sequence
             seen += [(effect, signature) for signature in effect.signatures(ground)]
         except FemFailure as failure:
             without[effect.name] = failure.detail
-    known = [*common_nuisances(ground), *lookalikes(ground, seen)]
+    known = [*common_nuisances(ground), *lookalikes(ground, seen, seeming)]
     columns: list[Column] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in seen:
