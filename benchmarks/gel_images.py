@@ -203,8 +203,8 @@ def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str,
                 f"{1e3 * rms(fields.displacement_sd_mm[t, :, :2]):.1f} depth "
                 f"{1e3 * rms(fields.displacement_sd_mm[t, :, 2]):.1f} um, touching {fields.touching[t].sum()}"
             )
-    spread = fields.force_sd_N[loaded]
-    inside = np.abs(fields.force_N[loaded] - true_f[loaded])[spread > 0] < 2 * spread[spread > 0]
+    touched = fields.force_N[loaded] != 0
+    inside = (np.abs(fields.force_N - true_f) < 2 * fields.force_sd_N)[loaded][touched]
     return dict(
         zip(
             COLUMNS,

@@ -72,7 +72,8 @@ def row(folder: Path, route: str, which: list[int] | None, height_mm: float | No
             )
             if route == "flipped":
                 same = partial(reconstruct, mat=mat, height_mm=None)
-                made = with_underside(made, folder / "photos-flipped", same, mat=mat)
+                over = partial(read_photos, folder / "photos-flipped")
+                made = with_underside(made, over, same, mat=mat)
             vertices, faces = made.vertices, made.faces
             found = [c.name for c in made.cameras]
             places = np.array([c.place for c in made.cameras])

@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 from fault_cases import Case, PhotoSet, cases
 from fault_pictures import TrueView
-from fault_words import WORDS
+from fault_words import HARMLESS, UNKNOWABLE, WORDS
 from jaxtyping import Bool, Float
 
 from pipeline.config import Recon, Settings
@@ -130,8 +130,10 @@ def how_wrong(made: Mesh, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, align:
 
 
 def about(case: Case, said: str) -> bool:
-    """Whether words are about a case's fault."""
-    return re.search(WORDS.get(case.name, "."), said) is not None
+    """Whether words are about a case's fault; of one without a fault none are."""
+    if case.name in HARMLESS:
+        return False
+    return case.name in UNKNOWABLE or re.search(WORDS[case.name], said) is not None
 
 
 def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"]) -> dict[str, Any]:
@@ -219,7 +221,7 @@ def main() -> None:
         known = [row for row in known if row["case"] not in {case.name for case in todo}]
     todo = [case for case in todo if case.name not in {row["case"] for row in known}]
     with chosen.out.open("w", newline="") as file:
-        table = csv.DictWriter(file, COLUMNS)
+        table = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
         table.writeheader()
         table.writerows(known)
         for case in todo:

@@ -37,7 +37,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
     require_seen(replace(made.quality, views_given=len(given)))
     whole = made
     if task.folder.flipped_files():
-        whole = with_underside(made, task.folder.photos_flipped, route, mat=task.mat)
+        whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
     quality = replace(whole.quality, views_given=len(given))
     vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
     return Artifact(

@@ -17,11 +17,12 @@ GRAZING, FULL = 0.0, 0.3
 """Cosines between a normal and the VIEWS-best camera: from where on the skin was seen, and seen well."""
 TURNS, TRIAL_POINTS, TRIAL_STEPS, STEPS, FINALISTS = 24, 500, 20, 40, 4
 RING_DEG = (15.0, 50.0)
-FEWEST = 100
-"""Points of one mesh on skin that both saw, at least."""
+FEWEST = 60
+"""Points of one mesh, of 500, on skin that both saw, at least."""
 OUTLIER = 3.0
-MOST_MISS_SHARE, MOST_SCALE = 0.012, 0.01
-"""Where two meshes of one fruit differ by more of its size, or in scale, they are not of one fruit."""
+MOST_MISS_SHARE, MOST_LARGER, MOST_LARGER_BY_HEIGHT = 0.012, 0.01, 0.12
+"""Where two meshes differ by more of the fruit's size, or in scale, they are not of one fruit. Without a mat
+both are scaled to its height, and a fruit that lies tilted has another."""
 LIKE, APART_DEG, SAME_SHARE = 1.15, 10.0, 0.006
 """Another way round that fits nearly as well, turned by more than so much, and makes another shape of it."""
 CONVENTION_DEG = 40.0
@@ -82,49 +83,48 @@ class BothSides:
 
 @dataclass(frozen=True)
 class _Laid:
-    """One way to lay the other mesh on the first: its pose and how far off it is."""
+    """One way to lay the other mesh on the first: its pose, its miss, and how much larger the other is."""
 
     pose: Float[np.ndarray, "4 4"]
     miss_mm: float
-    scale: float
+    larger: float
 
 
-def both_sides(upright: Side, over: Side, *, free_scale: bool = False) -> BothSides:
+def both_sides(upright: Side, over: Side, *, on_mat: bool = True) -> BothSides:
     """`over`, the fruit laid upside down, found on `upright`, and both merged into one skin.
 
     Point to plane registration (Chen, Medioni 1992) on skin that both saw well, with Geman and McClure's
     weights, from TURNS turns about the vertical: stone fruit are nearly round, and from a wrong turn it ends
     in a wrong one. Then each vertex goes to the mean of both skins, weighted by how well each saw it.
-    `free_scale`: the second's scale follows the first's (without a mat neither is sure). Raises ReconFailure
-    (no-overlap): another fruit, another scale, or a turn that cannot be told.
+    `on_mat`: both are to scale, and a turn that the shape leaves open is that about the mat's arrow; without
+    one the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit, another
+    scale, or a turn that cannot be told.
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())
     first = _overturned(upright, over)
     spread = np.random.default_rng(0).permutation(np.flatnonzero(over.seen > 0))
-    some = spread[:TRIAL_POINTS]
-    trials = []
-    for turn in np.arange(TURNS) * 360.0 / TURNS:
-        start = first @ _about_middle(over, turn)
-        trials.append(_laid(skin, over, some, start, size, steps=TRIAL_STEPS, free_scale=free_scale))
+    trials = [
+        _laid(skin, over, spread[:TRIAL_POINTS], first @ _about_middle(over, turn), size, TRIAL_STEPS, on_mat)
+        for turn in np.arange(TURNS) * 360.0 / TURNS
+    ]
     trials.sort(key=lambda one: one.miss_mm)
     ways = [
-        _laid(skin, over, spread, one.pose, size, steps=STEPS, free_scale=free_scale)
-        for one in _different(trials)[:FINALISTS]
+        _laid(skin, over, spread, one.pose, size, STEPS, on_mat) for one in _different(trials)[:FINALISTS]
     ]
     ways.sort(key=lambda one: one.miss_mm)
     best = ways[0]
-    if best.miss_mm > MOST_MISS_SHARE * size:
+    if not best.miss_mm <= MOST_MISS_SHARE * size:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
             f"the two meshes differ by {best.miss_mm:.2f} mm (root mean square) where both saw the skin: "
             "another fruit, or poor photos",
         )
-    if not free_scale and abs(best.scale - 1) > MOST_SCALE:
+    if abs(best.larger) > (MOST_LARGER if on_mat else MOST_LARGER_BY_HEIGHT):
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            f"they show the fruit {100 * (best.scale - 1):+.1f} % larger than the upright ones: another "
-            "fruit, or another mat",
+            f"they show the fruit {100 * best.larger:+.1f} % larger than the upright ones: another fruit, or "
+            "another mat or height",
         )
     vertices, seen = _merged(upright, over, best)
     rivals = [
@@ -134,7 +134,7 @@ def both_sides(upright: Side, over: Side, *, free_scale: bool = False) -> BothSi
         and _apart_mm(upright, vertices, _merged(upright, over, other)[0]) > SAME_SHARE * size
     ]
     if rivals:
-        known = [way for way in (best, *rivals) if _turn_from(first, way.pose) < CONVENTION_DEG]
+        known = [way for way in (best, *rivals) if on_mat and _turn_from(first, way.pose) < CONVENTION_DEG]
         if len(known) != 1:
             raise ReconFailure(
                 ReconProblem.NO_OVERLAP,
@@ -208,22 +208,26 @@ def _laid(
     which: Int[np.ndarray, " k"],
     pose: Float[np.ndarray, "4 4"],
     size: float,
-    *,
     steps: int,
-    free_scale: bool,
+    on_mat: bool,
 ) -> _Laid:
-    """Point to plane from a start; the scale is solved too, and applied where it is free."""
+    """Point to plane from a start; the scale is solved for too, and applied where there is no mat.
+
+    Where the two have too little skin in common the miss is infinite.
+    """
     source, own = over.vertices[which], over.seen[which]
-    scale, miss = 1.0, float("inf")
-    for _ in range(steps):
+    left = 1.0
+    for turn in range(steps + 1):
         points = moved(source, pose)
         near, normals, seen = skin.nearest(points)
         away = np.einsum("ij,ij->i", near - points, normals)
         weight = own * seen
         both: Bool[np.ndarray, " k"] = weight > 0.05
-        if both.sum() < min(FEWEST, len(which) // 5):
-            break
+        if both.sum() < FEWEST:
+            return _Laid(pose, float("inf"), 0.0)
         miss = _weighted_rms(away[both], weight[both], limit=0.05 * size)
+        if turn == steps:
+            break
         reach = max(OUTLIER * 1.48 * float(np.median(np.abs(away[both]))), 1e-3 * size)
         weight = weight / (1 + (away / reach) ** 2) ** 2
         middle = np.average(points[both], axis=0, weights=weight[both])
@@ -235,15 +239,16 @@ def _laid(
         normal_of = A.T @ (weight[:, None] * A)
         normal_of += np.diag([1e-3] * 3 + [1e-9] * 3 + [1e-3]) * float(np.trace(normal_of)) / 7
         step = np.linalg.solve(normal_of, A.T @ (weight * away))
-        scale = 1 + step[6] / size
-        turn = Rotation.from_rotvec(step[:3] / size).as_matrix() * (scale if free_scale else 1.0)
+        left = 1 + step[6] / size
+        R = Rotation.from_rotvec(step[:3] / size).as_matrix() * (1.0 if on_mat else left)
         move = np.eye(4)
-        move[:3, :3] = turn
-        move[:3, 3] = middle - turn @ middle + step[3:6]
+        move[:3, :3] = R
+        move[:3, 3] = middle - R @ middle + step[3:6]
         pose = move @ pose
         if np.abs(step).max() < 1e-5 * size:
             break
-    return _Laid(pose, miss, scale)
+    scale = float(np.cbrt(np.linalg.det(pose[:3, :3]))) * (left if on_mat else 1.0)
+    return _Laid(pose, miss, 1 / scale - 1)
 
 
 def _weighted_rms(away: Float[np.ndarray, " k"], weight: Float[np.ndarray, " k"], *, limit: float) -> float:

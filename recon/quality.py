@@ -11,11 +11,14 @@ from jaxtyping import Float, Int
 from recon.hull import Silhouette, drawn
 from recon.outline import outline_of
 
+ENOUGH_SEEN = 0.8
+
 
 @dataclass(frozen=True, kw_only=True)
 class ReconQuality:
     """Counts, residuals and agreement of one reconstruction.
 
+    `seen_share` faces two cameras (with photos of the fruit upside down: three of either set).
     `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
     is from the upright one where both saw the skin (root mean square).
     """
@@ -107,9 +110,12 @@ def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
         )
     if q.outline_rms_mm > 0.01 * largest_mm:
         out.append(f"The mesh misses the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")
-    if q.seen_share < 0.8:
-        out.append(
-            f"Only {100 * q.seen_share:.0f} % of the surface faces two cameras or more; take photos from "
-            f"more heights."
-        )
-    return tuple(out)
+    return (*out, *seen_doubts(q))
+
+
+def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
+    """What is said where much of the surface was not seen."""
+    if not quality.seen_share < ENOUGH_SEEN:
+        return ()
+    share = f"Only {100 * quality.seen_share:.0f} % of the surface faces two cameras or more"
+    return (f"{share}; take photos from more heights.",)

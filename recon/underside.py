@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -11,23 +10,27 @@ from recon.flipped import Side, both_sides
 from recon.fruit_mesh import Reconstruction
 from recon.mat import Mat
 from recon.photo_check import checked_photos
-from recon.photos import Photo, read_photos
+from recon.photos import Photo
+from recon.quality import ENOUGH_SEEN, seen_doubts
 from recon.repair import repaired
 from recon.verdict import require_seen
 
+WHERE = "photos-flipped/"
 Route = Callable[[Sequence[Photo]], Reconstruction]
 
 
-def with_underside(upright: Reconstruction, folder: Path, route: Route, *, mat: Mat | None) -> Reconstruction:
+def with_underside(
+    upright: Reconstruction, read: Callable[[], Sequence[Photo]], route: Route, *, mat: Mat | None
+) -> Reconstruction:
     """The upright reconstruction with the other side's skin; as it was, with a warning, where that fails.
 
-    Photos in `folder` show the fruit upside down, `route` makes a mesh of them as it did of the others.
+    `read` gives the photos of the fruit upside down, `route` makes a mesh of them as it did of the others.
     """
     try:
-        return _merged(upright, read_photos(folder), route, mat)
+        return _merged(upright, read(), route, mat)
     except ReconFailure as failure:
         why = failure.detail.rstrip(".")
-        return replace(upright, warnings=(*upright.warnings, f"{folder.name}/ was not used: {why}."))
+        return replace(upright, warnings=(*upright.warnings, f"{WHERE} was not used: {why}."))
 
 
 def _merged(
@@ -36,26 +39,34 @@ def _merged(
     checked = checked_photos(photos, mat)
     over = route(checked.photos)
     require_seen(over.quality)
-    found = both_sides(_side(upright), _side(over), free_scale=mat is None)
+    found = both_sides(_side(upright), _side(over), on_mat=mat is not None)
     mesh = repaired(found.vertices, upright.faces, max_faces=len(upright.faces))
-    said = [f"In photos-flipped/: {warning}" for warning in (*checked.warnings, *over.warnings)]
+    quality = replace(
+        upright.quality,
+        seen_share=max(upright.quality.seen_share, float((found.seen > 0).mean())),
+        flipped_views=over.quality.views_used,
+        flipped_miss_mm=found.miss_mm,
+    )
+    kept = [
+        w
+        for w in upright.warnings
+        if quality.seen_share < ENOUGH_SEEN or w not in seen_doubts(upright.quality)
+    ]
+    said = [
+        f"In {WHERE}: {w}" for w in (*checked.warnings, *over.warnings) if w not in seen_doubts(over.quality)
+    ]
     if found.by_convention:
         said.append(
-            "The fruit is so round that photos-flipped/ fits in two ways; it was taken as laid over about "
-            "the mat's arrow, with the suture still along it."
+            f"The fruit is so round that {WHERE} fits in two ways; it was taken as laid over about the mat's "
+            "arrow, with the suture still along it."
         )
     return replace(
         upright,
         vertices=mesh.vertices,
         faces=mesh.faces,
         surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
-        quality=replace(
-            upright.quality,
-            seen_share=float((found.seen > 0).mean()),
-            flipped_views=over.quality.views_used,
-            flipped_miss_mm=found.miss_mm,
-        ),
-        warnings=(*upright.warnings, *said),
+        quality=quality,
+        warnings=(*kept, *said),
         seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
     )
 

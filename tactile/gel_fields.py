@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
-from scipy.spatial import cKDTree
 
 from tactile.camera import on_face
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.force_placing import ForcePlacing
 from tactile.gel_border import border_observation
 from tactile.gel_force import GelForce, Strength, chosen_strength
 from tactile.gel_grid import GelGrid, gel_grid
@@ -32,11 +32,6 @@ MONO_SLAB_SD_MM = 0.006
 DEPTH_ROUNDS = 2
 FRAMES_TO_CHOOSE_FROM = 3
 OF_MEDIAN = 0.6745
-PLACING = 0.3
-"""Standard deviation of a marker's force as a share of how much its neighbours' differ from it. With it 94 %
-of the forces of rendered presses lie within two standard deviations (`benchmarks/gel_images.py`)."""
-NEIGHBOURS, BESIDE = 8, 1.45
-"""Neighbours at most, and how many spacings away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,8 +42,8 @@ class GelFields:
     standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
     their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
     one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
-    `strength` is None where nothing is smoothed. A slab's marker forces are also known no better than where
-    on the gel they act: `placing_sd_N` is part of their standard deviation and of the joint covariance.
+    `strength` is None where nothing is smoothed. A slab's marker forces are known no better than where on the
+    gel they act (tactile.force_placing): that is part of `force_sd_N` and of the joint covariance.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -56,7 +51,6 @@ class GelFields:
     force_N: Float[np.ndarray, "t n 3"]
     displacement_sd_mm: Float[np.ndarray, "t n 3"]
     force_sd_N: Float[np.ndarray, "t n 3"]
-    placing_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
     motion_mm: Float[np.ndarray, " t"]
     strength: Strength | None
@@ -67,8 +61,8 @@ class GelFields:
         if isinstance(self.solver, SpringForce):
             return self.solver.joint_covariance()
         found = self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
-        own = np.arange(len(found) // 2, len(found))
-        found[own, own] += self.placing_sd_N[frame].ravel() ** 2
+        half = len(found) // 2
+        found[half:, half:] += ForcePlacing(self.rest_mm).covariance_N2(self.force_N[frame])
         return found
 
 
@@ -223,14 +217,13 @@ def fields_of(
         moved_sd[t], motion[t] = own_sd, contact.motion_mm
         if mono:
             moved_sd[t, :, 2] = solver.slab_spread(contact.touching, contact.motion_mm)[:, 2]
-    placing_sd = PLACING * steepest_change(reader.rest_mm, force)
+    placing = ForcePlacing(reader.rest_mm)
     return GelFields(
         rest_mm=reader.rest_mm,
         displacement_mm=seen,
         force_N=force,
         displacement_sd_mm=moved_sd,
-        force_sd_N=np.hypot(force_sd, placing_sd),
-        placing_sd_N=placing_sd,
+        force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
         touching=touching,
         motion_mm=motion,
         strength=strength,
@@ -248,24 +241,11 @@ def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t 
         force_N=springs.force_N(seen),
         displacement_sd_mm=sd_mm,
         force_sd_N=sd_mm * springs.newton_per_mm,
-        placing_sd_N=np.zeros_like(seen),
         touching=springs.touching(seen),
         motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
         strength=None,
         solver=springs,
     )
-
-
-def steepest_change(
-    rest_mm: Float[np.ndarray, "n 3"], force_N: Float[np.ndarray, "t n 3"]
-) -> Float[np.ndarray, "t n 3"]:
-    """By how much the force of a marker differs from that of its neighbour that it differs from most, N."""
-    tree = cKDTree(rest_mm)
-    spacing = float(np.median(np.asarray(tree.query(rest_mm, k=2)[0])[:, 1]))
-    _, found = tree.query(rest_mm, k=NEIGHBOURS + 1, distance_upper_bound=BESIDE * spacing)
-    near = np.asarray(found)
-    near = np.where(near < len(rest_mm), near, np.arange(len(rest_mm))[:, None])
-    return np.stack([np.abs(frame[near] - frame[:, None]).max(axis=1) for frame in force_N])
 
 
 def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:

@@ -45,9 +45,12 @@ def test_a_pad_that_slides_along_the_fruit_is_said_to_slip(contact):
     assert slipping.stick_ratio[fullest] == pytest.approx(0.75, abs=0.08)
 
 
-def test_the_line_for_people_names_times_force_and_patch(contact):
+def test_the_line_for_people_names_times_force_patch_and_slip(contact):
     course = contact_course(contact)[1]
-    line = said(course, contact.time_s)
+    ratio = course.stick_ratio.copy()
+    hardest = course.normal_N.argmax()
+    ratio[hardest] = 0.62
+    line = said(replace(course, stick_ratio=ratio), contact.time_s)
     assert line.startswith(f"{course.pad}: touches from ")
-    assert f"up to {course.normal_N.max():.2f} N on {course.patch_mm2.max():.0f} mm²" in line
-    assert "% sticks" in line
+    force, patch = course.normal_N.max(), course.patch_mm2[hardest]
+    assert f"up to {force:.2f} N on {patch:.0f} mm², of which 62 % stick then" in line

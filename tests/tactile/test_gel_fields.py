@@ -5,7 +5,7 @@ import pytest
 
 from samples.gel_images import seen_at
 from tactile.failure import TactileFailure
-from tactile.gel_fields import GelFields, fields_of, frame_noise, layer_of, steepest_change
+from tactile.gel_fields import GelFields, fields_of, frame_noise, layer_of
 from tactile.gel_slab import GelSlab, SpringBed
 from tactile.sensors import Camera, Sensor, marker_grid
 from tactile.tracking import TrackedMarkers
@@ -95,16 +95,6 @@ def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
     np.testing.assert_allclose(
         np.sqrt(np.diag(stated)[n:]), fields.force_sd_N[13].ravel(), rtol=1e-6, atol=1e-12
     )
-
-
-def test_the_steepest_change_is_that_to_a_neighbour_beside_or_across() -> None:
-    x, y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(3.0)))
-    force = np.zeros((2, 12, 3))
-    force[1, :, 2] = x**2  # 0, 1, 4, 9: steps of 1, 3 and 5
-    found = steepest_change(np.stack([x, y, 0 * x], axis=1), force)
-    assert not found[0].any()
-    assert not found[1, :, :2].any()
-    np.testing.assert_allclose(found[1, :, 2], np.array([1.0, 3.0, 5.0, 5.0])[x.astype(int)])
 
 
 def test_a_dome_is_refused_with_what_to_do() -> None:
