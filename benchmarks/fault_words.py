@@ -61,8 +61,8 @@ WORDS: dict[str, str] = {
 """By the name of the case (fault_cases.py)."""
 
 HARMLESS = (
-    "nothing", "nothing, height and diameter given", "nothing, by height", "turned by EXIF, rightly", "16-bit PNG",
-    "PNG with alpha", "CMYK JPEG", "names that are not ASCII",
+    "nothing", "nothing, height and diameter given", "nothing, by height", "turned by EXIF, rightly",
+    "16-bit PNG", "PNG with alpha", "CMYK JPEG", "names that are not ASCII",
 )  # fmt: skip
 """Cases that need no words: to refuse one of these is wrong whatever is said."""
 UNKNOWABLE = ("mat printed at 97 %, nothing else known", "by height, 5 % wrong")
