@@ -102,9 +102,7 @@ def refit(
         at = search.scaled(
             [start[s.name] for one, start in zip(shown, begin, strict=True) for s in one.effect.parameters]
         )
-        now = search.linearised(at)
-        if search.follow(now.fit):
-            now = search.linearised(at)
+        now, _ = search.followed(search.linearised(at))
         for _ in range(ROUNDS if known is None else POLISH):
             if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
                 break
@@ -122,10 +120,8 @@ def refit(
             if ahead is not None:
                 gained, at = search.merit(ahead) - now.merit, ahead
                 now = search.linearised(at)
-            settled = not search.follow(now.fit)
-            if not settled:
-                now = search.linearised(at)
-            elif gained < LEAST_GAIN:
+            now, again = search.followed(now)
+            if not again and gained < LEAST_GAIN:
                 break
     except FemFailure:
         return None
@@ -206,15 +202,22 @@ class _Search:
             first += len(names)
         return found[0] if len(found) == 1 else _together(self.ground, found)
 
-    def follow(self, fit: Fit) -> bool:
-        """Takes up the fit's 1/E where the effects' response depends on it; whether it did."""
-        share = 1 + float(fit.amounts[0])
+    def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
+        """The model with the fit's 1/E, where the response depends on it and that gains; whether it does.
+
+        In soft flesh 1/E and jaws that seem to give way stand for each other, and the fit's is no guide.
+        """
+        share = 1 + float(now.fit.amounts[0])
         depends = any(one.effect.name in DEPENDS_ON_E for one in self.shown)
         if not depends or abs(share - 1) < SAME_E or share <= 0:
-            return False
-        self.ground = replace(self.ground, compliance=self.ground.compliance * share)
-        self.known = {}
-        return True
+            return now, False
+        before, known = self.ground, self.known
+        self.ground, self.known = replace(before, compliance=before.compliance * share), {}
+        again = self.linearised(now.at)
+        if again.merit > now.merit:
+            return again, True
+        self.ground, self.known = before, known
+        return now, False
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact."""
