@@ -32,6 +32,7 @@ MOST_STEP = 1.0
 DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
 """Laws that are not linear in the strain, and so not in 1/E."""
 SAME_E = 0.01
+STANDS_FOR_E = "as if gripper_compliance"
 TRUST = 10.0
 
 
@@ -203,21 +204,19 @@ class _Search:
         return found[0] if len(found) == 1 else _together(self.ground, found)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
-        """The model with the fit's 1/E, where the response depends on it and that gains; whether it does.
+        """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
-        In soft flesh 1/E and jaws that seem to give way stand for each other, and the fit's is no guide.
+        In soft flesh 1/E and jaws that seem to give way stand for each other: those are left out of that fit.
         """
-        share = 1 + float(now.fit.amounts[0])
-        depends = any(one.effect.name in DEPENDS_ON_E for one in self.shown)
-        if not depends or abs(share - 1) < SAME_E or share <= 0:
+        if not any(one.effect.name in DEPENDS_ON_E for one in self.shown):
             return now, False
-        before, known = self.ground, self.known
-        self.ground, self.known = replace(before, compliance=before.compliance * share), {}
-        again = self.linearised(now.at)
-        if again.merit > now.merit:
-            return again, True
-        self.ground, self.known = before, known
-        return now, False
+        firm = [j for j in now.chosen if now.products.columns[j].name != STANDS_FOR_E]
+        share = 1 + float(now.products.fit(firm).amounts[0])
+        if abs(share - 1) < SAME_E or share <= 0:
+            return now, False
+        self.ground = replace(self.ground, compliance=self.ground.compliance * share)
+        self.known = {}
+        return self.linearised(now.at), True
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact."""
