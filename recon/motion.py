@@ -8,10 +8,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pycolmap
 from jaxtyping import Float
 
 from recon.camera import Camera
+from recon.colmap import pycolmap
 from recon.failure import ReconFailure, ReconProblem
 from recon.ground import ground_plane, upright
 from recon.photos import Photo, require_enough

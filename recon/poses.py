@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-import pycolmap
 from jaxtyping import Float, Int
 
 from recon.camera import Camera
+from recon.colmap import pycolmap
 from recon.failure import ReconFailure, ReconProblem
 from recon.mat import Mat, detect_tags
 from recon.photos import Photo, require_enough
