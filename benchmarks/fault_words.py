@@ -27,7 +27,7 @@ WORDS: dict[str, str] = {
     "diameter_mm 8 % too large, mat": "diameter_mm",
     "another fruit beside the mat": "fits no other|something else|two fruits|hidden|do not fit one body",
     "another fruit on the mat": "fits no other|something else|two fruits|hidden|do not fit one body",
-    "by height, another fruit beside it": "fits no other|something else|two fruits|hidden|do not fit one body",
+    "by height, another fruit beside it": "fits no other|something else|two fruits|do not fit one body",
     "two fruits touching": "two fruits",
     "fruit moved by 6 mm halfway": "elsewhere|moved|do not fit one body",
     "fruit moved by 2 mm halfway": "elsewhere|moved|do not fit one body",
