@@ -30,7 +30,7 @@ import cv2
 import numpy as np
 from fault_cases import Case, PhotoSet, cases
 from fault_pictures import TrueView
-from fault_words import HARMLESS, UNKNOWABLE, WORDS
+from fault_words import HARMLESS, WORDS
 from jaxtyping import Bool, Float
 
 from pipeline.config import Recon, Settings
@@ -133,7 +133,7 @@ def about(case: Case, said: str) -> bool:
     """Whether words are about a case's fault; of one without a fault none are."""
     if case.name in HARMLESS:
         return False
-    return case.name in UNKNOWABLE or re.search(WORDS[case.name], said) is not None
+    return case.unknowable or re.search(WORDS[case.name], said) is not None
 
 
 def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"]) -> dict[str, Any]:

@@ -38,6 +38,14 @@ def vertex_normals(
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 
+def facing(
+    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, " n"]:
+    """Cosines between the normals and the way to a camera at `place`."""
+    ray = place - points
+    return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
+
+
 def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
     """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
     i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

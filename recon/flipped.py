@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from recon.closed import vertex_normals
+from recon.closed import facing, vertex_normals
 from recon.failure import ReconFailure, ReconProblem
 from recon.native import open3d
 from recon.similarity import moved
@@ -51,11 +51,8 @@ class Side:
         normals = vertex_normals(vertices, faces)
         if not len(places):
             places = _ring(vertices)
-        facing = np.empty((len(places), len(vertices)))
-        for k, place in enumerate(places):
-            ray = place - vertices
-            facing[k] = np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1)
-        best = np.sort(facing, axis=0)[-min(VIEWS, len(places))]
+        cosine = np.stack([facing(vertices, normals, place) for place in places])
+        best = np.sort(cosine, axis=0)[-min(VIEWS, len(places))]
         return cls(vertices, faces, np.clip((best - GRAZING) / (FULL - GRAZING), 0.0, 1.0))
 
 

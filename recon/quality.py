@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from recon.closed import facing
 from recon.hull import Silhouette, drawn
 from recon.outline import outline_of
 
@@ -82,10 +83,8 @@ def seen_share(
     vertices: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], places: Float[np.ndarray, "v 3"]
 ) -> float:
     """Share of vertices that face at least two cameras (self-occlusion, rare on fruit, is left out)."""
-    facing = np.zeros(len(vertices), int)
-    for place in places:
-        facing += np.einsum("ij,ij->i", place - vertices, normals) > 0
-    return float((facing >= 2).mean())
+    count = sum((facing(vertices, normals, place) > 0).astype(int) for place in places)
+    return float((np.asarray(count) >= 2).mean())
 
 
 def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from recon.camera import Camera
-from recon.closed import neighbour_mean, vertex_normals
+from recon.closed import facing, neighbour_mean, vertex_normals
 from recon.hull import ball, sampled, split
 
 
@@ -149,11 +149,11 @@ def _agreement(
     u, v = (g.ravel() for g in np.meshgrid(steps, steps))
     patch = points[:, None] + u[None, :, None] * across[:, None] + v[None, :, None] * along[:, None]
     patch += (0.5 * bending[:, None] * (u**2 + v**2))[..., None] * normals[:, None]
-    facing = np.stack([_facing(points, normals, c) for c in cameras])
-    chosen = np.argsort(-facing, axis=0, kind="stable")[:VIEWS_EACH]
-    use = np.zeros_like(facing, dtype=bool)
+    cosine = np.stack([facing(points, normals, c.place) for c in cameras])
+    chosen = np.argsort(-cosine, axis=0, kind="stable")[:VIEWS_EACH]
+    use = np.zeros_like(cosine, dtype=bool)
     np.put_along_axis(use, chosen, True, axis=0)
-    use &= facing > 0.35
+    use &= cosine > 0.35
     total = np.zeros((len(offsets), len(points), SIDE * SIDE), np.float32)
     views = np.zeros((len(offsets), len(points)))
     for camera, picture, rows in zip(cameras, grey, use, strict=True):
@@ -177,13 +177,6 @@ def _agreement(
     power = np.einsum("dnp,dnp->dn", total, total)
     pairs = np.maximum(views * (views - 1), 1)
     return np.where(views >= 3, (power - views) / pairs, 0.0).T
-
-
-def _facing(
-    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], camera: Camera
-) -> Float[np.ndarray, " n"]:
-    ray = camera.place - points
-    return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
 
 
 def _curvature(

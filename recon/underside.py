@@ -11,7 +11,7 @@ from recon.fruit_mesh import Reconstruction
 from recon.mat import Mat
 from recon.photo_check import checked_photos
 from recon.photos import Photo
-from recon.quality import ENOUGH_SEEN, seen_doubts
+from recon.quality import seen_doubts
 from recon.repair import repaired
 from recon.verdict import require_seen
 
@@ -47,11 +47,7 @@ def _merged(
         flipped_views=over.quality.views_used,
         flipped_miss_mm=found.miss_mm,
     )
-    kept = [
-        w
-        for w in upright.warnings
-        if quality.seen_share < ENOUGH_SEEN or w not in seen_doubts(upright.quality)
-    ]
+    kept = [w for w in upright.warnings if w not in seen_doubts(upright.quality)]
     said = [
         f"In {WHERE}: {w}" for w in (*checked.warnings, *over.warnings) if w not in seen_doubts(over.quality)
     ]
@@ -66,7 +62,7 @@ def _merged(
         faces=mesh.faces,
         surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
         quality=quality,
-        warnings=(*kept, *said),
+        warnings=(*kept, *seen_doubts(quality), *said),
         seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
     )
 
