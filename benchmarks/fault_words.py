@@ -23,7 +23,7 @@ WORDS: dict[str, str] = {
     "height_mm 5 % too large, mat": "height_mm",
     "height_mm in cm, mat": "height_mm",
     "by height, 5 % wrong": "height_mm",
-    "by height, 5 % wrong, diameter given": "height_mm",
+    "by height, 5 % wrong, diameter given": "and height_mm",
     "by height, in inches": "height_mm",
     "diameter_mm 8 % too large, mat": "diameter_mm",
     "another fruit beside the mat": "fits no other|something else|two fruits|hidden|do not fit one body",

@@ -19,6 +19,8 @@ from pipeline.raw_grasps import kept_recording
 from pipeline.records import FleshRecord, GraspRecord
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
+from recon.coverage import SEEN_BY
+from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
 from tactile.failure import TactileFailure
 
@@ -49,6 +51,9 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
         shape = fruit_shape(task)
         known["mesh"] = shape.record
         diary.warnings += shape.warnings
+        if shape.views is not None:
+            shown = coverage_map(shape.vertices, shape.faces, shape.views, seen_by=SEEN_BY)
+            write_whole(task.results.coverage, shown)
     with diary.stage("pit"):
         pit = embedded_pit(task, shape)
         known["pit"] = pit.record

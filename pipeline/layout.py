@@ -173,6 +173,11 @@ class FruitResults:
         return self.root / "mesh.png"
 
     @property
+    def coverage(self) -> Path:
+        """The map of how many photos show each part of the skin."""
+        return self.root / "coverage.png"
+
+    @property
     def mismatch(self) -> Path:
         """What `drupe explain` says of the fruit."""
         return self.root / "mismatch.json"
@@ -190,6 +195,7 @@ class FruitResults:
             self.pit_ply,
             self.photo,
             self.picture,
+            self.coverage,
             self.traceback,
         ):
             path.unlink(missing_ok=True)

@@ -45,6 +45,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
             "vertices": vertices,
             "faces": whole.faces,
             "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
+            **({} if whole.views is None else {"views": whole.views}),
             "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
         },
         facts={

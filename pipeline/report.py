@@ -85,6 +85,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         warnings=record.warnings,
         photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
         mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
+        coverage_png=files.coverage.read_bytes() if mesh and files.coverage.is_file() else None,
         estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
         curves=tuple(_curves(record.grasps)),
         facts=tuple(_facts(record, place)),
@@ -192,10 +193,15 @@ def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     ]
 
 
+_UNITS = {"px": "px", "mm": "mm", "mm2": "mm²", "deg": "degrees"}
+
+
 def _label(key: str) -> str:
-    words = key.removesuffix("_px").removesuffix("_mm").replace("_", " ")
-    unit = " (px)" if key.endswith("_px") else " (mm)" if key.endswith("_mm") else ""
-    return words[:1].upper() + words[1:] + unit
+    words, _, unit = key.rpartition("_")
+    if unit not in _UNITS:
+        words, unit = key, ""
+    words = words.replace("_", " ")
+    return words[:1].upper() + words[1:] + (f" ({_UNITS[unit]})" if unit else "")
 
 
 def _shown(value: object) -> str:

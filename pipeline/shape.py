@@ -24,13 +24,17 @@ from recon.stance import stance_of
 
 @dataclass(frozen=True, kw_only=True)
 class Shape:
-    """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in."""
+    """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
+
+    `views`: how many photos show each vertex, where that is known.
+    """
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
     mesh_from_fruit: Float[np.ndarray, "4 4"]
     record: MeshRecord
     warnings: tuple[str, ...]
+    views: Int[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +98,7 @@ def _fruit_shape(task: FruitTask) -> Shape:
         made.arrays["mesh_from_fruit"],
         source="photos",
         facts=dict(made.facts),
+        views=made.arrays.get("views"),
     )
 
 
@@ -104,12 +109,14 @@ def _shape(
     *,
     source: Literal["photos", "fruit.ply"],
     facts: Mapping[str, Any],
+    views: Int[np.ndarray, " n"] | None = None,
 ) -> Shape:
     box = np.ptp(vertices, axis=0).tolist()
     return Shape(
         vertices=vertices,
         faces=faces,
         mesh_from_fruit=mesh_from_fruit,
+        views=views,
         warnings=tuple(facts.get("warnings", ())),
         record=MeshRecord(
             source=source,
@@ -162,6 +169,6 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
 
 def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
     """fruit.ply and pit.ply in the frame that the mesh was made in (with a mat: the mat's)."""
-    for path, part in ((results.fruit_ply, shape), (results.pit_ply, pit)):
+    for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
         placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
-        write_whole(path, mesh_bytes(placed, part.faces))
+        write_whole(path, mesh_bytes(placed, part.faces, views=views))

@@ -14,10 +14,6 @@ LEAST_APART = 0.02
 DENSITY_G_PER_MM3 = (0.8e-3, 1.3e-3)
 """Whole stone fruit: 0.94 for apricots (Ahmadi et al. 2009, Pakistan Journal of Nutrition 8:264), 1.24 for
 peaches (Emadi et al. 2011, World Applied Sciences Journal 12(1):119); the margin is an estimate."""
-CHECK = (
-    "check the unit (mm), that the photos show this fruit, and that mat.json is of the mat as it was printed "
-    "(its 100 mm bar must measure 100 mm)."
-)
 
 
 def size_doubts(given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_mat: bool) -> list[str]:
@@ -26,12 +22,27 @@ def size_doubts(given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_ma
     A length is contradicted where it differs by more than three standard deviations of calliper, surface and
     scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
     """
+    wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh), *_kind(mesh, prior)]
+    check = _what_to_check(mesh, on_mat=on_mat)
     return [
-        *_lengths(given, mesh, on_mat=on_mat),
-        *_mass(given, mesh),
-        *_kind(mesh, prior),
+        *(f"{doubt}: {check}" for doubt in wrong),
         *_alone(given, mesh, on_mat),
     ]
+
+
+def _what_to_check(mesh: MeshRecord, *, on_mat: bool) -> str:
+    """What the mesh's size rests on, and the unit."""
+    if mesh.source == "fruit.ply":
+        return "check the unit (mm) of both, and that fruit.ply is of this fruit."
+    if on_mat:
+        return (
+            "check the unit (mm), that the photos show this fruit, and that mat.json is of the mat as it was "
+            "printed (its 100 mm bar must measure 100 mm)."
+        )
+    return (
+        f"check the unit (mm), that the photos show this fruit, and height_mm ({mesh.height_mm:g}), on which "
+        "the size of the mesh rests."
+    )
 
 
 def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
@@ -49,7 +60,7 @@ def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
         found = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
         yield (
             f"The mesh is {found} mm {what} and fruits.csv says {name} {measured:g} "
-            f"({100 * apart / measured:.1f} % apart): {CHECK}"
+            f"({100 * apart / measured:.1f} % apart)"
         )
 
 
@@ -67,9 +78,8 @@ def _mass(given: Given, mesh: MeshRecord) -> Iterator[str]:
     if not DENSITY_G_PER_MM3[0] <= density <= DENSITY_G_PER_MM3[1]:
         yield (
             f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g {given.mass_g:g}, "
-            f"so "
-            f"that the fruit would weigh {1000 * density:.2f} g/cm³; expected "
-            f"{1000 * DENSITY_G_PER_MM3[0]:.2f} to {1000 * DENSITY_G_PER_MM3[1]:.2f}: {CHECK}"
+            f"so that the fruit would weigh {1000 * density:.2f} g/cm³, expected "
+            f"{1000 * DENSITY_G_PER_MM3[0]:.2f} to {1000 * DENSITY_G_PER_MM3[1]:.2f}"
         )
 
 
@@ -81,8 +91,7 @@ def _kind(mesh: MeshRecord, prior: PitPrior | None) -> Iterator[str]:
     if not low <= size <= high:
         yield (
             f"The mesh is {size:.1f} mm large in the mean; a {prior.category} is taken to be {low:g} to "
-            f"{high:g} mm: "
-            f"{CHECK}"
+            f"{high:g} mm"
         )
 
 

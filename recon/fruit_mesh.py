@@ -11,6 +11,7 @@ from jaxtyping import Float, Int
 
 from recon.camera import Camera, straightened
 from recon.closed import vertex_normals
+from recon.coverage import facing_views, seen_and_unseen
 from recon.failure import ReconFailure, ReconProblem
 from recon.geometry_model import point_maps
 from recon.mat import Mat
@@ -18,7 +19,7 @@ from recon.motion import cameras_from_motion
 from recon.photos import Photo, require_enough
 from recon.point_route import fruit_points
 from recon.poses import cameras_from_mat
-from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, seen_share, warnings_of, widest_gap_deg
+from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.relief import with_relief
 from recon.repair import RepairedMesh, repaired
 from recon.scale import scaled_to_height, spread_of_scale
@@ -46,7 +47,8 @@ class Reconstruction:
     about.
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
-    0). `cameras` are those of the photos used, in that frame, without distortion; none from a geometry model.
+    0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
+    them each vertex faces. A geometry model gives neither.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -58,6 +60,7 @@ class Reconstruction:
     seconds: dict[str, float]
     frame: str
     cameras: tuple[Camera, ...] = ()
+    views: Int[np.ndarray, " n"] | None = None
 
 
 def reconstruct(
@@ -115,6 +118,8 @@ def reconstruct(
                 placed = [c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras]
                 outline_mm *= factor
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
+            views = facing_views(vertices, faces, np.array([c.place for c in placed]))
+            share, hole_mm2 = seen_and_unseen(vertices, faces, views)
             quality = ReconQuality(
                 views_given=len(photos),
                 views_used=len(fruit.used),
@@ -126,11 +131,8 @@ def reconstruct(
                 focal_sd_px=poses.focal_sd_px,
                 k1=poses.cameras[0].k1,
                 widest_gap_deg=widest_gap_deg(np.array([c.place for c in cameras]), fruit.vertices.mean(0)),
-                seen_share=seen_share(
-                    fruit.vertices,
-                    vertex_normals(fruit.vertices, fruit.faces),
-                    np.array([c.place for c in cameras]),
-                ),
+                seen_share=share,
+                unseen_mm2=hole_mm2,
                 decimation_rms_mm=mesh.deviation_rms_mm,
                 relief_share=relief_share,
             )
@@ -144,6 +146,7 @@ def reconstruct(
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
         cameras=tuple(placed),
+        views=views,
     )
 
 

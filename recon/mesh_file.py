@@ -7,9 +7,11 @@ import numpy as np
 import trimesh
 from jaxtyping import Float, Int
 
+from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".ply", ".stl", ".obj")
+SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
@@ -47,9 +49,23 @@ def read_mesh(path: Path) -> Mesh:
     return vertices, faces
 
 
-def mesh_bytes(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> bytes:
-    """A binary PLY (coordinates to a millionth of their size); the same mesh gives the same bytes."""
+def mesh_bytes(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    *,
+    views: Int[np.ndarray, " n"] | None = None,
+) -> bytes:
+    """A binary PLY (coordinates to a millionth of their size); the same mesh gives the same bytes.
+
+    With `views`, the number of photos that show each vertex, the vertices carry it (views, ushort) and a
+    colour (red, green, blue, alpha): orange where they were seen, grey where they were not.
+    """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
+    if views is not None:
+        mesh.visual.vertex_colors = np.where((views >= SEEN_BY)[:, None], SEEN_RGB, UNSEEN_RGB).astype(
+            np.uint8
+        )
+        mesh.vertex_attributes["views"] = views.astype(np.uint16)
     return bytes(trimesh.exchange.ply.export_ply(mesh, vertex_normal=False))
 
 

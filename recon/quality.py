@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.closed import facing
 from recon.hull import Silhouette, drawn
 from recon.outline import outline_of
 
@@ -19,7 +18,8 @@ ENOUGH_SEEN = 0.8
 class ReconQuality:
     """Counts, residuals and agreement of one reconstruction.
 
-    `seen_share` faces two cameras (with photos of the fruit upside down: three of either set).
+    `seen_share` of the surface faces two cameras, of either set where there are photos of the fruit upside
+    down; `unseen_mm2` does not, and was closed by the method.
     `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
     is from the upright one where both saw the skin (root mean square).
     """
@@ -35,6 +35,7 @@ class ReconQuality:
     k1: float
     widest_gap_deg: float
     seen_share: float
+    unseen_mm2: float
     decimation_rms_mm: float
     relief_share: float
     flipped_views: int = 0
@@ -53,6 +54,7 @@ NOTHING_KNOWN = ReconQuality(
     k1=float("nan"),
     widest_gap_deg=float("nan"),
     seen_share=float("nan"),
+    unseen_mm2=float("nan"),
     decimation_rms_mm=float("nan"),
     relief_share=0.0,
 )
@@ -77,14 +79,6 @@ def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "
     """The widest horizontal angle, seen from the fruit, without a camera."""
     angles = np.sort(np.degrees(np.arctan2(places[:, 1] - middle[1], places[:, 0] - middle[0])))
     return float(np.max(np.diff(np.concatenate([angles, angles[:1] + 360.0]))))
-
-
-def seen_share(
-    vertices: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], places: Float[np.ndarray, "v 3"]
-) -> float:
-    """Share of vertices that face at least two cameras (self-occlusion, rare on fruit, is left out)."""
-    count = sum((facing(vertices, normals, place) > 0).astype(int) for place in places)
-    return float((np.asarray(count) >= 2).mean())
 
 
 def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:

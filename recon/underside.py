@@ -4,7 +4,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
+from recon.coverage import facing_views, seen_and_unseen
 from recon.failure import ReconFailure
 from recon.flipped import Side, both_sides
 from recon.fruit_mesh import Reconstruction
@@ -13,6 +15,7 @@ from recon.photo_check import checked_photos
 from recon.photos import Photo
 from recon.quality import seen_doubts
 from recon.repair import repaired
+from recon.similarity import moved
 from recon.verdict import require_seen
 
 WHERE = "photos-flipped/"
@@ -41,9 +44,14 @@ def _merged(
     require_seen(over.quality)
     found = both_sides(_side(upright), _side(over), on_mat=mat is not None)
     mesh = repaired(found.vertices, upright.faces, max_faces=len(upright.faces))
+    quality, views = upright.quality, None
+    if upright.cameras and over.cameras:
+        places = np.concatenate([_places(upright), moved(_places(over), found.upright_from_over)])
+        views = facing_views(mesh.vertices, mesh.faces, places)
+        share, hole_mm2 = seen_and_unseen(mesh.vertices, mesh.faces, views)
+        quality = replace(quality, seen_share=share, unseen_mm2=hole_mm2)
     quality = replace(
-        upright.quality,
-        seen_share=max(upright.quality.seen_share, float((found.seen > 0).mean())),
+        quality,
         flipped_views=over.quality.views_used,
         flipped_miss_mm=found.miss_mm,
     )
@@ -62,11 +70,15 @@ def _merged(
         faces=mesh.faces,
         surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
         quality=quality,
+        views=views,
         warnings=(*kept, *seen_doubts(quality), *said),
         seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
     )
 
 
 def _side(made: Reconstruction) -> Side:
-    places = np.array([camera.place for camera in made.cameras]).reshape(-1, 3)
-    return Side.of(made.vertices, made.faces, places)
+    return Side.of(made.vertices, made.faces, _places(made))
+
+
+def _places(made: Reconstruction) -> Float[np.ndarray, "v 3"]:
+    return np.array([camera.place for camera in made.cameras]).reshape(-1, 3)

@@ -94,6 +94,7 @@ class FruitEntry:
     warnings: tuple[str, ...] = ()
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
+    coverage_png: bytes | None = None
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()

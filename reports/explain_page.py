@@ -27,24 +27,25 @@ from reports.explain_charts import (
     share_bar,
 )
 from reports.explain_entries import CheckEntry, ExplainEntry, ParameterEntry, Value
-from reports.explain_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.parameter_words import parameter_words
+from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import UNKNOWN, duration, number, percent, with_sd
 
+_HATCHED = "cannot be seen from these grasps"
 _MAPS = (
     (
         "modulus_score",
-        MapStyle(low="softer than the model", high="firmer than the model", signed=True),
+        MapStyle(low="softer than the model", high="firmer than the model", signed=True, hatched=_HATCHED),
         "Flesh that is softer (red) or firmer (blue) here would explain what the model leaves over.",
     ),
     (
         "eigenstrain_score",
-        MapStyle(low="nothing", high="strong", signed=False),
+        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
         "A change of shape from within (a lasting dent, swelling, a gap) would explain it here.",
     ),
     (
         "law_error",
-        MapStyle(low="nothing", high="strong", signed=False),
+        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
         "Where the linear elastic law itself fails most.",
     ),
 )
@@ -113,7 +114,13 @@ def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
     """(PNG as base64, what it shows), the first the most telling."""
     if found.map is None:
         return []
-    sides = sides_of(found.map, found.contacts_mm)
+    sides = sides_of(
+        found.map.vertices_mm,
+        found.map.triangles,
+        found.map.visible,
+        hatched_below=BLIND_BELOW,
+        contacts_mm=found.contacts_mm,
+    )
     seen = found.map.visible >= BLIND_BELOW
     pictures = []
     for name, style, words in _MAPS:

@@ -48,10 +48,14 @@ def test_size_from_height_alone_is_said_and_a_second_number_settles_it():
     (doubt,) = doubts(on_mat=False, height_mm=56.0)
     assert "rests on height_mm (56) alone" in doubt
     assert doubts(on_mat=False, height_mm=56.0, diameter_mm=60.0) == []
-    assert "mm wide" in doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)[0]
+    (doubt,) = doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)
+    assert "mm wide" in doubt
+    assert "check the unit (mm), that the photos show this fruit, and height_mm (56)" in doubt
+    assert "mat.json" not in doubt
 
 
 def test_a_ready_mesh_is_held_against_the_numbers_too():
     ready = MESH.model_copy(update={"source": "fruit.ply", "scale_sd": None, "surface_sd_mm": None})
     assert doubts(on_mat=False, mesh=ready, height_mm=56.5) == []
-    assert len(doubts(on_mat=False, mesh=ready, height_mm=60.0)) == 1
+    (doubt,) = doubts(on_mat=False, mesh=ready, height_mm=60.0)
+    assert "fruit.ply is of this fruit" in doubt

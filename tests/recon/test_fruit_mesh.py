@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.closed import open_edges, volume_mm3
+from recon.closed import face_areas, open_edges, volume_mm3
+from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.mat import standard_mat
@@ -61,6 +62,18 @@ def test_quality_and_stages_are_told():
     assert found.quality.views_used >= 10
     assert found.quality.silhouette_iou > 0.95
     assert found.scale_sd < 2e-3
+
+
+def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
+    found, _ = on_the_mat()
+    up, below = found.vertices[:, 2] > 12, found.vertices[:, 2] < 0.5
+    assert found.views is not None
+    assert found.views[up].min() >= SEEN_BY
+    assert found.views[below].min() == 0
+    assert found.views.max() <= found.quality.views_used
+    assert 0.8 < found.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
+    area = face_areas(found.vertices, found.faces).sum()
+    assert found.quality.unseen_mm2 == pytest.approx((1 - found.quality.seen_share) * area)
 
 
 def test_same_photos_give_the_same_mesh():

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import ball
 from recon.mesh_file import mesh_bytes, read_mesh, write_mesh
+from recon.native import open3d
 
 
 def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
@@ -15,6 +17,17 @@ def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
     np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
     assert np.array_equal(same, faces)
     assert (tmp_path / "a.ply").read_bytes() == mesh_bytes(vertices, faces)
+
+
+def test_what_the_photos_saw_is_written_beside_the_coordinates(tmp_path):
+    vertices, faces = ball(2)
+    views = np.where(vertices[:, 2] > 0, 300, 1)
+    (tmp_path / "a.ply").write_bytes(mesh_bytes(vertices, faces, views=views))
+    np.testing.assert_allclose(read_mesh(tmp_path / "a.ply")[0], vertices, rtol=1e-6, atol=1e-9)
+    table = trimesh.load_mesh(tmp_path / "a.ply", process=False).metadata["_ply_raw"]["vertex"]["data"]
+    assert np.array_equal(table["views"].ravel(), views)
+    colours = np.asarray(open3d().io.read_triangle_mesh(str(tmp_path / "a.ply")).vertex_colors)
+    assert np.array_equal(np.ptp(colours, axis=1) < 0.1, views < 2)  # grey where not seen
 
 
 def test_text_ply_obj_and_stl_are_read(tmp_path):

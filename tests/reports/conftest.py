@@ -40,6 +40,7 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         shore_oo=30.0 + 20.0 * E_MPa,
         photo_jpeg=TINY_JPEG,
         mesh_png=TINY_PNG,
+        coverage_png=TINY_PNG,
         estimates=(
             GraspEstimate(
                 grasp="grasp-1",

@@ -19,10 +19,10 @@ from reports.explain_entries import (
     TraceEntry,
     VarianceEntry,
 )
-from reports.explain_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.explain_page import explain_html
 from reports.parameter_words import PARAMETERS, parameter_words
 from reports.raycast import Surface, View
+from reports.skin_map import BLIND_BELOW, MapStyle, Side, map_picture, sides_of
 
 VOCABULARY = [
     "none",
@@ -229,9 +229,14 @@ def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     assert np.isnan(seen[~sight.hit]).all()
 
 
+def sides(fruit: MapEntry, *, view_px: int) -> tuple[Side, ...]:
+    places = (fruit.vertices_mm, fruit.triangles, fruit.visible)
+    return sides_of(*places, hatched_below=BLIND_BELOW, view_px=view_px, samples=1)
+
+
 def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise():
     fruit = bumpy_map()
-    front, *_ = sides_of(fruit, {}, view_px=40, samples=1)
+    front, *_ = sides(fruit, view_px=40)
     seen = front.sight.of_vertices(fruit.visible)
     assert front.blind[front.sight.hit].tolist() == (seen[front.sight.hit] < BLIND_BELOW).tolist()
     assert 0 < front.blind.sum() < front.sight.hit.sum()
@@ -239,9 +244,10 @@ def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise()
 
 def test_a_map_of_nothing_still_is_a_picture():
     fruit = bumpy_map()
-    sides = sides_of(fruit, {}, view_px=30, samples=1)
-    style = MapStyle(low="softer", high="firmer", signed=True)
-    png = map_picture(sides, np.zeros(6), style=style, seen=np.zeros(6, dtype=bool), samples=1)
+    style = MapStyle(low="softer", high="firmer", signed=True, hatched="blind")
+    png = map_picture(
+        sides(fruit, view_px=30), np.zeros(6), style=style, seen=np.zeros(6, dtype=bool), samples=1
+    )
     assert png.startswith(b"\x89PNG")
 
 

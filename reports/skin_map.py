@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
@@ -15,7 +15,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import cKDTree
 
-from reports.explain_entries import MapEntry
 from reports.raycast import Sight, Surface, View
 
 BLIND_BELOW = 3.0
@@ -38,11 +37,15 @@ ONE_SIDED = LinearSegmentedColormap.from_list("one_sided", ["#f7f3ea", "#e8c06a"
 
 @dataclass(frozen=True, kw_only=True)
 class MapStyle:
-    """What a map's colours mean: words at both ends of its bar; `signed` about zero or from zero up."""
+    """What a map's colours and hatching mean: words at both ends of its bar, and beside the hatched patch.
+
+    `signed`: about zero, else from zero up.
+    """
 
     low: str
     high: str
     signed: bool
+    hatched: str
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,17 +60,20 @@ class Side:
 
 
 def sides_of(
-    fruit: MapEntry,
-    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]],
+    vertices_mm: Float[np.ndarray, "n 3"],
+    triangles: Int[np.ndarray, "m 3"],
+    visible: Float[np.ndarray, " n"],
     *,
+    hatched_below: float,
+    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] | None = None,
     view_px: int = 250,
     samples: int = 2,
 ) -> tuple[Side, ...]:
-    """The six sides, ready to be coloured by any of the maps."""
-    surface = Surface.of(fruit.vertices_mm, fruit.triangles)
-    lowest, highest = fruit.vertices_mm.min(axis=0), fruit.vertices_mm.max(axis=0)
-    half = 0.56 * float((highest - lowest).max())
-    touched = {pad: surface.nearest(points) for pad, points in contacts_mm.items() if len(points)}
+    """The six sides, ready to be coloured by any of the maps; blind where `visible` is below the bound."""
+    surface = Surface.of(vertices_mm, triangles)
+    lowest, highest = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
+    half = 0.62 * float((highest - lowest).max())
+    touched = {pad: surface.nearest(points) for pad, points in (contacts_mm or {}).items() if len(points)}
     sides = []
     for name, azimuth_deg, elevation_deg in _SIDES:
         view = View(
@@ -83,7 +89,7 @@ def sides_of(
                 name=name,
                 view=view,
                 sight=sight,
-                blind=sight.hit & (np.nan_to_num(sight.of_vertices(fruit.visible)) < BLIND_BELOW),
+                blind=sight.hit & (np.nan_to_num(sight.of_vertices(visible)) < hatched_below),
                 outlines={pad: _outline(sight, points) for pad, points in touched.items()},
             )
         )
@@ -198,7 +204,7 @@ def _key(
     dark = ((rows + columns) // 3 % 3 == 0)[..., None]
     patch[:] = np.where(dark, 255 * 0.82 * _GREY, 255 * np.minimum(_GREY + 0.12, 1.0)).astype(np.uint8)
     axes.imshow(patch, extent=(54, 58, 5.6, 8.2), aspect="auto", interpolation="nearest")
-    axes.text(59.3, 6.9, "cannot be seen from these grasps", ha="left", va="center", fontsize=9, color=_INK)
+    axes.text(59.3, 6.9, style.hatched, ha="left", va="center", fontsize=9, color=_INK)
     for k, pad in enumerate(pads):
         x = 54 + 15 * k
         axes.add_patch(Rectangle((x, 1.0), 4, 2.4, fill=False, edgecolor=_PAD_LINES[k % 4], lw=1.6))
