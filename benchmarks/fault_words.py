@@ -11,7 +11,7 @@ WORDS: dict[str, str] = {
     "every third underexposed, 3 stops": "dark",
     "strong vignetting": "vignett|darker towards|too dark",
     "8 photos": "views show the fruit",
-    "by height, 12 photos": "views show the fruit|could be placed|overlap",
+    "by height, 12 photos": "views show the fruit|could be placed|overlap|too few features",
     "5 photos": "Too few views",
     "photos from one side only": "Too few views",
     "2 photos": "holds 2 photos",

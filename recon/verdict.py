@@ -24,8 +24,8 @@ def require_seen(quality: ReconQuality) -> None:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
             f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
-            f"at least "
-            f"{FEWEST_VIEWS} must be; take 24 sharp ones from all around, at two or three heights.",
+            f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality)} Take 24 sharp ones from all around, "
+            "at two or three heights.",
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
         raise ReconFailure(
@@ -34,6 +34,15 @@ def require_seen(quality: ReconQuality) -> None:
             f"degrees around the "
             f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too.",
         )
+
+
+def _why_left_out(quality: ReconQuality) -> str:
+    if quality.views_used == quality.views_given:
+        return ""
+    return (
+        " In the others the camera could not be placed, the fruit is cut off or hidden, or its outline "
+        "fits no other photo's, as where another fruit stands beside it."
+    )
 
 
 def shape_doubts(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> tuple[str, ...]:

@@ -34,6 +34,8 @@ DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
 SAME_E = 0.01
 STANDS_FOR_E = "as if gripper_compliance"
 TRUST = 10.0
+NEARER, LEAST_SHARE = 0.6, 0.2
+"""By how much a start is taken nearer to nothing where it has no model, and how near at most."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,16 +96,9 @@ def refit(
     try:
         if known is not None:
             starts, near = known.parameters, known.ground
-        begin = [
-            one.effect.start(ground, one.signature, one.amounts) if start is None else start
-            for one, start in zip(shown, starts or [None] * len(shown), strict=True)
-        ]
-        ground = ground if near is None else near
-        search = _Search(ground, linear, tuple(shown), specs)
-        at = search.scaled(
-            [start[s.name] for one, start in zip(shown, begin, strict=True) for s in one.effect.parameters]
-        )
-        now, _ = search.followed(search.linearised(at))
+        search = _Search(ground if near is None else near, linear, tuple(shown), specs)
+        now, at = search.begun(ground, starts or [None] * len(shown))
+        now, _ = search.followed(now)
         for _ in range(ROUNDS if known is None else POLISH):
             if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
                 break
@@ -183,6 +178,27 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
+    def begun(
+        self, ground: Ground, starts: Sequence[dict[str, float] | None]
+    ) -> tuple[_Linearised, Float[np.ndarray, " p"]]:
+        """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
+
+        Raises FemFailure where there is none at LEAST_SHARE of the linear amounts either.
+        """
+        share = 1.0
+        while True:
+            values: list[float] = []
+            for one, start in zip(self.shown, starts, strict=True):
+                own = one.effect.start(ground, one.signature, share * one.amounts) if start is None else start
+                values += [own[spec.name] for spec in one.effect.parameters]
+            at = self.scaled(values)
+            try:
+                return self.linearised(at), at
+            except FemFailure:
+                share *= NEARER
+                if share < LEAST_SHARE:
+                    raise
+
     def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
         return self.bounded(self._scale(np.array(values, dtype=float)))
 
@@ -219,8 +235,11 @@ class _Search:
         return self.linearised(now.at), True
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
-        """ln evidence of the model with these parameters, taken as exact."""
-        return self._about(at)[1]
+        """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
+        try:
+            return self._about(at)[1]
+        except FemFailure:
+            return float("-inf")
 
     def _about(self, at: Float[np.ndarray, " p"]) -> tuple[Response, float]:
         key = at.tobytes()

@@ -1,9 +1,11 @@
 """What belongs to sensors and machines: put into recordings by its definition, and found again."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from jaxtyping import Float
 from planted_mismatch import (
     E_MPA,
     FLAT,
@@ -17,8 +19,9 @@ from planted_mismatch import (
     planted_case,
 )
 
+from fem.failure import FemFailure, FemProblem
 from fem.mismatch.answer import modulus_of
-from fem.mismatch.effect import Effect
+from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.explain import plain_ground
@@ -132,6 +135,25 @@ def test_a_pads_drift_is_found_and_which_pad():
 def test_jaws_that_give_way_are_found():
     given = found(gripper_compliance.EFFECT, given_way(0.4))[0]["mm_per_N"]
     assert given == pytest.approx(0.4, abs=0.06)  # a mesh this coarse is itself 0.04 too stiff
+
+
+class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
+    """Starts three times too far, where it has no model, as a pit has none that pokes out of the fruit."""
+
+    def start(
+        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        return super().start(ground, signature, 3 * amounts)
+
+    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+        if parameters["mm_per_N"] > 0.45:
+            raise FemFailure(FemProblem.PIT_OUTSIDE_FRUIT, "no such fruit")
+        return super().respond(ground, parameters, choice)
+
+
+def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
+    given = found(Overshooting(), given_way(0.4))[0]["mm_per_N"]
+    assert given == pytest.approx(0.4, abs=0.06)
 
 
 def test_a_late_clock_is_found():

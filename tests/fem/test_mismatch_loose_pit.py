@@ -13,7 +13,7 @@ from fem.forward import UnitModulusSolid
 from fem.mesh import FleshMesh
 from fem.mismatch.baseline import baseline
 from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, loose_response
+from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
 from fem.mismatch.ground import Ground
 from fem.mismatch.loose_flesh import LooseFlesh, inner_faces, loose_flesh
 from fem.mismatch.unilateral import pressures
@@ -173,6 +173,20 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
     assert found.max() > 0
     total = np.asarray(flesh.load @ found).reshape(-1, 3).sum(axis=0)
     assert np.linalg.norm(total) < 1e-3 * float(found @ flesh.area_mm2)
+
+
+def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
+    ground = pinched()
+    seen = ground.base.grasps[0]
+    course = [np.linspace(0, 1, 12), np.ones(9), np.linspace(1, 0, 12), np.zeros(3)]
+    held = replace(seen, shares=np.concatenate(course)[:, None] * seen.shares[1])
+    found = loose_response(ground, held, 0.02)
+    flesh = loose_flesh(ground, seen)
+    free, opening, pushed = flesh.answer(seen)
+    each = pressures(flesh.compliance, held.shares @ opening + 0.02 * flesh.area_mm2)
+    exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)
+    assert len(exact) > MOST_FRAMES
+    assert found == pytest.approx(exact, abs=2e-3 * np.abs(exact).max())
 
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():

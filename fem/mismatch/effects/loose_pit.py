@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
@@ -99,17 +99,20 @@ def loose_response(ground: Ground, seen: Seen, gap: float) -> Float[np.ndarray, 
     key = ("loose answer", seen.case.name)
     free, opening, pushed = ground.kept(key, lambda: flesh.answer(seen))
     open_by = seen.shares @ opening + gap * flesh.area_mm2
-    frames = _spread(seen.shares)
+    path, frames = _spread(seen.shares)
     found = pressures(flesh.compliance, open_by[frames])
-    pressed = np.stack([np.interp(np.arange(len(open_by)), frames, own) for own in found.T], axis=1)
+    pressed = np.stack([np.interp(path, path[frames], own) for own in found.T], axis=1)
     return np.asarray(seen.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
 
 
-def _spread(shares: Float[np.ndarray, "f r"]) -> np.ndarray:
-    """Frames evenly spaced along the path of the load, the first and the last among them."""
+def _spread(
+    shares: Float[np.ndarray, "f r"],
+) -> tuple[Float[np.ndarray, " f"], Int[np.ndarray, " k"]]:
+    """How far the load has gone by each frame, and frames evenly spaced along that, with the last."""
     step = np.linalg.norm(np.diff(shares, axis=0), axis=1) + 1e-12
     path = np.concatenate([[0.0], np.cumsum(step)])
-    return np.unique(np.searchsorted(path, np.linspace(0, path[-1], MOST_FRAMES)).clip(max=len(path) - 1))
+    even = np.searchsorted(path, np.linspace(0, path[-1], MOST_FRAMES))
+    return path, np.unique(even.clip(max=len(path) - 1))
 
 
 def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
