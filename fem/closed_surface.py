@@ -46,12 +46,10 @@ def must_enclose(
     """
     vertices_mm, faces = skin
     near = closest_on_triangles(pit_vertices_mm, vertices_mm, faces)
-    a, b, c = np.moveaxis(vertices_mm[faces[near.face]], 1, 0)
-    normal = np.cross(b - a, c - a)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), np.finfo(float).tiny)
-    out_mm = np.einsum("px,px->p", pit_vertices_mm - near.point_mm, normal)
-    worst = int(out_mm.argmax())
-    if out_mm[worst] >= 0:
+    outside = winding_number(pit_vertices_mm, vertices_mm, faces) < 0.5
+    if outside.any():
+        out_mm = np.where(outside, near.distance_mm, -1.0)
+        worst = int(out_mm.argmax())
         raise FemFailure(
             FemProblem.PIT_OUTSIDE_FRUIT,
             f"the pit pokes {out_mm[worst]:.2f} mm out of the fruit at {_place(pit_vertices_mm[worst])} mm; "
@@ -65,6 +63,27 @@ def must_enclose(
             f"{_place(pit_vertices_mm[thin])} mm, but must be at least {thinnest_mm:.2f} mm for elements of "
             "this size; check where the pit lies and how large it is, or mesh finer",
         )
+
+
+def winding_number(
+    points_mm: Float[np.ndarray, "p 3"],
+    vertices_mm: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+) -> Float[np.ndarray, " p"]:
+    """How often a closed surface winds round each point: 1 inside, 0 outside, whatever folds it has.
+
+    The sum of the triangles' solid angles over 4 pi (van Oosterom and Strackee 1983, "The solid angle of a
+    plane triangle", IEEE Transactions on Biomedical Engineering 30). A simplified scan may hold a triangle
+    turned inside out, whose normal alone would tell the wrong side.
+    """
+    turns = np.zeros(len(points_mm))
+    for k, point in enumerate(points_mm):
+        a, b, c = np.moveaxis(vertices_mm[faces] - point, 1, 0)
+        x, y, z = (np.linalg.norm(side, axis=1) for side in (a, b, c))
+        volume = np.einsum("fx,fx->f", a, np.cross(b, c))
+        dots = (np.einsum("fx,fx->f", p, q) * r for p, q, r in ((a, b, z), (b, c, x), (c, a, y)))
+        turns[k] = np.arctan2(volume, x * y * z + sum(dots)).sum() / (2 * np.pi)
+    return turns
 
 
 def must_lie_on(surface: Surface, points_mm: Float[np.ndarray, "p 3"], *, within_mm: float) -> None:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fem_shapes import ball, box, cube_mesh
 
-from fem.closed_surface import checked_surface, must_enclose
+from fem.closed_surface import checked_surface, must_enclose, winding_number
 from fem.failure import FemFailure, FemProblem
 from fem.mesh import FleshMesh, refined_where, tetrahedralise
-from fem.triangles import enclosed_volume_mm3
+from fem.triangles import closest_on_triangles, enclosed_volume_mm3
 
 FRUIT = ball(800, semi_axes_mm=(30, 30, 30))
 PIT = ball(300, semi_axes_mm=(12, 9, 10))
@@ -50,6 +50,27 @@ def test_flesh_too_thin_to_mesh_is_named_with_place_and_thickness():
     must_enclose(skin, np.array([[4.6, 0.0, 0]]), thinnest_mm=0.3)
     with pytest.raises(FemFailure, match=re.escape("0.40 mm thick at (4.6, 0.0, 0.0) mm")):
         must_enclose(skin, np.array([[4.6, 0.0, 0]]), thinnest_mm=0.5)
+
+
+def test_a_point_is_inside_where_the_surface_winds_round_it_once():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(200, 3))
+    points *= (rng.uniform(0.2, 1.8, size=200) * 30 / np.linalg.norm(points, axis=1))[:, None]
+    radius = np.linalg.norm(points, axis=1)
+    clear = np.abs(radius - 30) > 1
+    inside = (radius < 30)[clear].astype(float)
+    assert winding_number(points[clear], *FRUIT) == pytest.approx(inside, abs=1e-9)
+
+
+def test_a_triangle_of_the_skin_turned_inside_out_does_not_put_the_pit_outside():
+    vertices, faces = (values.copy() for values in FRUIT)
+    one, two = faces[0, :2]
+    vertices[one] = 0.93 * (vertices[one] + 1.6 * (vertices[two] - vertices[one]))
+    a, b, c = np.moveaxis(vertices[faces], 1, 0)
+    inward = np.einsum("fx,fx->f", np.cross(b - a, c - a), a + b + c) < 0
+    pit, _ = ball(2000, semi_axes_mm=(15, 15, 15))
+    assert inward[closest_on_triangles(pit, vertices, faces).face].any()
+    must_enclose((vertices, faces), pit, thinnest_mm=0.5)
 
 
 def test_a_second_fruit_in_the_scan_is_named_with_place_and_size():

@@ -26,11 +26,11 @@ from fem.mismatch.loose_flesh import loose_flesh
 from fem.mismatch.unilateral import pressures
 
 GAP = "gap_mm"
-GAPS_MM = (0.05, 0.15, 0.35)
+GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
 LOWEST_MM, HIGHEST_MM = 0.005, 1.0
 MOST_FRAMES = 30
 """Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
-LEAST_AMOUNT = 0.4
+LEAST_AMOUNT = 0.25
 ROUNDS = 2
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it."""
 
