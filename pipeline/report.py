@@ -205,7 +205,9 @@ def _label(key: str) -> str:
 
 
 def _shown(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
