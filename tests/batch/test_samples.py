@@ -6,7 +6,6 @@ import re
 import cv2
 import pandas as pd
 import pytest
-import trimesh
 from sample_batches import drupe
 
 from pipeline.batch import read_mat
@@ -43,14 +42,7 @@ def test_the_report_needs_no_network(two_fruits):
 def test_the_meshes_are_written_beside_the_record(two_fruits):
     folder, _ = two_fruits
     graded = folder / "results" / "fruits" / pd.read_csv(folder / "results" / "ranking.csv")["fruit_id"][0]
-    assert {"fruit.ply", "pit.ply", "record.json", "coverage.png"} <= {p.name for p in graded.iterdir()}
-    views = trimesh.load_mesh(graded / "fruit.ply", process=False).metadata["_ply_raw"]["vertex"]["data"][
-        "views"
-    ]
-    quality = json.loads((graded / "record.json").read_text())["mesh"]["quality"]
-    assert (views < 2).any()
-    assert (views < 2).mean() == pytest.approx(1 - quality["seen_share"], abs=0.05)
-    assert 0 < quality["unseen_mm2"] < 2000
+    assert {"fruit.ply", "pit.ply", "record.json"} <= {p.name for p in graded.iterdir()}
 
 
 def test_sample_refuses_a_folder_in_use_and_an_unknown_name(tmp_path):

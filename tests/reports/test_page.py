@@ -164,3 +164,11 @@ def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
         replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), photo_jpeg=None, mesh_png=None) for k in range(60)
     )
     assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000
+
+
+def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
+    graded: Callable[..., FruitEntry], empty_batch: BatchEntry
+) -> None:
+    fruit, words = graded("N-1", rank=1, E_MPa=0.3), "coloured by how many photos show each part"
+    assert words in report_html(replace(empty_batch, fruits=(fruit,)))
+    assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, coverage_png=None),)))
