@@ -66,9 +66,12 @@ def survey(root: Path) -> Survey:
     rows = mat = prior = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
-        rows = _gather(problems, lambda: read_fruits(folder.table))
+        told = _gather(problems, lambda: read_fruits(folder.table))
+        if told is not None:
+            rows, faults = told
+            problems += faults
         mat = _gather(problems, lambda: read_mat(folder.mat)) if folder.mat.is_file() else None
-    if rows is not None and not folder.mat.is_file():
+    if rows and not folder.mat.is_file():
         problems += _without_scale(folder, rows)
     if settings is not None:
         missing: list[Problem] = []

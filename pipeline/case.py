@@ -75,6 +75,9 @@ def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None)
         if fruit_id is not None and fruit_id != path.resolve().name:
             raise BatchRefused([Problem(str(path), f'is fruit "{path.name}", and --fruit "{fruit_id}".')])
         return _of_batch(root, path.resolve().name, out)
+    if path.resolve().parent.name == "fruits":
+        sentence = f"lies in fruits/, but {root} has no batch.toml; add it, with the batch's category."
+        raise BatchRefused([Problem(str(path), sentence)])
     raise BatchRefused([Problem(str(path), _NEITHER)])
 
 

@@ -215,7 +215,7 @@ def convert(
     try:
         notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
     except TactileFailure as reason:
-        typer.echo(f"drupe: {source}: {reason}", err=True)
+        typer.echo(f"drupe: {_about(source, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; nothing was written", err=True)
@@ -258,7 +258,7 @@ def calibrate(
     try:
         said = calibrate_sensor(sensor, out, presses, report=StageLines(Console(stderr=True)).stage)
     except TactileFailure as reason:
-        typer.echo(f"drupe: {sensor}: {reason}", err=True)
+        typer.echo(f"drupe: {_about(sensor, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; nothing was written", err=True)
@@ -306,7 +306,7 @@ def sample(
         raise BatchRefused([Problem(str(folder), "is not empty; give a folder that does not exist yet.")])
     if seed is None and (fruits is not None or not photos):
         raise BatchRefused(
-            [Problem("drupe sample", "--fruits and --no-photos are for new fruit; give a --seed too.")]
+            [Problem("sample", "--fruits and --no-photos are for new fruit; give a --seed too.")]
         )
     from pipeline.sample import write_sample
 
@@ -314,6 +314,12 @@ def sample(
         folder, name=name, seed=seed, fruits=fruits or 4, photos=photos, console=Console(stderr=True)
     )
     typer.echo(f"wrote {folder}; grade it with: drupe grade {folder}")
+
+
+def _about(path: Path, reason: Exception) -> str:
+    """The reason, with the path in front where it does not begin with it."""
+    said = str(reason)
+    return said if said.startswith((str(path), path.name)) else f"{path}: {said}"
 
 
 def _cores() -> int:

@@ -29,8 +29,11 @@ class FruitRow:
     notes: str = ""
 
 
-def read_fruits(path: Path) -> tuple[FruitRow, ...]:
-    """The rows of `path`, in order; raises BatchRefused with every fault found."""
+def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
+    """The fruit that can be told from the table, each once, and every fault of it.
+
+    Raises BatchRefused where it is no table, or has no ids.
+    """
     table = _table(path)
     problems = [
         Problem(str(path), f'unknown column "{column}"; known columns: {", ".join(COLUMNS)}.')
@@ -54,9 +57,8 @@ def read_fruits(path: Path) -> tuple[FruitRow, ...]:
             )
     if not rows:
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
-    if problems:
-        raise BatchRefused(problems)
-    return tuple(rows)
+    once = {row.fruit_id: row for row in reversed(rows) if _SAFE_ID.fullmatch(row.fruit_id)}
+    return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
 
 def _table(path: Path) -> pd.DataFrame:

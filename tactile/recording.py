@@ -187,7 +187,7 @@ def opened(path: Path) -> Iterator[Any]:
 
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     expected, advice = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
-    return unreadable(path, "the file", first_line(cause), expected, advice)
+    return unreadable(path, "the file", f"no readable HDF5 ({first_line(cause)})", expected, advice)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:

@@ -2,6 +2,7 @@
 
 import json
 
+import pandas as pd
 import pytest
 from sample_batches import drupe
 
@@ -94,3 +95,13 @@ def test_results_that_cannot_be_written(batch, tmp_path):
     ran = drupe("grade", batch, "--out", tmp_path / "taken")
     assert ran.status == 2
     assert "cannot be written" in ran.one_line_error()
+
+
+def test_check_says_what_is_wrong_with_table_and_fruit_together(batch):
+    table = pd.read_csv(batch / "fruits.csv", dtype=str)
+    more = pd.DataFrame({"fruit_id": ["GONE", "BAD"], "height_mm": [None, "tall"]})
+    pd.concat([table, more]).to_csv(batch / "fruits.csv", index=False)
+    (batch / "fruits" / "STRAY").mkdir()
+    said = drupe("check", batch).out
+    for words in ('height_mm is "tall"', "GONE: there is no such folder", "STRAY: is not listed"):
+        assert words in said

@@ -13,23 +13,32 @@ def table(tmp_path, text):
 
 
 def refusal(tmp_path, text):
-    with pytest.raises(BatchRefused) as caught:
-        read_fruits(table(tmp_path, text))
-    return str(caught.value)
+    """Every fault, those of a table that is none too."""
+    try:
+        return "\n".join(map(str, read_fruits(table(tmp_path, text))[1]))
+    except BatchRefused as refused:
+        return str(refused)
 
 
 def test_rows_come_back_in_order_with_empty_measures_as_none(tmp_path):
-    rows = read_fruits(table(tmp_path, "fruit_id,height_mm,shore_oo\nB,61.5,\nA,,40\n"))
+    rows, faults = read_fruits(table(tmp_path, "fruit_id,height_mm,shore_oo\nB,61.5,\nA,,40\n"))
+    assert not faults
     assert [(r.fruit_id, r.height_mm, r.shore_oo) for r in rows] == [("B", 61.5, None), ("A", None, 40.0)]
 
 
 def test_a_byte_order_mark_from_a_spreadsheet_does_no_harm(tmp_path):
-    (row,) = read_fruits(table(tmp_path, "\ufefffruit_id,height_mm\nA,60\n"))
+    ((row,), _) = read_fruits(table(tmp_path, "\ufefffruit_id,height_mm\nA,60\n"))
     assert row.fruit_id == "A"
 
 
 def test_numeric_ids_stay_as_written(tmp_path):
-    assert read_fruits(table(tmp_path, "fruit_id\n007\n"))[0].fruit_id == "007"
+    assert read_fruits(table(tmp_path, "fruit_id\n007\n"))[0][0].fruit_id == "007"
+
+
+def test_the_fruit_of_a_table_with_faults_are_known_each_once(tmp_path):
+    rows, faults = read_fruits(table(tmp_path, "fruit_id,height_mm\nA,tall\nB,50\n../x,50\nB,51\n"))
+    assert [(row.fruit_id, row.height_mm) for row in rows] == [("A", None), ("B", 50.0)]
+    assert len(faults) == 3
 
 
 def test_duplicate_ids_are_refused_with_their_lines(tmp_path):
