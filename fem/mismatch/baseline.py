@@ -20,8 +20,9 @@ from fem.forward import Support, UnitModulusSolid
 from fem.mesh import FleshMesh
 from fem.mismatch.case import GraspCase, MismatchCase
 from fem.mismatch.gel_force import ABOVE_NOISE, gel_force
+from fem.mismatch.resting_force import resting_force
 from fem.modulus_fit import MarkerTracks
-from fem.modulus_inputs import PadHistory
+from fem.modulus_inputs import GraspHistory, PadHistory
 from fem.modulus_noise import variance_inflation
 from fem.modulus_response import SMALLEST_SD_MM
 from fem.modulus_thinning import loaded_frames, spacing
@@ -146,11 +147,21 @@ def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: fl
                 f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
                 "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
             )
-    felt = [gel_force(own, turn, used) for own, turn in pairs]
+    grown, drift = _drift(history, np.stack([turn[:, 2] for _, turn in pairs]))
+    whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
+    steady = [
+        replace(own, force_N=own.force_N - own_drift)
+        for (own, _), own_drift in zip(
+            pairs, np.split(np.tensordot(grown, drift, axes=1), whose, axis=1), strict=True
+        )
+    ]
+    felt = [gel_force(own, turn, used) for own, (_, turn) in zip(steady, pairs, strict=True)]
     force = np.concatenate([pad.force_N for pad in felt], axis=1)
     sd_N = max(pad.sd_N for pad in felt)
     noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
     patterns, shares = _patterns(force, noisy_N)
+    patterns, shares = np.concatenate([patterns, drift]), np.column_stack([shares, grown[used]])
+    force = force + np.tensordot(grown[used], drift, axes=1)
     links = tuple(pad_link(pad, solid) for pad in history.pads)
     size = np.linalg.norm(force, axis=2).sum(axis=1)
     rng = np.random.default_rng(0)
@@ -190,6 +201,29 @@ def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: fl
         pose=np.stack([pad.pose[used] for pad in case.pads]),
         load=size / size.max(),
         uneven=_spread(links, probed[:, solid.contact_nodes]),
+    )
+
+
+def _drift(
+    history: GraspHistory, normals: Float[np.ndarray, "p 3"]
+) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
+    """What has grown in the recorded forces of pads whose sensors surely drift: N over time, and where.
+
+    It is evenly spread and so small on each marker that noise would hide it: it is kept apart from what tells
+    gel from noise.
+    """
+    shares, patterns = [], []
+    for pad, normal in enumerate(normals):
+        resting = resting_force(history, pad, normal)
+        if resting is None or not resting.sure:
+            continue
+        own = history.pad_of_marker == pad
+        shares.append(resting.rate_N_per_s * (history.time_s - resting.from_s))
+        patterns.append(own[:, None] * normal / own.sum())
+    count = len(history.pad_of_marker)
+    return (
+        np.reshape(shares, (len(shares), len(history.time_s))).T,
+        np.reshape(patterns, (len(patterns), count, 3)),
     )
 
 

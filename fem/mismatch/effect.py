@@ -61,6 +61,7 @@ class Response:
     unit: Sequence[Float[np.ndarray, "f n 3"]]
     shift_mm: Sequence[Float[np.ndarray, "f n 3"]] | None = None
     balance: Sequence[Float[np.ndarray, "f 6"]] | None = None
+    rest: Sequence[Float[np.ndarray, " p"]] | None = None
 
 
 class Effect(Protocol):

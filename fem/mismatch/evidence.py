@@ -24,6 +24,7 @@ from fem.mismatch.ground import Ground
 from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
 from fem.mismatch.nuisances import own_nuisances
+from fem.mismatch.resting_force import RestingForces
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
@@ -33,7 +34,7 @@ PLAIN_SD = 3.0
 
 @dataclass(frozen=True)
 class Recorded:
-    """One recording's equations: its two channels, or its markers alone where a base holds the fruit.
+    """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
 
     What is the recording's own (fem.mismatch.nuisances) is eliminated too: `own` and `own_weighed` are its
     rows, `inverse` is (own . W own + L)^-1.
@@ -42,6 +43,7 @@ class Recorded:
     seen: Seen
     markers: MarkerEquations
     balance: BalanceEquations | None
+    rest: RestingForces
     own: Float[np.ndarray, "k d"]
     own_weighed: Float[np.ndarray, "k d"]
     inverse: Float[np.ndarray, "k k"]
@@ -54,25 +56,37 @@ class Recorded:
         none = np.zeros((0, 0))
         weight_N = NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum())
         balance = BalanceEquations.of(seen, weight_N=weight_N) if balances else None
-        bare = cls(seen, markers, balance, none, none, none)
+        bare = cls(
+            seen,
+            markers,
+            balance,
+            RestingForces.of(seen.case.history, seen.pose[:, 0, :3, 2]),
+            none,
+            none,
+            none,
+        )
         found = own_nuisances(ground, seen)
         plain, weighed = bare.rows([field for _, _, field in found])
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
         return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
 
     def rows(self, fields: Sequence[Field | None]) -> tuple[np.ndarray, np.ndarray]:
-        """The fields and their W-images, laid out flat over markers in contact and sums of force."""
+        """The fields and their W-images, laid out flat: markers in contact, sums of force, pads at rest."""
         touching = self.seen.tracks.episode >= 0
         cut = 3 * int(touching.sum())
-        width = cut + (0 if self.balance is None else self.balance.measured.size)
+        end = cut + (0 if self.balance is None else self.balance.measured.size)
+        width = end + len(self.rest.measured)
         plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
         for row, field in enumerate(fields):
             if field is not None and field.markers is not None:
                 plain[row, :cut] = field.markers[touching].ravel()
                 weighed[row, :cut] = self.markers.weighed(field.markers)[touching].ravel()
             if field is not None and field.balance is not None and self.balance is not None:
-                plain[row, cut:] = field.balance.ravel()
-                weighed[row, cut:] = self.balance.weighed(field.balance).ravel()
+                plain[row, cut:end] = field.balance.ravel()
+                weighed[row, cut:end] = self.balance.weighed(field.balance).ravel()
+            if field is not None and field.rest is not None:
+                plain[row, end:] = field.rest
+                weighed[row, end:] = self.rest.weight * field.rest
         if len(self.inverse):
             weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
         return plain, weighed
@@ -91,6 +105,7 @@ def plain_data(
     return Field(
         markers=beyond if shift_mm is None else beyond - shift_mm,
         balance=None if recorded.balance is None else recorded.balance.measured,
+        rest=recorded.rest.measured,
     )
 
 
@@ -156,7 +171,9 @@ class Products:
             shift = None if response.shift_mm is None else response.shift_mm[k]
             data = plain_data(ground, one, unit=unit, shift_mm=shift)
             if response.balance is not None and data.balance is not None:
-                data = Field(markers=data.markers, balance=data.balance - response.balance[k])
+                data = replace(data, balance=data.balance - response.balance[k])
+            if response.rest is not None and data.rest is not None:
+                data = replace(data, rest=data.rest - response.rest[k])
             data = _beyond_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
@@ -224,6 +241,8 @@ def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
             data = replace(data, markers=data.markers - column.mean * field.markers)
         if field.balance is not None and data.balance is not None:
             data = replace(data, balance=data.balance - column.mean * field.balance)
+        if field.rest is not None and data.rest is not None:
+            data = replace(data, rest=data.rest - column.mean * field.rest)
     return data
 
 

@@ -2,6 +2,7 @@
 
 markers   displacement of every marker in every frame, mm (R2)
 balance   what the pads' forces and moments do not balance, N and N mm over ARM_MM (R1)
+rest      growth of each pad's normal force from the air before the contact to the air after it, N/s (R4)
 """
 
 from collections.abc import Sequence
@@ -20,6 +21,7 @@ class Field:
 
     markers: Float[np.ndarray, "f n 3"] | None = None
     balance: Float[np.ndarray, "f 6"] | None = None
+    rest: Float[np.ndarray, " p"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,10 @@ def lookalikes(
     found: Iterable[tuple[Effect, Signature]],
     seeming: Mapping[str, tuple[float, float]] = SEEMING,
 ) -> list[Column]:
-    """Columns of the effects in `seeming`, one for each alternative of theirs."""
+    """Columns of the effects in `seeming`, one for each alternative of theirs.
+
+    What pads feel in the air is no error of the model, and not among it.
+    """
     columns = []
     for effect, signature in found:
         if effect.name not in seeming:
@@ -46,8 +49,11 @@ def lookalikes(
         mean, sd = seeming[effect.name]
         size = ground.compliance * ground.softness if effect.name in AS_FLESH_GIVES_WAY else 1.0
         (column,) = signature.columns
+        fields = [None if field is None else replace(field, rest=None) for field in column.fields]
         name = f"as if {effect.name}"
-        columns.append(replace(column, name=name, mean=mean * size, sd=sd * size, positive=False))
+        columns.append(
+            replace(column, name=name, mean=mean * size, sd=sd * size, positive=False, fields=fields)
+        )
     return columns
 
 

@@ -287,13 +287,16 @@ def _slope(ground: Ground, here: Response, ahead: Response, step: float) -> list
         balance = None
         if here.balance is not None and ahead.balance is not None:
             balance = (ahead.balance[k] - here.balance[k]) / step
-        fields.append(Field(markers=markers / step, balance=balance))
+        rest = None
+        if here.rest is not None and ahead.rest is not None:
+            rest = (ahead.rest[k] - here.rest[k]) / step
+        fields.append(Field(markers=markers / step, balance=balance, rest=rest))
     return fields
 
 
 def _together(ground: Ground, responses: Sequence[Response]) -> Response:
     """Small departures add."""
-    unit, shift, balance = [], [], []
+    unit, shift, balance, rest = [], [], [], []
     for k, seen in enumerate(ground.base.grasps):
         plain = seen.tracks.unit_displacement
         unit.append(plain + sum(own.unit[k] - plain for own in responses))
@@ -302,4 +305,6 @@ def _together(ground: Ground, responses: Sequence[Response]) -> Response:
         )
         zero = np.zeros((len(plain), 6))
         balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
-    return Response(unit=unit, shift_mm=shift, balance=balance)
+        nothing = np.zeros(len(seen.links))
+        rest.append(sum((own.rest[k] for own in responses if own.rest is not None), nothing))
+    return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)

@@ -13,6 +13,7 @@ from fem.mismatch.evidence import PLAIN_SD, Products, Recorded
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.nuisances import common_nuisances, own_nuisances
+from fem.mismatch.resting_force import RestingForces
 
 SHAPE = (3, 4, 3)
 SIZE = int(np.prod(SHAPE))
@@ -26,6 +27,7 @@ class SmallRecording:
         root = rng.normal(size=(SIZE, SIZE))
         self.weight = root @ root.T / SIZE + 0.3 * np.eye(SIZE)
         self.balance = None
+        self.rest = RestingForces(measured=np.zeros(0), weight=np.zeros(0))
         tracks = SimpleNamespace(
             unit_displacement=rng.normal(size=SHAPE),
             place_mm=np.zeros(SHAPE[1:]),
@@ -129,7 +131,8 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted
     products = Products(ground, recorded, known)
     chosen = tuple(range(1, len(known) + 1))
     fit = products.fit(chosen)
-    bare = [Recorded(one.seen, one.markers, one.balance, *(np.zeros((0, 0)),) * 3) for one in recorded]
+    none = (np.zeros((0, 0)),) * 3
+    bare = [Recorded(one.seen, one.markers, one.balance, one.rest, *none) for one in recorded]
     kept = list(known)
     for k, seen in enumerate(ground.base.grasps):
         for name, sd, field in own_nuisances(ground, seen):

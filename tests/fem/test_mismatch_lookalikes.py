@@ -9,6 +9,7 @@ from fem.mismatch.effect import Signature
 from fem.mismatch.evidence import Products
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.lookalikes import SEEMING, beside, lookalikes, seeming_spread
+from fem.mismatch.resting_force import RestingForces
 
 SHAPE = (4, 12, 3)
 NOISE_MM = 0.01
@@ -23,6 +24,7 @@ class Recording:
 
     def __init__(self, position_mm: np.ndarray, unit: np.ndarray) -> None:
         self.balance = None
+        self.rest = RestingForces(measured=np.zeros(0), weight=np.zeros(0))
         tracks = SimpleNamespace(
             unit_displacement=unit, place_mm=np.zeros(SHAPE[1:]), position_mm=position_mm
         )

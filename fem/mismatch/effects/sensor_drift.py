@@ -1,7 +1,8 @@
 """`sensor_drift`: the normal force that one pad records grows by newton_per_s, whether it touches or not.
 
 Counted from the frames in the air in which the pad's offset was taken, evenly over its markers. The true
-force is the recorded one less the drift.
+force is the recorded one less the drift. What shows it best is the pad after it has let go (fem.mismatch.
+resting_force).
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,6 +12,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field, wrench
 from fem.mismatch.ground import Ground
@@ -32,8 +34,8 @@ class SensorDrift:
         found = []
         for pad in pads_of(ground):
             fields = [
-                Field(markers=-ground.compliance * alone, balance=balance)
-                for alone, balance in _of_pad(ground, pad)
+                Field(markers=-ground.compliance * alone, balance=balance, rest=_at_rest(seen, pad))
+                for seen, (alone, balance) in zip(ground.base.grasps, _of_pad(ground, pad), strict=True)
             ]
             columns = (Column(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
             found.append(Signature(label=pad, columns=columns))
@@ -55,7 +57,17 @@ class SensorDrift:
                 for seen, (alone, _) in zip(ground.base.grasps, parts, strict=True)
             ],
             balance=[rate * balance for _, balance in parts],
+            rest=[rate * _at_rest(seen, choice) for seen in ground.base.grasps],
         )
+
+
+def _at_rest(seen: Seen, pad: str) -> Float[np.ndarray, " p"]:
+    """Growth of each pad's force per N/s of drift: those of its markers that the fit leaves out lack."""
+    found = np.zeros(len(seen.pad_names))
+    if pad in seen.pad_names:
+        number = seen.pad_names.index(pad)
+        found[number] = own_markers(seen, number).sum() / seen.case.pads[number].markers
+    return found
 
 
 def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
