@@ -34,7 +34,7 @@ and the share of the excess chi-square left by that one which a pair may leave b
 leave at most: what smooths over half a fault is no second effect."""
 NOT_DETECTED = TEMPER * 3.0
 """By so much ln evidence none leads where nothing was detected: 95 % to 5."""
-LEFT, MUCH = 0.6, 0.2
+LEFT, MUCH = 0.6, 0.3
 """Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
 recordings leave; where it leaves more of both, it is none of the catalogue."""
 
