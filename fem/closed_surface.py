@@ -70,7 +70,7 @@ def winding_number(
     vertices_mm: Float[np.ndarray, "v 3"],
     faces: Int[np.ndarray, "f 3"],
 ) -> Float[np.ndarray, " p"]:
-    """How often a closed surface winds round each point: 1 inside, 0 outside, whatever folds it has.
+    """How often a closed surface winds round each point: 1 inside, 0 outside, but in the folds themselves.
 
     The sum of the triangles' solid angles over 4 pi (van Oosterom and Strackee 1983, "The solid angle of a
     plane triangle", IEEE Transactions on Biomedical Engineering 30). A simplified scan may hold a triangle

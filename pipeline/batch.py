@@ -119,7 +119,7 @@ def _all_bring_pits(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> b
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
     """Without a mat, at least one photographed fruit must have a height; single gaps cost single fruit."""
     photographed = [row for row in rows if not folder.fruit(row.fruit_id).fruit_ply.is_file()]
-    if not photographed or any(row.height_mm is not None for row in photographed):
+    if not photographed or any(_has_height(row) for row in photographed):
         return []
     return [
         Problem(
@@ -128,6 +128,11 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
             "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
         )
     ]
+
+
+def _has_height(row: FruitRow) -> bool:
+    """Or would have one, if it could be read."""
+    return row.height_mm is not None or "height_mm" in row.unreadable
 
 
 def _effects_of_strangers(

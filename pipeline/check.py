@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.batch import Survey, survey
-from pipeline.fruits_table import FruitRow
+from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.layout import FruitFolder
 from pipeline.problem import Problem
 from recon.failure import ReconFailure
@@ -71,7 +71,7 @@ def _closed_mesh(path: Path) -> None:
 
 
 def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    if not batch.folder.mat.is_file() and row.height_mm is None:
+    if not batch.folder.mat.is_file() and row.height_mm is None and "height_mm" not in row.unreadable:
         yield _at(
             row,
             batch.folder.table,
@@ -100,7 +100,7 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
             str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
         )
         for name in found
-        if name not in listed and not name.startswith(".")
+        if name not in listed and SAFE_ID.fullmatch(name)
     )
 
 

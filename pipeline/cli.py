@@ -319,7 +319,8 @@ def sample(
 def _about(path: Path, reason: Exception) -> str:
     """The reason, with the path in front where it does not begin with it."""
     said = str(reason)
-    return said if said.startswith((str(path), path.name)) else f"{path}: {said}"
+    named = [f"{name}{mark}" for name in (str(path), path.name) if name for mark in ":/ "]
+    return said if said.startswith(tuple(named)) else f"{path}: {said}"
 
 
 def _cores() -> int:

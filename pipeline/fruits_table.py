@@ -14,7 +14,7 @@ from pipeline.problem import BatchRefused, Problem
 
 MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
 COLUMNS = ("fruit_id", *MEASURES, "notes")
-_SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
+SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +27,8 @@ class FruitRow:
     shore_oo: float | None = None
     diameter_mm: float | None = None
     notes: str = ""
+    unreadable: tuple[str, ...] = ()
+    """Measures that were written, but are no numbers."""
 
 
 def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
@@ -57,7 +59,7 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
             )
     if not rows:
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
-    once = {row.fruit_id: row for row in reversed(rows) if _SAFE_ID.fullmatch(row.fruit_id)}
+    once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
 
@@ -108,7 +110,7 @@ def _records(table: pd.DataFrame) -> list[dict[str, str]]:
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
     fruit_id = record["fruit_id"].strip()
-    if not _SAFE_ID.fullmatch(fruit_id):
+    if not SAFE_ID.fullmatch(fruit_id):
         problems.append(
             Problem(
                 str(path),
@@ -117,6 +119,7 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             )
         )
     measures: dict[str, float | None] = {}
+    unreadable = []
     for name in MEASURES:
         text = (record.get(name) or "").strip()
         measures[name] = None
@@ -132,6 +135,8 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
                     str(path), f'line {line}: {name} is "{text}"; expected a number above zero, or nothing.'
                 )
             )
+            unreadable.append(name)
             continue
         measures[name] = value
-    return FruitRow(fruit_id=fruit_id, notes=(record.get("notes") or "").strip(), **measures)
+    notes = (record.get("notes") or "").strip()
+    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **measures)

@@ -34,7 +34,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
         options=options,
     )
     made = route(checked.photos)
-    require_seen(replace(made.quality, views_given=len(given)))
+    require_seen(replace(made.quality, views_given=len(given)), left_out=checked.warnings)
     whole = made
     if task.folder.flipped_files():
         whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)

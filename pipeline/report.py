@@ -207,7 +207,7 @@ def _label(key: str) -> str:
 def _shown(value: object) -> str:
     if not isinstance(value, float):
         return str(value)
-    return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
 def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:

@@ -23,25 +23,25 @@ def size_doubts(given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_ma
     scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
     """
     wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh), *_kind(mesh, prior)]
-    check = _what_to_check(mesh, on_mat=on_mat)
+    check = _what_to_check(given, mesh, on_mat=on_mat)
     return [
         *(f"{doubt}: {check}" for doubt in wrong),
         *_alone(given, mesh, on_mat),
     ]
 
 
-def _what_to_check(mesh: MeshRecord, *, on_mat: bool) -> str:
+def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
     """What the mesh's size rests on, and the unit."""
     if mesh.source == "fruit.ply":
-        return "check the unit (mm) of both, and that fruit.ply is of this fruit."
+        return "check the units (mm, g), and that fruit.ply is in mm and of this fruit."
     if on_mat:
         return (
-            "check the unit (mm), that the photos show this fruit, and that mat.json is of the mat as it was "
-            "printed (its 100 mm bar must measure 100 mm)."
+            "check the units (mm, g), that the photos show this fruit, and that mat.json is of the mat as it "
+            "was printed (its 100 mm bar must measure 100 mm)."
         )
     return (
-        f"check the unit (mm), that the photos show this fruit, and height_mm ({mesh.height_mm:g}), on which "
-        "the size of the mesh rests."
+        f"check the units (mm, g), that the photos show this fruit, and height_mm ({given.height_mm:g}), on "
+        "which the size of the mesh rests."
     )
 
 
@@ -98,7 +98,7 @@ def _kind(mesh: MeshRecord, prior: PitPrior | None) -> Iterator[str]:
 def _alone(given: Given, mesh: MeshRecord, on_mat: bool) -> Iterator[str]:
     if mesh.source == "photos" and not on_mat and given.diameter_mm is None and given.mass_g is None:
         yield (
-            f"The size rests on height_mm ({mesh.height_mm:g}) alone; one percent of it is three of the "
+            f"The size rests on height_mm ({given.height_mm:g}) alone; one percent of it is three of the "
             f"volume: "
             "fill diameter_mm or mass_g in fruits.csv, or use the mat, so that a slip would show."
         )

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 
 from recon.camera import Camera, straightened
 from recon.closed import vertex_normals
-from recon.coverage import facing_views, seen_and_unseen
+from recon.coverage import seeing_views, seen_and_unseen
 from recon.failure import ReconFailure, ReconProblem
 from recon.geometry_model import point_maps
 from recon.mat import Mat
@@ -118,7 +118,7 @@ def reconstruct(
                 placed = [c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras]
                 outline_mm *= factor
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
-            views = facing_views(vertices, faces, np.array([c.place for c in placed]))
+            views = seeing_views(vertices, faces, np.array([c.place for c in placed]))
             share, hole_mm2 = seen_and_unseen(vertices, faces, views)
             quality = ReconQuality(
                 views_given=len(photos),

@@ -18,8 +18,8 @@ ENOUGH_SEEN = 0.8
 class ReconQuality:
     """Counts, residuals and agreement of one reconstruction.
 
-    `seen_share` of the surface faces two cameras, of either set where there are photos of the fruit upside
-    down; `unseen_mm2` does not, and was closed by the method.
+    `seen_share` of the surface is in sight of two cameras, of either set where there are photos of the fruit
+    upside down; `unseen_mm2` is not, and was closed by the method.
     `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
     is from the upright one where both saw the skin (root mean square).
     """
@@ -110,5 +110,5 @@ def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
     """What is said where much of the surface was not seen."""
     if not quality.seen_share < ENOUGH_SEEN:
         return ()
-    share = f"Only {100 * quality.seen_share:.0f} % of the surface faces two cameras or more"
+    share = f"Only {100 * quality.seen_share:.0f} % of the surface is in sight of two cameras or more"
     return (f"{share}; take photos from more heights.",)

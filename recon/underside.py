@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from recon.coverage import facing_views, seen_and_unseen
+from recon.coverage import seeing_views, seen_and_unseen
 from recon.failure import ReconFailure
 from recon.flipped import Side, both_sides
 from recon.fruit_mesh import Reconstruction
@@ -41,13 +41,13 @@ def _merged(
 ) -> Reconstruction:
     checked = checked_photos(photos, mat)
     over = route(checked.photos)
-    require_seen(over.quality)
+    require_seen(over.quality, left_out=checked.warnings)
     found = both_sides(_side(upright), _side(over), on_mat=mat is not None)
     mesh = repaired(found.vertices, upright.faces, max_faces=len(upright.faces))
     quality, views = upright.quality, None
     if upright.cameras and over.cameras:
         places = np.concatenate([_places(upright), moved(_places(over), found.upright_from_over)])
-        views = facing_views(mesh.vertices, mesh.faces, places)
+        views = seeing_views(mesh.vertices, mesh.faces, places)
         share, hole_mm2 = seen_and_unseen(mesh.vertices, mesh.faces, views)
         quality = replace(quality, seen_share=share, unseen_mm2=hole_mm2)
     quality = replace(

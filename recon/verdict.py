@@ -1,5 +1,7 @@
 """Is the mesh that came out to be believed? Refusals, and doubts about its shape, for staff to act on."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
@@ -14,18 +16,19 @@ LEAST_CONVEX = 0.93
 LONGEST = 1.45
 
 
-def require_seen(quality: ReconQuality) -> None:
+def require_seen(quality: ReconQuality, *, left_out: Sequence[str] = ()) -> None:
     """Refuse a shape that was seen from too few directions to be more than a guess.
 
     With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
-    off by half to all of its volume. Raises ReconFailure (too-few-views).
+    off by half to all of its volume. `left_out`: why photos were not even tried. Raises ReconFailure
+    (too-few-views).
     """
     if quality.views_used < FEWEST_VIEWS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
             f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
-            f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality)} Take 24 sharp ones from all around, "
-            "at two or three heights.",
+            f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality, left_out)} Take 24 sharp ones from all "
+            "around, at two or three heights.",
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
         raise ReconFailure(
@@ -36,12 +39,12 @@ def require_seen(quality: ReconQuality) -> None:
         )
 
 
-def _why_left_out(quality: ReconQuality) -> str:
+def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
     if quality.views_used == quality.views_given:
         return ""
-    return (
-        " In the others the camera could not be placed, the fruit is cut off or hidden, or its outline "
-        "fits no other photo's, as where another fruit stands beside it."
+    return "".join(f" {reason}" for reason in left_out) + (
+        " Photos that were tried in vain show the fruit cut off or hidden, or its outline fits no other "
+        "photo's, as where another fruit stands beside it, or the camera could not be placed."
     )
 
 

@@ -5,7 +5,9 @@ from jaxtyping import Float, Int
 
 from reports.skin_map import MapStyle, map_picture, sides_of
 
-_STYLE = MapStyle(low="photos that show it", high="", signed=False, hatched="not seen, closed by the method")
+_STYLE = MapStyle(
+    low="photos that show it", high="", signed=False, hatched="not seen, closed by the method", least=1.0
+)
 
 
 def coverage_map(

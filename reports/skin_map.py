@@ -39,13 +39,14 @@ ONE_SIDED = LinearSegmentedColormap.from_list("one_sided", ["#f7f3ea", "#e8c06a"
 class MapStyle:
     """What a map's colours and hatching mean: words at both ends of its bar, and beside the hatched patch.
 
-    `signed`: about zero, else from zero up.
+    `signed`: about zero, else from zero up; the bar reaches `least` at least.
     """
 
     low: str
     high: str
     signed: bool
     hatched: str
+    least: float = BLIND_BELOW
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,7 +112,7 @@ def map_picture(
     A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
     """
     within = np.abs(scores[seen]) if seen.any() else np.abs(scores)
-    limit = max(float(np.nanmax(within, initial=0.0)), BLIND_BELOW)
+    limit = max(float(np.nanmax(within, initial=0.0)), style.least)
     view_px = len(sides[0].sight.hit) // samples
     columns, bar_px = 3, 74
     rows = -(-len(sides) // columns)

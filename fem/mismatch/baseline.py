@@ -207,7 +207,7 @@ def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: fl
 def _drift(
     history: GraspHistory, normals: Float[np.ndarray, "p 3"]
 ) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
-    """What has grown in the recorded forces of pads whose sensors surely drift: N over time, and where.
+    """What has grown in the recorded forces of pads that surely drift: its course, and unit patterns.
 
     It is evenly spread and so small on each marker that noise would hide it: it is kept apart from what tells
     gel from noise.
@@ -218,8 +218,9 @@ def _drift(
         if resting is None or not resting.sure:
             continue
         own = history.pad_of_marker == pad
-        shares.append(resting.rate_N_per_s * (history.time_s - resting.from_s))
-        patterns.append(own[:, None] * normal / own.sum())
+        size = np.sqrt(own.sum())
+        shares.append(resting.rate_N_per_s * (history.time_s - resting.from_s) / size)
+        patterns.append(own[:, None] * normal / size)
     count = len(history.pad_of_marker)
     return (
         np.reshape(shares, (len(shares), len(history.time_s))).T,

@@ -183,9 +183,9 @@ class _Search:
     ) -> tuple[_Linearised, Float[np.ndarray, " p"]]:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
-        Raises FemFailure where there is none at LEAST_SHARE of the linear amounts either.
+        Raises FemFailure where there is none down to LEAST_SHARE of the linear amounts either.
         """
-        share = 1.0
+        share, before = 1.0, None
         while True:
             values: list[float] = []
             for one, start in zip(self.shown, starts, strict=True):
@@ -196,8 +196,9 @@ class _Search:
                 return self.linearised(at), at
             except FemFailure:
                 share *= NEARER
-                if share < LEAST_SHARE:
+                if share < LEAST_SHARE or values == before:
                     raise
+                before = values
 
     def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
         return self.bounded(self._scale(np.array(values, dtype=float)))
@@ -258,7 +259,11 @@ class _Search:
         slopes = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
-            ahead = self.respond(at + step * np.eye(len(at))[k])
+            try:
+                ahead = self.respond(at + step * np.eye(len(at))[k])
+            except FemFailure:
+                step = -step
+                ahead = self.respond(at + step * np.eye(len(at))[k])
             slopes.append(
                 Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
             )

@@ -13,9 +13,11 @@ from jaxtyping import Float
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_noise import variance_inflation
 
-FEWEST_FRAMES = 3
-REMEMBERED = 1e-3
-"""Share of the greatest force that a gel may still show after it was let go."""
+FEWEST_FRAMES = 2
+REMEMBERED = 3e-3
+"""Share of the greatest force that a gel may still show after it was let go (estimate)."""
+SILENT = 0.5
+"""A sensor that says exactly nothing more often than this in the air cuts off small forces, and drifts."""
 SURE = 4.0
 """A rate of so many standard deviations is there."""
 
@@ -52,18 +54,25 @@ class RestingForces:
 
 
 def resting_force(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"]) -> RestingForce | None:
-    """Of one pad; None with fewer than FEWEST_FRAMES in the air before or after the contact."""
+    """Of one pad; None with fewer than FEWEST_FRAMES in the air before or after the contact, or SILENT ones.
+
+    The frames next to the contact may carry forces below what counts as one, and are left out.
+    """
     own = history.pads[pad]
     touched = np.flatnonzero([phase != "air" for phase in history.phase])
     if not len(touched):
         return None
-    before, after = np.arange(touched[0]), np.arange(touched[-1] + 1, len(history.phase))
+    before, after = np.arange(touched[0] - 1), np.arange(touched[-1] + 2, len(history.phase))
     if min(len(before), len(after)) < FEWEST_FRAMES:
+        return None
+    if (own.force_N[np.concatenate([before, after])] == 0).mean() > SILENT:
         return None
     total = (own.force_N @ normal).sum(axis=1)
     apart_s = float(history.time_s[after].mean() - history.time_s[before].mean())
     inflation = float(variance_inflation(np.array([own.lag1]))[0])
-    noise = own.force_sd_N * np.sqrt(own.force_N.shape[1] * inflation * (1 / len(before) + 1 / len(after)))
+    jumps = np.concatenate([np.diff(total[before]), np.diff(total[after])])
+    each = max(own.force_sd_N * np.sqrt(own.force_N.shape[1]), float(jumps.std()) / np.sqrt(2))
+    noise = each * np.sqrt(inflation * (1 / len(before) + 1 / len(after)))
     return RestingForce(
         rate_N_per_s=float(total[after].mean() - total[before].mean()) / apart_s,
         sd_N_per_s=float(np.hypot(noise, REMEMBERED * np.abs(total).max())) / apart_s,

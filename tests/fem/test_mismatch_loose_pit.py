@@ -176,16 +176,16 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
 
 
 def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
-    ground = pinched()
+    ground, gap = pinched(), 0.002
     seen = ground.base.grasps[0]
-    course = [np.linspace(0, 1, 12), np.ones(9), np.linspace(1, 0, 12), np.zeros(3)]
+    course = [np.linspace(0, 1, 57), np.ones(9), np.linspace(1, 0, 57), np.zeros(3)]
     held = replace(seen, shares=np.concatenate(course)[:, None] * seen.shares[1])
-    found = loose_response(ground, held, 0.02)
+    found = loose_response(ground, held, gap)
     flesh = loose_flesh(ground, seen)
     free, opening, pushed = flesh.answer(seen)
-    each = pressures(flesh.compliance, held.shares @ opening + 0.02 * flesh.area_mm2)
+    each = pressures(flesh.compliance, held.shares @ opening + gap * flesh.area_mm2)
+    assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
     exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)
-    assert len(exact) > MOST_FRAMES
     assert found == pytest.approx(exact, abs=2e-3 * np.abs(exact).max())
 
 

@@ -27,7 +27,7 @@ def test_numbers_that_fit_raise_no_doubt():
     ("given", "words"),
     [
         ({"height_mm": 56.0 * 0.97}, "says height_mm 54.32"),
-        ({"height_mm": 5.6}, "check the unit"),
+        ({"height_mm": 5.6}, "check the units"),
         ({"diameter_mm": 61.0 * 1.04}, "59.5 to 61.0 mm wide"),
         ({"mass_g": 60}, "would weigh 0.56 g/cm³"),
     ],
@@ -50,7 +50,7 @@ def test_size_from_height_alone_is_said_and_a_second_number_settles_it():
     assert doubts(on_mat=False, height_mm=56.0, diameter_mm=60.0) == []
     (doubt,) = doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)
     assert "mm wide" in doubt
-    assert "check the unit (mm), that the photos show this fruit, and height_mm (56)" in doubt
+    assert "check the units (mm, g), that the photos show this fruit, and height_mm (56)" in doubt
     assert "mat.json" not in doubt
 
 
@@ -58,4 +58,4 @@ def test_a_ready_mesh_is_held_against_the_numbers_too():
     ready = MESH.model_copy(update={"source": "fruit.ply", "scale_sd": None, "surface_sd_mm": None})
     assert doubts(on_mat=False, mesh=ready, height_mm=56.5) == []
     (doubt,) = doubts(on_mat=False, mesh=ready, height_mm=60.0)
-    assert "fruit.ply is of this fruit" in doubt
+    assert "fruit.ply is in mm and of this fruit" in doubt

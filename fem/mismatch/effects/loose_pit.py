@@ -30,7 +30,10 @@ GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
 LOWEST_MM, HIGHEST_MM = 0.005, 1.0
 MOST_FRAMES = 30
 """Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
+PEAK = 0.3
+"""Peaks of the load above such a share of the greatest are solved for."""
 LEAST_AMOUNT = 0.25
+"""Sound fruit of the bank ask for 0.1 of it at most, loose pits of the samples for 0.37 to 0.84."""
 ROUNDS = 2
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it."""
 
@@ -108,11 +111,14 @@ def loose_response(ground: Ground, seen: Seen, gap: float) -> Float[np.ndarray, 
 def _spread(
     shares: Float[np.ndarray, "f r"],
 ) -> tuple[Float[np.ndarray, " f"], Int[np.ndarray, " k"]]:
-    """How far the load has gone by each frame, and frames evenly spaced along that, with the last."""
+    """How far the load has gone by each frame; frames evenly spaced along that, the last, and its peaks."""
     step = np.linalg.norm(np.diff(shares, axis=0), axis=1) + 1e-12
     path = np.concatenate([[0.0], np.cumsum(step)])
     even = np.searchsorted(path, np.linspace(0, path[-1], MOST_FRAMES))
-    return path, np.unique(even.clip(max=len(path) - 1))
+    size = np.linalg.norm(shares, axis=1)
+    rim = np.concatenate([[-np.inf], size, [-np.inf]])
+    peaks = np.flatnonzero((size >= rim[:-2]) & (size >= rim[2:]) & (size > PEAK * size.max()))
+    return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
 def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
