@@ -224,11 +224,14 @@ def _solved(
 
 def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
     """Displacement by three shifts (mm) and three small turns about the centre, in mm at the mean radius."""
-    centre_mm = place_mm.mean(axis=0)
-    radius_mm = max(float(np.linalg.norm(place_mm - centre_mm, axis=1).mean()), 1e-9)
-    modes = rigid_modes(place_mm, centre_mm=centre_mm)
-    modes[:, :, 3:] /= radius_mm
+    modes = rigid_modes(place_mm, centre_mm=place_mm.mean(axis=0))
+    modes[:, :, 3:] /= mean_radius_mm(place_mm)
     return modes
+
+
+def mean_radius_mm(place_mm: Float[np.ndarray, "n 3"]) -> float:
+    """Mean distance from the centre, at which rigid_motion gives a turn in mm."""
+    return max(float(np.linalg.norm(place_mm - place_mm.mean(axis=0), axis=1).mean()), 1e-9)
 
 
 def about_episode_mean(

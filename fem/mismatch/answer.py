@@ -19,9 +19,6 @@ from fem.modulus_fit import fit_compliance
 
 NINETY = 1.645
 LEAST_RELATIVE_SD = 0.01
-PARAMETER_FLOOR = 0.02
-"""Relative standard deviation of a parameter for what no nuisance stands for: of 27 parameters of cases with
-known answers the fit's own 90 % intervals held 13."""
 SCATTER = 0.02
 """Relative scatter of one recording's E, where there is no second one to show it."""
 SYSTEMATIC = 1.5
@@ -110,8 +107,7 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
 def _said(spec: ParameterSpec, value: float, sd: float, modulus: Modulus) -> tuple[str, float, str, float]:
     """Name, value, unit and spread as an answer gives them."""
     spread = value * sd if spec.log else sd
-    if spec.unit != "mm":  # places have no size of their own
-        spread = float(np.hypot(spread, PARAMETER_FLOOR * abs(value)))
+    spread = float(np.hypot(spread, spec.model_sd * (1.0 if spec.is_place else abs(value))))
     if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows
         return (
             "Et_N_per_mm",

@@ -26,8 +26,10 @@ class ParameterSpec:
     """One parameter: its name and unit as in an answer, and what it lies between.
 
     `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation, a quarter of the
-    bounds' distance unless given. A vector's components are parameters of their own, named
-    "offset_mm.0" and so on; an answer joins them again.
+    bounds' distance unless given. `model_sd`: how far off the model's own error leaves it, however low the
+    noise, relative to its value, of a place in mm: the scatter about the truth over cases by another solver
+    (benchmarks/mismatch.py), which no nuisance stands for. A vector's components are parameters of their own,
+    named "offset_mm.0" and so on; an answer joins them again.
     """
 
     name: str
@@ -36,6 +38,12 @@ class ParameterSpec:
     high: float
     log: bool = False
     spread: float | None = None
+    model_sd: float = 0.02
+
+    @property
+    def is_place(self) -> bool:
+        """A place has no size of its own."""
+        return self.unit == "mm" and not self.log
 
 
 @dataclass(frozen=True, kw_only=True)

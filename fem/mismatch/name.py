@@ -15,6 +15,7 @@ from fem.mismatch.detect import of_sound, usual_gain
 from fem.mismatch.effect import Witnessed
 from fem.mismatch.explanation import NONE, UNKNOWN
 from fem.mismatch.ground import Ground
+from fem.mismatch.pads import pads_of
 from fem.mismatch.refit import Refit, refit
 from fem.mismatch.singles import LinearRound, Shown
 
@@ -27,11 +28,16 @@ ENOUGH, EQUAL = 0.9, 0.5
 are refitted too."""
 ALWAYS = ("pit_size",)
 """Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
+OTHER_PAD = 0.5
+"""Share of one pad's linear gain from which the same effect on the other pad is refitted too."""
 LIKE = 1 / 20
-PAIR_GAIN, PAIR_LEFT = 10.0, 0.5
+PAIR_GAIN, PAIR_LEFT = 15.0, 0.5
 """ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
 and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
 leave at most: what smooths over half a fault is no second effect."""
+PAIR_PLAIN = 25.0
+"""ln evidence, times the flesh's softness, that it must add where the single leaves no more than sound
+recordings do: beside 30 single effects by another solver a second one added 20 at most."""
 NOT_DETECTED = TEMPER * 3.0
 """By so much ln evidence none leads where nothing was detected: 95 % to 5."""
 LEFT, MUCH = 0.6, 0.3
@@ -126,7 +132,29 @@ def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound
             break
         again = _refitted(ground, linear, tried[0], best, sound)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
+    for other in _of_the_other_pad(ground, linear, tried[0].shown) if tried else ():
+        again = _refitted(ground, linear, replace(tried[0], shown=(other,)), tried[0].gain, sound)
+        if again.refit is not None and again.gain > tried[0].gain:
+            tried[0] = again
     return tried
+
+
+def _of_the_other_pad(ground: Ground, linear: LinearRound, shown: tuple[Shown, ...]) -> list[Shown]:
+    """The same effect on other pads, where it gains nearly as much in the linear round.
+
+    One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
+    """
+    (one,) = shown
+    pads = pads_of(ground)
+    return [
+        other
+        for other in linear.shown
+        if other.effect.name == one.effect.name
+        and one.signature.label in pads
+        and other.signature.label in pads
+        and other.signature.label != one.signature.label
+        and other.gain > OTHER_PAD * one.gain
+    ]
 
 
 def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
@@ -147,14 +175,11 @@ def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
 
 
 def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
-    """Pairs of the best single with what adds most to it, refitted, that earn their place.
-
-    None where the single leaves no more than sound recordings do.
-    """
-    if single.fit.chi2 <= sound.most_chi2:
-        return []
+    """Pairs of the best single with what adds most to it, refitted, that earn their place."""
     found = []
     least = max(PAIR_GAIN, sound.least)
+    if single.fit.chi2 <= sound.most_chi2:
+        least = max(least, PAIR_PLAIN * sound.softness)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     for gain, other in added(linear, single)[:PAIRS]:
         if gain - sound.usual(other.effect.name) < least:

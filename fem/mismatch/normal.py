@@ -22,6 +22,7 @@ from fem.modulus_fit import (
     MarkerTracks,
     about_episode_mean,
     marker_weight,
+    mean_radius_mm,
     motion_equations,
     rigid_motion,
 )
@@ -54,6 +55,7 @@ class MarkerEquations:
     inverse: Float[np.ndarray, "n 4 4"]
     along: Float[np.ndarray, "n 4 m"]
     motions: tuple[np.ndarray, bool]
+    free: bool
 
     @classmethod
     def of(
@@ -91,7 +93,7 @@ class MarkerEquations:
         if free:
             prior[:6] = GAUGE_SD_MM**-2
         equations[np.diag_indices_from(equations)] += np.tile(prior, len(tracks.position_mm))
-        return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations))
+        return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations), free)
 
     def weighed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """W phi, 1/mm for a field in mm; its sum with another field is their product."""
@@ -100,15 +102,29 @@ class MarkerEquations:
     def left(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """What motions, scales and places leave of a field, mm; zero out of contact."""
         mine = about_episode_mean(field, self.tracks.episode)
+        motion, amounts = self._fitted(mine)
+        moved = np.einsum("nxl,tl->tnx", self.every_frame, motion, optimize=True)
+        mine = mine - about_episode_mean(moved, self.tracks.episode)
+        return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
+
+    def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
+        """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if held."""
+        if not self.free:
+            return np.zeros((len(field), 3))
+        motion, _ = self._fitted(about_episode_mean(field, self.tracks.episode))
+        return np.asarray(motion[:, 3:6] / mean_radius_mm(self.tracks.place_mm))
+
+    def _fitted(
+        self, mine: Float[np.ndarray, "f n 3"]
+    ) -> tuple[Float[np.ndarray, "f k"], Float[np.ndarray, "n 4"]]:
+        """Amounts of what each frame may have any amount of, and of what each marker may."""
         weighted = self.weight[:, None] * mine
         seen = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
         amounts = (self.inverse @ seen[..., None])[..., 0]
         right = np.einsum("nxl,tnx->tl", self.every_frame, weighted, optimize=True)
         motion = cho_solve(self.motions, right.ravel() - np.einsum("nam,na->m", self.along, amounts))
         amounts -= (self.inverse @ (self.along @ motion)[..., None])[..., 0]
-        moved = np.einsum("nxl,tl->tnx", self.every_frame, motion.reshape(right.shape), optimize=True)
-        mine = mine - about_episode_mean(moved, self.tracks.episode)
-        return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
+        return np.asarray(motion.reshape(right.shape)), np.asarray(amounts)
 
 
 SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3

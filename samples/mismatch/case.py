@@ -142,7 +142,8 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = standing(plan.drawn, here[0], fineness=CASE)
+        firmer = any(p.effect in ("stiffening", "skin") for p in plan.planted)
+        stands = standing(plan.drawn, here[0], fineness=CASE, firmer=firmer)
         body, inner = body_of(stands, plan.planted, plan.outside)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.planted), inner=inner)

@@ -17,6 +17,7 @@ SETTLED_MM = 4e-4
 REST_S = 1e4
 """Between two grasps."""
 ROUNDS, DEPTH = 60, 8
+HALVINGS = 3
 
 
 class NonlinearBody:
@@ -49,7 +50,26 @@ class NonlinearBody:
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
-        """Equilibrium of contact and flesh."""
+        """Equilibrium of contact and flesh; a step that finds none is taken in two."""
+        return self._in_steps(grip, before, origins, pause_s, HALVINGS)
+
+    def _in_steps(
+        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float, halvings: int
+    ) -> Instant:
+        try:
+            return self._in_one(grip, before, origins, pause_s)
+        except NotInEquilibrium:
+            if not halvings:
+                raise
+        self._trend = np.zeros_like(self._trend)
+        self._kept.solve = None
+        half = (before.origins + origins) / 2
+        middle = self._in_steps(grip, before, half, pause_s / 2, halvings - 1)
+        return self._in_steps(grip, middle, origins, pause_s / 2, halvings - 1)
+
+    def _in_one(
+        self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
+    ) -> Instant:
         whole = self._whole
         shift, start = self._shift + self._trend, before.u
         mixing = Mixing(DEPTH)

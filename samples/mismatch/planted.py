@@ -20,7 +20,7 @@ EFFECTS = (
     "gripper_compliance", "clock_lag", "pose_error",
 )  # fmt: skip
 MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
-STIFFENING_IS_FIRMER = 1.5
+STIFFENING_IS_FIRMER = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)

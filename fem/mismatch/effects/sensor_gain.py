@@ -32,7 +32,9 @@ class SensorGain:
 
     name: str = "sensor_gain"
     family: Family = "measurement"
-    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="gain", unit="1", low=0.5, high=2.0),)
+    parameters: tuple[ParameterSpec, ...] = (
+        ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_sd=0.003),
+    )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """Minus the response to that pad's forces, and the imbalance that they leave."""
