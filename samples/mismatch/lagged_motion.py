@@ -15,7 +15,8 @@ def with_instants(grasp: CaseGrasp, times_s: Float[np.ndarray, " k"]) -> CaseGra
     """The same grasp with corners at `times_s` too, every corner recorded."""
     motion = grasp.motion
     time = np.unique(np.round(np.concatenate([motion.time_s, times_s]), 9))
-    time = time[(time >= motion.time_s[0]) & (time <= motion.time_s[-1])]
+    first, last = np.round(motion.time_s[[0, -1]], 9)
+    time = time[(time >= first) & (time <= last)]
     more = Motion(
         time_s=time,
         travel_mm=np.round(np.interp(time, motion.time_s, motion.travel_mm), 9),

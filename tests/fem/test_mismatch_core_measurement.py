@@ -26,6 +26,7 @@ from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sens
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground
+from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.normal import BalanceEquations
 
 AIR_S = TIME_S[:3].mean()
@@ -167,6 +168,15 @@ def test_a_pad_that_is_turned_against_its_pose_is_found():
     assert as_said == pytest.approx(4.0, rel=0.15)
 
 
+def beyond_motions(
+    ground: Ground, unit: Float[np.ndarray, "f n 3"], shift_mm: Float[np.ndarray, "f n 3"] | float = 0.0
+) -> Float[np.ndarray, "f n 3"]:
+    """What a model leaves of the first recording's markers where E is E_MPA, mm."""
+    seen = ground.base.grasps[0]
+    beyond = seen.tracks.position_mm - seen.tracks.place_mm - shift_mm - unit / E_MPA
+    return marker_equations(ground, seen).left(beyond)
+
+
 @pytest.fixture(scope="module")
 def sound() -> Ground:
     return plain_ground(planted_case(noise=0.0))[0]
@@ -195,6 +205,23 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
         load = np.linalg.norm(seen.force_N, axis=2).sum(axis=1).max()
         unbalanced = BalanceEquations.of(seen).measured - response.balance[0]
         assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
+
+
+def turning(pad: Recording) -> Recording:
+    """The fruit turns by up to two degrees about the pads' x and takes its skin along."""
+    turn = np.outer(np.linspace(0.0, 0.06, len(TIME_S)), pad.axes[:, 0])
+    return replace(pad, position_mm=pad.position_mm + np.cross(turn[:, None], pad.place_mm))
+
+
+def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
+    wrong = on_pad("left", misplaced((2.0, -1.5), 4.0))
+    ground, _ = plain_ground(only_grasp(planted_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
+    names = [spec.name for spec in pose_error.EFFECT.parameters]
+    response = pose_error.EFFECT.respond(ground, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
+    assert response.shift_mm is not None
+    left = beyond_motions(ground, response.unit[0], response.shift_mm[0])
+    # where it seems to be, two degrees would carry it 0.05 mm farther into the fruit
+    assert np.sqrt((left**2).mean()) < 0.002
 
 
 @pytest.mark.parametrize(

@@ -96,6 +96,13 @@ def test_more_instants_lie_on_the_same_way() -> None:
     assert more.recorded.all()
 
 
+def test_the_last_instant_stays_whatever_its_last_digit() -> None:
+    grasp = grasp_along_x(drawn_ball(), motion([-0.1, 0.4, 0.4, -0.1]))
+    odd = replace(grasp, motion=replace(grasp.motion, time_s=grasp.motion.time_s - 3e-10))
+    more = with_instants(odd, odd.motion.time_s - 0.07).motion
+    assert more.time_s[-1] == pytest.approx(odd.motion.time_s[-1])
+
+
 def test_instants_are_found_by_their_time(truth: TrueRecording) -> None:
     found = at_times(truth, np.array([0.5, 1.0]))
     assert found.time_s == pytest.approx([0.5, 1.0])

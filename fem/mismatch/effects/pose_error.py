@@ -143,7 +143,10 @@ def _first_order(
         unit[2] = -degree * seen.over_time(response_to(ground, seen, turned))
         arm = np.where(own, np.cross(axes[:, 0], position - origin), 0.0)
         shift[2] = degree * arm
-        turns = _turns(ground, seen)
+        turns = ground.kept(
+            ("turns", seen.case.name),
+            lambda: _turns(ground, seen, seen.tracks.place_mm, position, seen.tracks.unit_displacement),
+        )
         for k in range(2):
             shift[k] += np.where(own, np.cross(turns, -axes[:, k])[:, None], 0.0)
         aside = np.cross(axes[:, 0], seen.tracks.place_mm - origin[-1])
@@ -186,18 +189,19 @@ def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) 
     balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
     elsewhere = np.zeros_like(seen.tracks.place_mm)
     elsewhere[own] = where - history.surface_mm
-    carried = np.cross(_turns(ground, seen)[:, None], elsewhere)
-    return [unit, position - truly + carried, balance]
+    turns = _turns(ground, seen, seen.tracks.place_mm + elsewhere, truly, unit)
+    return [unit, position - truly + np.cross(turns[:, None], elsewhere), balance]
 
 
-def _turns(ground: Ground, seen: Seen) -> Float[np.ndarray, "f 3"]:
+def _turns(
+    ground: Ground,
+    seen: Seen,
+    place_mm: Float[np.ndarray, "n 3"],
+    position_mm: Float[np.ndarray, "f n 3"],
+    unit: Float[np.ndarray, "f n 3"],
+) -> Float[np.ndarray, "f 3"]:
     """How the fruit turns in the grasp: it carries markers that sit elsewhere another way."""
-    return ground.kept(
-        ("turns", seen.case.name),
-        lambda: marker_equations(ground, seen).turns(
-            seen.tracks.position_mm - seen.tracks.place_mm - ground.compliance * seen.tracks.unit_displacement
-        ),
-    )
+    return marker_equations(ground, seen).turns(position_mm - place_mm - ground.compliance * unit)
 
 
 EFFECT = PoseError()
