@@ -132,19 +132,18 @@ def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound
             break
         again = _refitted(ground, linear, tried[0], best, sound)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
-    for other in _of_the_other_pad(ground, linear, tried[0].shown) if tried else ():
+    for other in _of_the_other_pad(ground, linear, *tried[0].shown) if tried else ():
         again = _refitted(ground, linear, replace(tried[0], shown=(other,)), tried[0].gain, sound)
         if again.refit is not None and again.gain > tried[0].gain:
             tried[0] = again
     return tried
 
 
-def _of_the_other_pad(ground: Ground, linear: LinearRound, shown: tuple[Shown, ...]) -> list[Shown]:
+def _of_the_other_pad(ground: Ground, linear: LinearRound, one: Shown) -> list[Shown]:
     """The same effect on other pads, where it gains nearly as much in the linear round.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    (one,) = shown
     pads = pads_of(ground)
     return [
         other
@@ -184,12 +183,14 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     for gain, other in added(linear, single)[:PAIRS]:
         if gain - sound.usual(other.effect.name) < least:
             continue
-        both = (*best.shown, other)
-        again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
-        if again is None:
-            continue
-        pair = _Tried(again.name, _gain(linear, again, sound), both, again)
-        if pair.gain > best.gain + least and again.fit.chi2 < may_leave:
+        tried = []
+        for second in (other, *_of_the_other_pad(ground, linear, other)):
+            both = (*best.shown, second)
+            again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
+            if again is not None:
+                tried.append(_Tried(again.name, _gain(linear, again, sound), both, again))
+        pair = max(tried, key=lambda one: one.gain, default=best)
+        if pair.gain > best.gain + least and pair.refit is not None and pair.refit.fit.chi2 < may_leave:
             found.append(pair)
     return found
 

@@ -24,10 +24,13 @@ from fem.mismatch.answer import modulus_of
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
+from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground
 from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.name import Sound, named
 from fem.mismatch.normal import BalanceEquations
+from fem.mismatch.singles import linear_round
 
 AIR_S = TIME_S[:3].mean()
 
@@ -205,6 +208,19 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
         load = np.linalg.norm(seen.force_N, axis=2).sum(axis=1).max()
         unbalanced = BalanceEquations.of(seen).measured - response.balance[0]
         assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
+
+
+def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
+    ground, _ = plain_ground(planted_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
+    linear = linear_round(
+        ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], [pose_error.EFFECT]
+    )
+    assert linear.best[0].signature.label == "right"
+    sound = Sound(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, softness=1.0)
+    best = named(ground, linear, detected=True, sound=sound).ranking[0].refit
+    assert best is not None
+    assert best.choices == ("left",)
+    assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)
 
 
 def turning(pad: Recording) -> Recording:
