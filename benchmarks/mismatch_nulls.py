@@ -13,6 +13,7 @@ fem.mismatch.lookalikes states.
 import argparse
 import json
 import tempfile
+import textwrap
 from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
@@ -86,22 +87,26 @@ def bank_of(rows: list[dict[str, Any]]) -> str:
         others = [one for one in rows if _fruit(one) != _fruit(row)]
         apart = _usual(others or rows)
         row["best single"] = max(_gain(row, name) - apart.get(name, 0.0) for name in row["shown"])
-    lines = "".join(
-        f"    ({', '.join(f'{row[name]:.4g}' for name in NAMES)}),\n"
-        for row in sorted(rows, key=lambda row: str(row["case"]))
-    )
+    rows = sorted(rows, key=lambda row: str(row["case"]))
+    lines = "".join(f"    ({', '.join(f'{row[name]:.4g}' for name in NAMES)}),\n" for row in rows)
+    numbers = {fruit: k for k, fruit in enumerate(dict.fromkeys(_fruit(row) for row in rows))}
+    whose = textwrap.fill(
+        ", ".join(str(numbers[_fruit(row)]) for row in rows) + ",",
+        width=106, initial_indent="    ", subsequent_indent="    ",
+    )  # fmt: skip
     return (
         '"""Detection statistics of sound recordings: noise, surfaces, pits and places drawn anew.\n\n'
         f"{len(rows)} cases of four grasps, {len(fruits)} fruits, by the samples' own contact solver on\n"
         "hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, "
-        f"{datetime.now(UTC):%Y-%m-%d}.\nOne row per case, columns as in NAMES. USUAL: what nine of ten stay "
-        "below of each effect's gain over the\nsoftness of the flesh, 0 at least; a row's own best single "
-        'counts beyond that of the other fruits.\n"""\n\n'
+        f"{datetime.now(UTC):%Y-%m-%d}.\nOne row per case, columns as in NAMES; FRUITS: whose it is. "
+        "USUAL: what nine of ten stay below of\neach effect's gain over the softness of the flesh, 0 at "
+        'least; a row\'s own best single counts beyond that of\nthe other fruits.\n"""\n\n'
         f"NAMES = {json.dumps(NAMES).replace('[', '(').replace(']', ')')}\n"
         "USUAL: dict[str, float] = {\n"
         + "".join(f'    "{name}": {value:.3g},\n' for name, value in usual.items())
         + "}\n"
         f"NULLS: tuple[tuple[float, ...], ...] = (\n{lines})\n"
+        f"FRUITS: tuple[int, ...] = (\n{whose}\n)  # fmt: skip\n"
     )
 
 

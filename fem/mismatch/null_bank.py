@@ -2,8 +2,9 @@
 
 102 cases of four grasps, 17 fruits, by the samples' own contact solver on
 hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, 2026-11-21.
-One row per case, columns as in NAMES. USUAL: what nine of ten stay below of each effect's gain over the
-softness of the flesh, 0 at least; a row's own best single counts beyond that of the other fruits.
+One row per case, columns as in NAMES; FRUITS: whose it is. USUAL: what nine of ten stay below of
+each effect's gain over the softness of the flesh, 0 at least; a row's own best single counts beyond that of
+the other fruits.
 """
 
 NAMES = ("best single", "best pair", "what is left")
@@ -130,3 +131,9 @@ NULLS: tuple[tuple[float, ...], ...] = (
     (-1.04, -0.05384, 0.05206),
     (-0.01, -0.111, 0.05497),
 )
+FRUITS: tuple[int, ...] = (
+    0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 4, 4, 4, 4, 4, 4, 5, 5, 5, 5,
+    5, 5, 6, 6, 6, 6, 6, 6, 7, 7, 7, 7, 7, 7, 8, 8, 8, 8, 8, 8, 9, 9, 9, 9, 9, 9, 10, 10, 10, 10, 10, 10,
+    11, 11, 11, 11, 11, 11, 12, 12, 12, 12, 12, 12, 13, 13, 13, 13, 13, 13, 14, 14, 14, 14, 14, 14, 15,
+    15, 15, 15, 15, 15, 16, 16, 16, 16, 16, 16,
+)  # fmt: skip
