@@ -2,17 +2,16 @@
 
 from dataclasses import replace
 
-import numpy as np
-
 from fem.mismatch.lookalikes import beside
 from fem.mismatch.refit import Refit
 from fem.mismatch.singles import LinearRound, Shown, senseless
 
 
 def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
-    """Each other effect's best signature with its amount there, and how much it adds in ln evidence.
+    """Every signature of other effects with its amount there, and how much it adds in ln evidence.
 
-    Greatest first. The refitted effect's own parameters are free to move along their slopes.
+    Greatest first, none that makes no sense. The refitted effect's own parameters are free to move along
+    their slopes.
     """
     mine = {effect.name for effect in known.effects}
     others = [one for one in linear.shown if one.effect.name not in mine]
@@ -23,12 +22,11 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free).log_evidence
-    best: dict[str, tuple[float, Shown]] = {}
+    found: list[tuple[float, Shown]] = []
     for one in others:
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
         amounts = fit.amounts[-len(own) :]
-        gain = fit.log_evidence - before
-        if not senseless(products, own, amounts) and gain > best.get(one.effect.name, (-np.inf,))[0]:
-            best[one.effect.name] = gain, replace(one, amounts=amounts)
-    return sorted(best.values(), key=lambda pair: -pair[0])
+        if not senseless(products, own, amounts):
+            found.append((fit.log_evidence - before, replace(one, amounts=amounts)))
+    return sorted(found, key=lambda pair: -pair[0])

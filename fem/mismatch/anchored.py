@@ -3,7 +3,7 @@
     c(theta) = c0 + J theta + k^2 (c(theta_a) - c0 - J theta_a),      k = theta . theta_a / |theta_a|^2
 
 J is the first-order change, theta_a the nearest anchor, in units of the parameters' spreads: where theta is
-farther from all of them than FAR of its own size it becomes one.
+farther from all of them than `far` of its own size it becomes one.
 """
 
 from collections.abc import Callable, Sequence
@@ -37,6 +37,7 @@ def anchored(
     *,
     first_order: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
     exact: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
+    far: float = FAR,
 ) -> list[list[np.ndarray]]:
     """The quantities at theta (in spreads); `exact` is called where no anchor lies near enough."""
     known: list[Anchored] = ground.kept(("anchored", key), list)
@@ -44,7 +45,7 @@ def anchored(
     if size < NEAR:
         return [list(own) for own in first_order(theta)]
     nearest = min(known, key=lambda one: float(np.linalg.norm(theta - one.anchor)), default=None)
-    if nearest is None or np.linalg.norm(theta - nearest.anchor) > FAR * size:
+    if nearest is None or np.linalg.norm(theta - nearest.anchor) > far * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
         nearest = Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
         known.append(nearest)

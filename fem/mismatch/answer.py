@@ -107,7 +107,7 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
 def _said(spec: ParameterSpec, value: float, sd: float, modulus: Modulus) -> tuple[str, float, str, float]:
     """Name, value, unit and spread as an answer gives them."""
     spread = value * sd if spec.log else sd
-    spread = float(np.hypot(spread, spec.model_sd * (1.0 if spec.is_place else abs(value))))
+    spread = float(np.sqrt(spread**2 + spec.model_sd**2 + (spec.model_share * value) ** 2))
     if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows
         return (
             "Et_N_per_mm",

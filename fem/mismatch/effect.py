@@ -26,10 +26,10 @@ class ParameterSpec:
     """One parameter: its name and unit as in an answer, and what it lies between.
 
     `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation, a quarter of the
-    bounds' distance unless given. `model_sd`: how far off the model's own error leaves it, however low the
-    noise, relative to its value, of a place in mm: the scatter about the truth over cases by another solver
-    (benchmarks/mismatch.py), which no nuisance stands for. A vector's components are parameters of their own,
-    named "offset_mm.0" and so on; an answer joins them again.
+    bounds' distance unless given. `model_sd` (its unit) and `model_share` (of its value): how far off the
+    model's own error leaves it, however low the noise: the scatter about the truth over single effects by
+    another solver (benchmarks/results/mismatch.csv), which no nuisance stands for. A vector's components are
+    parameters of their own, named "offset_mm.0" and so on; an answer joins them again.
     """
 
     name: str
@@ -38,12 +38,8 @@ class ParameterSpec:
     high: float
     log: bool = False
     spread: float | None = None
-    model_sd: float = 0.02
-
-    @property
-    def is_place(self) -> bool:
-        """A place has no size of its own."""
-        return self.unit == "mm" and not self.log
+    model_sd: float = 0.0
+    model_share: float = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,4 +96,13 @@ class Witnessed(Protocol):
 
     def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
         """ln likelihood of that, over the plain model's; counts for as much as the motion itself at most."""
+        ...
+
+
+@runtime_checkable
+class StartsElsewhere(Protocol):
+    """An effect whose parameters show in some other way than in the linear round."""
+
+    def other_start(self, ground: Ground, choice: str) -> dict[str, float] | None:
+        """Where the search may start as well; None where nothing else shows."""
         ...

@@ -21,13 +21,11 @@ from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Response
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.kept_equations import balance_equations, marker_equations
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
 from fem.mismatch.nuisances import own_nuisances
 from fem.mismatch.resting_force import RestingForces
 
-NEWTON_PER_MM3 = 9.81e-6
-"""Weight of flesh, which floats or just sinks in water."""
 PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
 
@@ -52,10 +50,8 @@ class Recorded:
     def of(cls, ground: Ground, seen: Seen) -> "Recorded":
         """The recording's equations, with the case's own spreads of marker scales."""
         markers = marker_equations(ground, seen)
-        balances = seen.case.support == "free" and len(seen.links) > 1
         none = np.zeros((0, 0))
-        weight_N = NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum())
-        balance = BalanceEquations.of(seen, weight_N=weight_N) if balances else None
+        balance = balance_equations(ground, seen)
         bare = cls(
             seen,
             markers,

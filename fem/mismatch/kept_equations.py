@@ -1,8 +1,11 @@
-"""A recording's marker equations at the plain model's compliance, made once for all that fit with them."""
+"""A recording's equations at the plain model's compliance, made once for all that fit with them."""
 
 from fem.mismatch.baseline import Seen
 from fem.mismatch.ground import Ground
-from fem.mismatch.normal import MarkerEquations
+from fem.mismatch.normal import BalanceEquations, MarkerEquations
+
+NEWTON_PER_MM3 = 9.81e-6
+"""Weight of flesh, which floats or just sinks in water."""
 
 
 def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
@@ -13,3 +16,14 @@ def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
         return MarkerEquations.of(seen, compliance=ground.compliance, gel_scale_sd=gel_scale_sd)
 
     return ground.kept(("marker equations", seen.case.name), compute)
+
+
+def balance_equations(ground: Ground, seen: Seen) -> BalanceEquations | None:
+    """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
+
+    def compute() -> BalanceEquations | None:
+        if seen.case.support != "free" or len(seen.links) < 2:
+            return None
+        return BalanceEquations.of(seen, weight_N=NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum()))
+
+    return ground.kept(("balance equations", seen.case.name), compute)

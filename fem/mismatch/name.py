@@ -29,15 +29,17 @@ are refitted too."""
 ALWAYS = ("pit_size",)
 """Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
 OTHER_PAD = 0.5
-"""Share of one pad's linear gain from which the same effect on the other pad is refitted too."""
+"""Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
+misplaced pads the wrong one gained as much or a little more."""
 LIKE = 1 / 20
 PAIR_GAIN, PAIR_LEFT = 15.0, 0.5
 """ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
 and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
-leave at most: what smooths over half a fault is no second effect."""
+leave at most: what smooths over half a fault is no second effect. Beside single effects by another solver a
+second one that is not there adds 13 at most in firm flesh."""
 PAIR_PLAIN = 25.0
 """ln evidence, times the flesh's softness, that it must add where the single leaves no more than sound
-recordings do: beside 30 single effects by another solver a second one added 20 at most."""
+recordings do: beside such single effects one that is not there adds 20 at most."""
 NOT_DETECTED = TEMPER * 3.0
 """By so much ln evidence none leads where nothing was detected: 95 % to 5."""
 LEFT, MUCH = 0.6, 0.3
@@ -132,34 +134,41 @@ def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound
             break
         again = _refitted(ground, linear, tried[0], best, sound)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
-    for other in _of_the_other_pad(ground, linear, *tried[0].shown) if tried else ():
-        again = _refitted(ground, linear, replace(tried[0], shown=(other,)), tried[0].gain, sound)
-        if again.refit is not None and again.gain > tried[0].gain:
-            tried[0] = again
     return tried
 
 
-def _of_the_other_pad(ground: Ground, linear: LinearRound, one: Shown) -> list[Shown]:
-    """The same effect on other pads, where it gains nearly as much in the linear round.
+def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
+    """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
+    found = []
+    for shown in _pads_that_may_be(ground, [(own.gain, own) for own in linear.shown], *one.shown):
+        again = refit(ground, linear, (shown,), beat=best)
+        if again is not None:
+            gain = _gain(linear, again, sound)
+            found.append(replace(one, gain=gain, shown=(shown,), refit=again))
+            best = max(best, gain)
+    return max(found, key=lambda tried: tried.gain, default=one)
+
+
+def _pads_that_may_be(ground: Ground, gains: Sequence[tuple[float, Shown]], one: Shown) -> list[Shown]:
+    """A signature, and where it is a pad's those of other pads that gain nearly as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
     pads = pads_of(ground)
+    if one.signature.label not in pads:
+        return [one]
+    same = [(gain, own) for gain, own in gains if own.effect.name == one.effect.name]
+    most = max(gain for gain, _ in same)
     return [
-        other
-        for other in linear.shown
-        if other.effect.name == one.effect.name
-        and one.signature.label in pads
-        and other.signature.label in pads
-        and other.signature.label != one.signature.label
-        and other.gain > OTHER_PAD * one.gain
+        one,
+        *(
+            own
+            for gain, own in same
+            if own.signature.label in pads
+            and own.signature.label != one.signature.label
+            and gain > OTHER_PAD * most
+        ),
     ]
-
-
-def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
-    """As it was where its model cannot be computed."""
-    again = refit(ground, linear, one.shown, beat=best)
-    return one if again is None else replace(one, gain=_gain(linear, again, sound), refit=again)
 
 
 def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
@@ -180,18 +189,24 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     if single.fit.chi2 <= sound.most_chi2:
         least = max(least, PAIR_PLAIN * sound.softness)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
-    for gain, other in added(linear, single)[:PAIRS]:
+    gains = added(linear, single)
+    best_of: dict[str, tuple[float, Shown]] = {}
+    for gain, other in gains:
+        best_of.setdefault(other.effect.name, (gain, other))
+    for gain, other in list(best_of.values())[:PAIRS]:
         if gain - sound.usual(other.effect.name) < least:
             continue
         tried = []
-        for second in (other, *_of_the_other_pad(ground, linear, other)):
+        for second in _pads_that_may_be(ground, gains, other):
             both = (*best.shown, second)
             again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
             if again is not None:
-                tried.append(_Tried(again.name, _gain(linear, again, sound), both, again))
-        pair = max(tried, key=lambda one: one.gain, default=best)
-        if pair.gain > best.gain + least and pair.refit is not None and pair.refit.fit.chi2 < may_leave:
-            found.append(pair)
+                tried.append((_gain(linear, again, sound), again, both))
+        if not tried:
+            continue
+        gained, again, both = max(tried, key=lambda pair: pair[0])
+        if gained > best.gain + least and again.fit.chi2 < may_leave:
+            found.append(_Tried(again.name, gained, both, again))
     return found
 
 

@@ -41,11 +41,11 @@ soft jaws gain ten times as much, and one that is there only twice."""
 class MarkerEquations:
     """W of one recording's markers, in the form in which it is applied.
 
-    `every_frame`: fields that each frame has any amount of: the fruit's rigid motion, where it moves, and the
-    response to what noise adds to each force pattern. `own`: four fields that each marker may have any amount
-    of, with their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along x, y,
-    z that grows with the load (what scale errors of the forces around it bring). `inverse`: (own' V own +
-    L)^-1; `along`: own' V times `every_frame`.
+    `free`: the fruit moves. `every_frame`: fields that each frame has any amount of: its rigid motion, and
+    the response to what noise adds to each force pattern. `own`: four fields that each marker may have any
+    amount of, with their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along
+    x, y, z that grows with the load (what scale errors of the forces around it bring). `inverse`: (own' V own
+    + L)^-1; `along`: own' V times `every_frame`.
     """
 
     tracks: MarkerTracks
@@ -108,7 +108,10 @@ class MarkerEquations:
         return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
 
     def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
-        """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if held."""
+        """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
+
+        About its mean over a contact: no more is known of a marker that may sit anywhere.
+        """
         if not self.free:
             return np.zeros((len(field), 3))
         motion, _ = self._fitted(about_episode_mean(field, self.tracks.episode))

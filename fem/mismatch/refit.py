@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.failure import FemFailure
-from fem.mismatch.effect import Effect, ParameterSpec, Response
+from fem.mismatch.effect import Effect, ParameterSpec, Response, StartsElsewhere
 from fem.mismatch.evidence import Fit, Products
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
@@ -33,6 +33,9 @@ DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
 """Laws that are not linear in the strain, and so not in 1/E."""
 SAME_E = 0.01
 STANDS_FOR_E = "as if gripper_compliance"
+OTHER_START = 0.8
+"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
+nothing, and the search ends nearer to the truth from there."""
 TRUST = 10.0
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
@@ -183,6 +186,8 @@ class _Search:
     ) -> tuple[_Linearised, Float[np.ndarray, " p"]]:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
+        Where an effect knows another start that gains about as much, at that one.
+
         Raises FemFailure where there is none down to LEAST_SHARE of the linear amounts either.
         """
         share, before = 1.0, None
@@ -193,12 +198,26 @@ class _Search:
                 values += [own[spec.name] for spec in one.effect.parameters]
             at = self.scaled(values)
             try:
-                return self.linearised(at), at
+                now = self.linearised(at)
+                break
             except FemFailure:
                 share *= NEARER
                 if share < LEAST_SHARE or values == before:
                     raise
                 before = values
+        first = 0
+        for one, start in zip(self.shown, starts, strict=True):
+            end = first + len(one.effect.parameters)
+            if start is None and isinstance(one.effect, StartsElsewhere):
+                other = one.effect.other_start(ground, one.signature.label)
+                if other is not None:
+                    tried = [*values[:first], *other.values(), *values[end:]]
+                    plain = self.linear.null.log_evidence
+                    if self.merit(self.scaled(tried)) - plain > OTHER_START * (now.merit - plain):
+                        values, at = tried, self.scaled(tried)
+                        now = self.linearised(at)
+            first = end
+        return now, at
 
     def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
         return self.bounded(self._scale(np.array(values, dtype=float)))

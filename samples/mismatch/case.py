@@ -35,6 +35,7 @@ from samples.mismatch.planted import (
     joined_parameters,
     named,
     spot_under_pad,
+    touches_widely,
 )
 from samples.mismatch.schur import schur_complement
 from samples.mismatch.standing import CASE, Standing, standing
@@ -142,8 +143,7 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        firmer = any(p.effect in ("stiffening", "skin") for p in plan.planted)
-        stands = standing(plan.drawn, here[0], fineness=CASE, firmer=firmer)
+        stands = standing(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.planted))
         body, inner = body_of(stands, plan.planted, plan.outside)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.planted), inner=inner)

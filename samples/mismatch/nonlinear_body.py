@@ -18,6 +18,7 @@ REST_S = 1e4
 """Between two grasps."""
 ROUNDS, DEPTH = 60, 8
 HALVINGS = 3
+"""How often a step that finds no balance is halved, without the trend and tangent of the whole one."""
 
 
 class NonlinearBody:

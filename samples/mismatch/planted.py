@@ -20,7 +20,10 @@ EFFECTS = (
     "gripper_compliance", "clock_lag", "pose_error",
 )  # fmt: skip
 MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
+TOUCHES_WIDELY = ("stiffening", "skin")
+"""Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
 STIFFENING_IS_FIRMER = 3.0
+"""With half of it the rounds of flesh and contact do not settle while a pad shears."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +45,11 @@ class Planted:
 def named(planted: tuple[Planted, ...], effect: str) -> Planted | None:
     """The planted effect of that name, if any."""
     return next((p for p in planted if p.effect == effect), None)
+
+
+def touches_widely(planted: tuple[Planted, ...]) -> bool:
+    """Whether one of them is in TOUCHES_WIDELY."""
+    return any(p.effect in TOUCHES_WIDELY for p in planted)
 
 
 def joined_name(planted: tuple[Planted, ...]) -> str:

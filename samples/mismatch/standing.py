@@ -15,8 +15,8 @@ CASE = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3,
 """Cells of 3.3 mm under the pads of a 60 mm fruit."""
 TOUCHED_SHARE, SHARE_PER_MPA, SPARE_MM = 0.72, 0.1, 0.1
 """Skin touches a pad where its height above the first touch is below this share of the travel."""
-FIRMER_SHARE = 0.3
-"""So much greater is that share where flesh stiffens or has a skin: it gives way less as the pads come."""
+WIDE_SHARE = 0.3
+"""So much greater is that share where flesh gives way less: then it may reach the whole travel."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +29,16 @@ class Standing:
 
 
 def standing(
-    drawn: DrawnFruit, grasp: CaseGrasp, *, fineness: Fineness = CASE, firmer: bool = False
+    drawn: DrawnFruit, grasp: CaseGrasp, *, fineness: Fineness = CASE, wide: bool = False
 ) -> Standing:
-    """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs."""
+    """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
+
+    `wide`: it gives way less than plain flesh of its modulus.
+    """
     fruit = drawn.fruit
     bricks = flesh_bricks(fruit, grasp.hold.turns[0][:, 2], fineness)
     flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law="linear")
-    share = TOUCHED_SHARE + SHARE_PER_MPA * fruit.E_MPa + (FIRMER_SHARE if firmer else 0.0)
+    share = TOUCHED_SHARE + SHARE_PER_MPA * fruit.E_MPa + (WIDE_SHARE if wide else 0.0)
     overlap = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
     left, right = (
         patch_of(bricks, turn, touch_mm=touch, overlap_mm=overlap)

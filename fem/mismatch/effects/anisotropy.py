@@ -21,7 +21,7 @@ def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
 
 EFFECT = LinearLaw(
     name="anisotropy",
-    parameter=ParameterSpec(name="axial", unit="1", low=-1.5, high=6.0, model_sd=0.25),
+    parameter=ParameterSpec(name="axial", unit="1", low=-1.5, high=6.0, model_share=0.25),
     sd=0.8,
     operators=_operators,
     amounts=lambda ground, theta: (1.0, theta),

@@ -25,7 +25,7 @@ class ClockLag:
     name: str = "clock_lag"
     family: Family = "measurement"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0, model_sd=0.01),
+        ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0, model_sd=0.001, model_share=0.01),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -39,8 +39,8 @@ class Damage:
     name: str = "damage"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=DMAX, unit="1", low=0.02, high=0.95, model_sd=0.04),
-        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_sd=0.1),
+        ParameterSpec(name=DMAX, unit="1", low=0.02, high=0.95, model_share=0.04),
+        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -22,7 +22,7 @@ def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
 
 EFFECT = LinearLaw(
     name="graded_modulus",
-    parameter=ParameterSpec(name="gamma", unit="1", low=-0.9, high=0.9, model_sd=0.18),
+    parameter=ParameterSpec(name="gamma", unit="1", low=-0.9, high=0.9, model_share=0.18),
     sd=0.4,
     needs_pit=True,
     operators=_operators,

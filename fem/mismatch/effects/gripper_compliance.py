@@ -23,7 +23,7 @@ class GripperCompliance:
     name: str = "gripper_compliance"
     family: Family = "measurement"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5, model_sd=0.1),
+        ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5, model_share=0.1),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -45,7 +45,7 @@ class LoosePit:
     name: str = "loose_pit"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True, model_sd=0.2),
+        ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True, model_share=0.2),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

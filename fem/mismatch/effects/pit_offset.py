@@ -23,7 +23,8 @@ class PitOffset:
     name: str = "pit_offset"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = tuple(
-        ParameterSpec(name=name, unit="mm", low=-6.0, high=6.0, model_sd=0.5) for name in NAMES
+        ParameterSpec(name=name, unit="mm", low=-6.0, high=6.0, model_sd=0.5, model_share=0.0)
+        for name in NAMES
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -44,7 +44,7 @@ class PlasticSet:
     name: str = "plastic_set"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_sd=0.05),
+        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -5,8 +5,8 @@ recorded pose = true pose . shift . tilt. Its markers truly sit, move and push a
     p_true = pose tilt^-1 shift^-1 (rest + d),        f_true = R tilt^-1 f
 
 and where the fruit turns by w in the grasp, its skin carries them by w x (X_true - X) otherwise than it would
-where they seem to sit: a tenth of a millimetre for a shift of 3 mm and a shear that turns the fruit by 2
-degrees.
+where they seem to sit. A shear that turns the fruit by 2 degrees takes a pad that is 3 mm off a tenth of a
+millimetre elsewhere.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,8 +20,7 @@ from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import ARM_MM, Column, Field, wrench
 from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import marker_equations
-from fem.mismatch.normal import BalanceEquations
+from fem.mismatch.kept_equations import balance_equations, marker_equations
 from fem.mismatch.pads import own_markers, pads_of, response_to, slid_response, turn_of
 from fem.pad_link import pad_link
 
@@ -37,9 +36,9 @@ class PoseError:
     name: str = "pose_error"
     family: Family = "interaction"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=NAMES[0], unit="mm", low=-7.0, high=7.0, model_sd=0.5),
-        ParameterSpec(name=NAMES[1], unit="mm", low=-7.0, high=7.0, model_sd=0.5),
-        ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0, model_sd=0.06),
+        ParameterSpec(name=NAMES[0], unit="mm", low=-7.0, high=7.0, model_sd=0.5, model_share=0.0),
+        ParameterSpec(name=NAMES[1], unit="mm", low=-7.0, high=7.0, model_sd=0.5, model_share=0.0),
+        ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0, model_sd=0.1, model_share=0.05),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
@@ -67,9 +66,26 @@ class PoseError:
     def start(
         self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
-        """What balances the forces, which tells the place best; else the amounts."""
-        theta = _balancing(ground, signature.label)
-        return dict(zip(NAMES, np.clip(amounts if theta is None else theta, -6.0, 6.0).tolist(), strict=True))
+        """The amounts are the parameters."""
+        return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
+
+    def other_start(self, ground: Ground, choice: str) -> dict[str, float] | None:
+        """What best balances forces and moments of all recordings, to first order.
+
+        Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
+        """
+        normal, right = np.diag(np.full(len(NAMES), PRIOR_SD**-2.0)), np.zeros(len(NAMES))
+        free = False
+        for seen in ground.base.grasps:
+            equations = balance_equations(ground, seen)
+            if equations is None or choice not in seen.pad_names:
+                continue
+            columns, free = _first_order(ground, seen, choice)[2], True
+            weighed = np.stack([equations.weighed(column) for column in columns])
+            normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
+            right += np.tensordot(weighed, equations.measured, axes=2)
+        theta = np.clip(np.linalg.solve(normal, right), -6.0, 6.0)
+        return dict(zip(NAMES, theta.tolist(), strict=True)) if free else None
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The pad linked to the skin where it truly was."""
@@ -91,10 +107,11 @@ class PoseError:
 
         found = anchored(
             ground,
-            (self.name, choice),
+            (self.name, choice, ground.compliance),
             theta,
             first_order=first_order,
             exact=lambda at: [_exact(ground, seen, choice, at) for seen in grasps],
+            far=FAR,
         )
         return Response(
             unit=[own[0] for own in found],
@@ -103,20 +120,8 @@ class PoseError:
         )
 
 
-def _balancing(ground: Ground, pad: str) -> Float[np.ndarray, "3"] | None:
-    """The shift and tilt of a pad that best balance forces and moments of all recordings, to first order.
-
-    None where no recording is of a fruit that two pads alone hold.
-    """
-    normal, right = np.diag(PRIOR_SD**-2.0 * np.ones(3)), np.zeros(3)
-    held = [s for s in ground.base.grasps if s.case.support == "free" and len(s.links) > 1]
-    for seen in held:
-        equations = BalanceEquations.of(seen)
-        columns = _first_order(ground, seen, pad)[2]
-        weighed = np.stack([equations.weighed(column) for column in columns])
-        normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
-        right += np.tensordot(weighed, equations.measured, axes=2)
-    return np.linalg.solve(normal, right) if held else None
+FAR = 0.1
+"""See fem.mismatch.anchored. A shift beside a tilt of twice its size would else never be looked at itself."""
 
 
 def _first_order(
@@ -143,20 +148,16 @@ def _first_order(
         unit[2] = -degree * seen.over_time(response_to(ground, seen, turned))
         arm = np.where(own, np.cross(axes[:, 0], position - origin), 0.0)
         shift[2] = degree * arm
-        turns = ground.kept(
-            ("turns", seen.case.name),
-            lambda: _turns(ground, seen, seen.tracks.place_mm, position, seen.tracks.unit_displacement),
-        )
-        for k in range(2):
-            shift[k] += np.where(own, np.cross(turns, -axes[:, k])[:, None], 0.0)
         aside = np.cross(axes[:, 0], seen.tracks.place_mm - origin[-1])
-        shift[2] += np.where(own, np.cross(turns[:, None], -degree * aside), 0.0)
+        turns = _turns(ground, seen, seen.tracks.place_mm, position, seen.tracks.unit_displacement)
+        for k, way in enumerate((axes[:, 0], axes[:, 1], degree * aside)):
+            shift[k] += _ridden(turns, np.where(own[0], -way, 0.0))
         centre = position.mean(axis=(0, 1))
         balance[2] = degree * wrench(np.cross(axes[:, 0], mine), position, centre_mm=centre)
         balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
         return unit, shift, balance
 
-    return ground.kept(("pose", seen.case.name, pad), compute)
+    return ground.kept(("pose", seen.case.name, pad, ground.compliance), compute)
 
 
 def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) -> list[np.ndarray]:
@@ -190,7 +191,10 @@ def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) 
     elsewhere = np.zeros_like(seen.tracks.place_mm)
     elsewhere[own] = where - history.surface_mm
     turns = _turns(ground, seen, seen.tracks.place_mm + elsewhere, truly, unit)
-    return [unit, position - truly + np.cross(turns[:, None], elsewhere), balance]
+    turns = _turns(
+        ground, seen, seen.tracks.place_mm + elsewhere, truly - _ridden(turns, elsewhere), unit
+    )  # the equations' turns are about where the markers seem to sit
+    return [unit, position - truly + _ridden(turns, elsewhere), balance]
 
 
 def _turns(
@@ -200,8 +204,13 @@ def _turns(
     position_mm: Float[np.ndarray, "f n 3"],
     unit: Float[np.ndarray, "f n 3"],
 ) -> Float[np.ndarray, "f 3"]:
-    """How the fruit turns in the grasp: it carries markers that sit elsewhere another way."""
+    """w of the markers at these places, but for a part that is the same in all frames of a contact."""
     return marker_equations(ground, seen).turns(position_mm - place_mm - ground.compliance * unit)
+
+
+def _ridden(turns: Float[np.ndarray, "f 3"], elsewhere_mm: Float[np.ndarray, "n 3"]) -> np.ndarray:
+    """w x (X_true - X), frames by markers."""
+    return np.cross(turns[:, None], elsewhere_mm)
 
 
 EFFECT = PoseError()

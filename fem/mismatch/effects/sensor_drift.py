@@ -26,7 +26,7 @@ class SensorDrift:
     name: str = "sensor_drift"
     family: Family = "measurement"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="newton_per_s", unit="N/s", low=-3.0, high=3.0, model_sd=0.01),
+        ParameterSpec(name="newton_per_s", unit="N/s", low=-3.0, high=3.0, model_share=0.01),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

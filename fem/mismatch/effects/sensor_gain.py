@@ -33,7 +33,7 @@ class SensorGain:
     name: str = "sensor_gain"
     family: Family = "measurement"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_sd=0.003),
+        ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_share=0.003),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -23,7 +23,7 @@ def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
 
 EFFECT = LinearLaw(
     name="skin",
-    parameter=ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_sd=0.1),
+    parameter=ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_share=0.1),
     sd=4.0,
     positive=True,
     operators=_operators,

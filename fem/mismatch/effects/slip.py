@@ -39,7 +39,7 @@ class Slip:
     name: str = "slip"
     family: Family = "interaction"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True, model_sd=0.2),
+        ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True, model_share=0.2),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -34,11 +34,13 @@ class SoftSpot:
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
         *(
-            ParameterSpec(name=name, unit="mm", low=-500.0, high=500.0, spread=40.0, model_sd=0.5)
+            ParameterSpec(
+                name=name, unit="mm", low=-500.0, high=500.0, spread=40.0, model_sd=0.5, model_share=0.0
+            )
             for name in CENTRE
         ),
-        ParameterSpec(name=RADIUS, unit="mm", low=3.0, high=10.0, log=True, model_sd=0.08),
-        ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95, model_sd=0.12),
+        ParameterSpec(name=RADIUS, unit="mm", low=3.0, high=10.0, log=True, model_share=0.08),
+        ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95, model_share=0.12),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

@@ -44,7 +44,7 @@ class Stiffening:
     name: str = "stiffening"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True, model_sd=0.05),
+        ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True, model_share=0.05),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:

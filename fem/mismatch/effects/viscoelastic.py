@@ -29,8 +29,8 @@ class Viscoelastic:
     name: str = "viscoelastic"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="g", unit="1", low=0.01, high=0.95, model_sd=0.03),
-        ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True, model_sd=0.05),
+        ParameterSpec(name="g", unit="1", low=0.01, high=0.95, model_share=0.03),
+        ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True, model_share=0.05),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
