@@ -27,6 +27,8 @@ from fem.pad_link import pad_link
 NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
 PRIOR_SD = 2.5
 """Of each parameter, mm and degrees."""
+FAR = 0.1
+"""See fem.mismatch.anchored. A shift beside a tilt of twice its size would else never be looked at itself."""
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,6 @@ class PoseError:
         )
 
 
-FAR = 0.1
-"""See fem.mismatch.anchored. A shift beside a tilt of twice its size would else never be looked at itself."""
-
-
 def _first_order(
     ground: Ground, seen: Seen, pad: str
 ) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
@@ -190,10 +188,10 @@ def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) 
     balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
     elsewhere = np.zeros_like(seen.tracks.place_mm)
     elsewhere[own] = where - history.surface_mm
-    turns = _turns(ground, seen, seen.tracks.place_mm + elsewhere, truly, unit)
-    turns = _turns(
-        ground, seen, seen.tracks.place_mm + elsewhere, truly - _ridden(turns, elsewhere), unit
-    )  # the equations' turns are about where the markers seem to sit
+    place = seen.tracks.place_mm + elsewhere
+    turns = _turns(ground, seen, place, truly, unit)
+    # the equations turn the markers where they seem to sit: once more without what that leaves out
+    turns = _turns(ground, seen, place, truly - _ridden(turns, elsewhere), unit)
     return [unit, position - truly + _ridden(turns, elsewhere), balance]
 
 
