@@ -1,7 +1,7 @@
 """Explain folders of mismatch cases whose answers are known, and count what comes out.
 
     python benchmarks/mismatch.py FOLDER... [--out CSV] [--limit N] [--ablation NAME ...] [--work DIR]
-                                  [--again]
+                                  [--again] [--jobs N]
 
 FOLDER holds one folder per case and answers.json, or is one case with answers.json beside it. One JSON line
 per case is kept beside the CSV as soon as the case is done: a run that was stopped goes on where it was.
@@ -46,14 +46,14 @@ def cases_in(folder: Path) -> list[tuple[Path, dict[str, Any]]]:
     return [(path, answers[path.name]) for path in folders if path.name in answers]
 
 
-def explained(folder: Path, truth: dict[str, Any], ablation: str, work: Path) -> dict[str, Any]:
+def explained(folder: Path, truth: dict[str, Any], ablation: str, work: Path, jobs: int) -> dict[str, Any]:
     """One case through the reading of `drupe explain`, scored."""
     forget_peak()
     started, busy = time.perf_counter(), time.process_time()
     try:
         with altered(ablation):
             case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
-            found = finding(case, Diary(str)).explanation
+            found = finding(case, Diary(str), jobs=jobs).explanation
         row = score(found, truth)
     except REFUSED as failure:
         row = {"truth": truth["effect"], "failure": " ".join(str(failure).split())}
@@ -125,6 +125,7 @@ def main() -> None:
     parser.add_argument("--ablation", nargs="+", choices=ABLATIONS, default=[WHOLE])
     parser.add_argument("--work", type=Path, default=None, help="keep meshes here between runs")
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
+    parser.add_argument("--jobs", type=int, default=2, help="as of drupe explain")
     chosen = parser.parse_args()
     lines = chosen.out.with_suffix(".jsonl")
     if chosen.again:
@@ -139,7 +140,7 @@ def main() -> None:
                 key = (folder.resolve().parent.name, folder.resolve().name, ablation)
                 if key not in done:
                     row = dict(zip(("folder", "case", "ablation"), key, strict=True))
-                    row |= explained(folder, truth, ablation, Path(work))
+                    row |= explained(folder, truth, ablation, Path(work), chosen.jobs)
                     keep_line(lines, row)
                     done[key] = row
                     print(f"[{number}/{len(cases)}] {ablation}: {told(row)}", flush=True)

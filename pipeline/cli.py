@@ -27,6 +27,8 @@ BatchArgument = Annotated[
     Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
 ]
 USAGE, INTERNAL, UNUSABLE, INTERRUPTED = 2, 1, 3, 130
+MOST_EXPLAINING = 4
+"""Jobs of `drupe explain` unless told otherwise: more than recordings are seldom of use, and cost memory."""
 
 
 class Indenter(StrEnum):
@@ -140,6 +142,14 @@ def explain(
         Path | None,
         typer.Option(metavar="DIR", help="Where a batch's results are.", show_default="BATCH/results"),
     ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            min=1,
+            help="Recordings and effects worked on at the same time; memory grows with each.",
+            show_default=f"one per core, at most {MOST_EXPLAINING}",
+        ),
+    ] = None,
 ) -> None:
     """Say what physics the simulation leaves out of one fruit's recordings, where, when, and how surely.
 
@@ -164,6 +174,7 @@ def explain(
             fruit_id=fruit,
             wanted=Wanted(json=json, html=html, work=work, out=out, apply=apply),
             report=StageLines(console).stage,
+            jobs=jobs or min(_cores(), MOST_EXPLAINING),
         )
     except NotExplained as reason:
         typer.echo(f"drupe: {case}: {reason}", err=True)

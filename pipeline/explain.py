@@ -55,9 +55,12 @@ def explain(
     fruit_id: str | None,
     wanted: Wanted,
     report: Callable[[str], None],
+    jobs: int = 1,
     now: Callable[[], datetime] = utc_now,
 ) -> ExplainEntry:
     """Explains the case or fruit at `path`, writes what is wanted, and gives what the page says.
+
+    `jobs`: recordings and effects worked on at the same time.
 
     Raises BatchRefused (nothing can be begun) and NotExplained (begun, and no answer).
     """
@@ -70,16 +73,16 @@ def explain(
             )
         held = nullcontext() if case.batch is None else alone(Results(case.task.results.root.parents[1]))
         with held, _said_plainly():
-            return _explained(case, wanted, report, now)
+            return _explained(case, wanted, report, jobs, now)
 
 
 def _explained(
-    case: Case, wanted: Wanted, report: Callable[[str], None], now: Callable[[], datetime]
+    case: Case, wanted: Wanted, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
 ) -> ExplainEntry:
     require_one_fruit(case)
     started = now()
     diary = Diary(report)
-    found = finding(case, diary)
+    found = finding(case, diary, jobs=jobs)
     explanation = found.explanation
     done = applied(case, explanation, now=started) if wanted.apply else ""
     made = now()

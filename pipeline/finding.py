@@ -34,10 +34,11 @@ class Finding:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def finding(case: Case, diary: Diary) -> Finding:
-    """Explains the case, in stages told to `diary`; raises as the stages do."""
+def finding(case: Case, diary: Diary, *, jobs: int = 1) -> Finding:
+    """Explains the case, in stages told to `diary`, with so many threads; raises as the stages do."""
     bare = bare_trace(case)
-    return _of_grasps(case, diary) if bare is None else _of_trace(case, diary, *bare)
+    with threadpool_limits(1):
+        return _of_grasps(case, diary, jobs) if bare is None else _of_trace(case, diary, *bare)
 
 
 def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
@@ -96,19 +97,18 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
     )
 
 
-def find(case: MismatchCase, diary: Diary) -> Explanation:
+def find(case: MismatchCase, diary: Diary, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.explain import explain
 
-    return explain(case, progress=diary.report)
+    return explain(case, progress=diary.report, workers=jobs)
 
 
-def _of_grasps(case: Case, diary: Diary) -> Finding:
-    with threadpool_limits(1):
-        fruit = grasped_fruit(case.task, diary)
+def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
+    fruit = grasped_fruit(case.task, diary)
     handed = mismatch_case(case, fruit)
     with diary.stage("explanation"):
-        found = find(handed, diary)
+        found = find(handed, diary, jobs=jobs)
     notes = dict.fromkeys([*found.notes, *notes_on(case, fruit, diary.warnings)])
     budget, pit = handed.budget, fruit.pit.record.source
     return Finding(
@@ -127,7 +127,7 @@ def _of_grasps(case: Case, diary: Diary) -> Finding:
 
 def _of_trace(case: Case, diary: Diary, name: str, trace: IndenterTrace) -> Finding:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
-    with diary.stage("explanation"), threadpool_limits(1):
+    with diary.stage("explanation"):
         found = explain_trace(
             trace,
             thickness_mm=case.thickness_mm,

@@ -27,6 +27,7 @@ from fem.modulus_noise import variance_inflation
 from fem.modulus_response import SMALLEST_SD_MM
 from fem.modulus_thinning import loaded_frames, spacing
 from fem.pad_link import PadLink, pad_link
+from fem.side_by_side import side_by_side
 
 MOST_PATTERNS = 10
 PROBES = 8
@@ -110,7 +111,7 @@ class Baseline:
         return seen.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
 
 
-def baseline(case: MismatchCase) -> Baseline:
+def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
     """Assembles, factorises and solves for the patterns; raises FemFailure as its parts do."""
     parts = assemble(case.mesh.nodes_mm, case.mesh.tets)
     solids: dict[Support, UnitModulusSolid] = {}
@@ -125,8 +126,13 @@ def baseline(case: MismatchCase) -> Baseline:
         case=case,
         solids=solids,
         grasps=tuple(
-            seen_through(grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd)
-            for grasp in case.grasps
+            side_by_side(
+                lambda grasp: seen_through(
+                    grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd
+                ),
+                case.grasps,
+                workers=workers,
+            )
         ),
     )
 

@@ -25,6 +25,7 @@ from fem.mismatch.kept_equations import balance_equations, marker_equations
 from fem.mismatch.normal import BalanceEquations, MarkerEquations
 from fem.mismatch.nuisances import own_nuisances
 from fem.mismatch.resting_force import RestingForces
+from fem.side_by_side import side_by_side
 
 PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
@@ -140,9 +141,12 @@ class Products:
         self.data = [
             _beyond_means(plain_data(ground, one), self.columns, k) for k, one in enumerate(recorded)
         ]
-        for k, one in enumerate(recorded):
+
+        def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
-            plain, heavy = one.rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
+            return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
+
+        for known, plain, heavy in side_by_side(rows, range(len(recorded)), workers=ground.workers):
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)

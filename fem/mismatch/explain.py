@@ -24,10 +24,16 @@ from fem.mismatch.singles import LinearRound, linear_round
 from fem.mismatch.suggest import next_grasp
 from fem.mismatch.touched_skin import with_touched_skin
 from fem.modulus_fit import CompliantFit, fit_compliance
+from fem.side_by_side import side_by_side
 
 
-def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None) -> Explanation:
-    """The answer for all recordings of a case together; raises FemFailure where none can be seen at all."""
+def explain(
+    case: MismatchCase, *, progress: Callable[[str], None] | None = None, workers: int = 1
+) -> Explanation:
+    """The answer for all recordings of a case together, found by so many threads.
+
+    Raises FemFailure where none can be seen at all.
+    """
     seconds: dict[str, float] = {}
 
     @contextmanager
@@ -39,8 +45,8 @@ def explain(case: MismatchCase, *, progress: Callable[[str], None] | None = None
         seconds[name] = round(time.perf_counter() - started, 2)
 
     with stage("plain model"):
-        ground, fits = plain_ground(case)
-        recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
+        ground, fits = plain_ground(case, workers=workers)
+        recorded = side_by_side(lambda seen: Recorded.of(ground, seen), ground.base.grasps, workers=workers)
     with stage("all effects, linear"):
         linear = linear_round(ground, recorded, EFFECTS)
         statistics = detection_statistics(linear, recorded, ground.softness)
@@ -98,12 +104,12 @@ def _where(seen: Where, best: Refit) -> Where:
     return seen
 
 
-def plain_ground(case: MismatchCase) -> tuple[Ground, list[CompliantFit]]:
+def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[Ground, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
-    first = baseline(case)
-    base = with_touched_skin(first, compliance=_median_compliance(_fits(first)))
+    first = baseline(case, workers=workers)
+    base = with_touched_skin(first, compliance=_median_compliance(_fits(first)), workers=workers)
     fits = _fits(base)
-    return Ground(base=base, compliance=_median_compliance(fits)), fits
+    return Ground(base=base, compliance=_median_compliance(fits), workers=workers), fits
 
 
 def _fits(base: Baseline) -> list[CompliantFit]:

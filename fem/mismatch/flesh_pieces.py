@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from fem.mismatch.flesh_strain import FleshStrain
+from fem.side_by_side import side_by_side
 
 ELEMENTS = 200
 """Elements to a piece."""
@@ -47,29 +48,34 @@ class Piece:
 
 @dataclass(frozen=True, kw_only=True)
 class FleshPieces:
-    """Pieces of a mesh of `n_nodes`."""
+    """Pieces of a mesh of `n_nodes`, worked on by so many threads."""
 
     n_nodes: int
     pieces: tuple[Piece, ...]
+    workers: int
 
     @classmethod
-    def of(cls, points: FleshStrain, wanted: Bool[np.ndarray, " m"]) -> "FleshPieces":
+    def of(cls, points: FleshStrain, wanted: Bool[np.ndarray, " m"], *, workers: int = 1) -> "FleshPieces":
         """Of the wanted elements of a mesh."""
         chosen = np.flatnonzero(wanted)
         parts = np.array_split(chosen, max(1, -(-len(chosen) // ELEMENTS))) if len(chosen) else []
-        return cls(n_nodes=points.n_nodes, pieces=tuple(_piece(points, own) for own in parts))
+        pieces = tuple(_piece(points, own) for own in parts)
+        return cls(n_nodes=points.n_nodes, pieces=pieces, workers=workers)
 
     @classmethod
-    def whole(cls, points: FleshStrain) -> "FleshPieces":
+    def whole(cls, points: FleshStrain, *, workers: int = 1) -> "FleshPieces":
         """All elements."""
-        return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool))
+        return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool), workers=workers)
 
     def forces(self, moved: Float[np.ndarray, "f n 3"], law: PieceLaw) -> Float[np.ndarray, "f n 3"]:
         """On all nodes, from the law's stress."""
-        frames, side_by_side = len(moved), _side_by_side(moved)
+        frames, flat = len(moved), _frames_last(moved)
         total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)
-        for piece in self.pieces:
-            total[piece.nodes] += piece.forces(law(piece.gradient(side_by_side, frames)))
+        forces = side_by_side(
+            lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
+        )
+        for piece, own in zip(self.pieces, forces, strict=True):
+            total[piece.nodes] += own
         return np.ascontiguousarray(np.moveaxis(total.reshape(-1, 3, frames), 2, 0), dtype=np.float64)
 
     @property
@@ -81,8 +87,12 @@ class FleshPieces:
         self, moved: Float[np.ndarray, "f n 3"], measure: Callable[[Tensors], Float[np.ndarray, "m 4 f"]]
     ) -> Float[np.ndarray, "m 4 f"]:
         """A measure of the displacement gradient at the points of all pieces."""
-        frames, side_by_side = len(moved), _side_by_side(moved)
-        return np.concatenate([measure(piece.gradient(side_by_side, frames)) for piece in self.pieces])
+        frames, flat = len(moved), _frames_last(moved)
+        return np.concatenate(
+            side_by_side(
+                lambda piece: measure(piece.gradient(flat, frames)), self.pieces, workers=self.workers
+            )
+        )
 
 
 def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
@@ -102,7 +112,7 @@ def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
     )
 
 
-def _side_by_side(moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "n d"]:
+def _frames_last(moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "n d"]:
     return np.ascontiguousarray(np.moveaxis(moved, 0, 2), dtype=np.float32).reshape(moved.shape[1], -1)
 
 

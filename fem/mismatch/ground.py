@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
+from threading import Lock, RLock
 from typing import Any, TypeVar
 
 import numpy as np
@@ -19,20 +20,40 @@ SOFT = 1.5
 """How many times farther flesh than gel gives way from where on it counts as soft."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Ground:
-    """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once."""
+@dataclass(frozen=True)
+class Memory:
+    """Values by key. A lock for each: threads that want one wait for the one that computes it."""
 
-    base: Baseline
-    compliance: float
-    memory: dict[object, Any] = field(default_factory=dict, repr=False, compare=False)
+    values: dict[object, Any] = field(default_factory=dict)
+    locks: dict[object, RLock] = field(default_factory=dict)
+    guard: Lock = field(default_factory=Lock)
 
     def kept(self, key: object, compute: Callable[[], T]) -> T:
         """What `compute` gives, computed once for each key."""
-        if key not in self.memory:
-            self.memory[key] = compute()
-        found: T = self.memory[key]
-        return found
+        with self.guard:
+            lock = self.locks.setdefault(key, RLock())
+        with lock:
+            if key not in self.values:
+                self.values[key] = compute()
+            found: T = self.values[key]
+            return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ground:
+    """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once.
+
+    `workers`: how many threads may work on it at once.
+    """
+
+    base: Baseline
+    compliance: float
+    workers: int = 1
+    memory: Memory = field(default_factory=Memory, repr=False, compare=False)
+
+    def kept(self, key: object, compute: Callable[[], T]) -> T:
+        """What `compute` gives, computed once for each key, whichever thread asks first."""
+        return self.memory.kept(key, compute)
 
     @property
     def stiffness(self) -> csr_array:
@@ -44,14 +65,17 @@ class Ground:
         """As the case assumes it."""
         return self.base.case.poisson_ratio
 
-    @cached_property
+    @property
     def points(self) -> FleshStrain:
         """The points in the flesh at which strains are taken."""
-        return FleshStrain.of(self.base.mesh)
+        return self.kept("points", lambda: FleshStrain.of(self.base.mesh))
 
-    @cached_property
+    @property
     def depth(self) -> Float[np.ndarray, "m 4"]:
         """Relative depth of the points: 0 at the skin, 1 at the pit (0 without one)."""
+        return self.kept("depth", self._depth)
+
+    def _depth(self) -> Float[np.ndarray, "m 4"]:
         mesh = self.base.mesh
         to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(self.points.point_mm)[0]
         if not len(mesh.pit_nodes):
@@ -59,10 +83,13 @@ class Ground:
         to_pit = cKDTree(mesh.nodes_mm[mesh.pit_nodes]).query(self.points.point_mm)[0]
         return np.asarray(to_skin / (to_skin + to_pit))
 
-    @cached_property
+    @property
     def sight(self) -> Sight:
         """What the recordings see of every piece of flesh."""
-        return Sight.of(self.base, self.points, compliance=self.compliance)
+        return self.kept(
+            ("sight", self.compliance),
+            lambda: Sight.of(self.base, self.points, compliance=self.compliance, workers=self.workers),
+        )
 
     @cached_property
     def softness(self) -> float:

@@ -25,6 +25,7 @@ from scipy.sparse import csr_array
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import PLACE, FleshStrain, elastic_stress
 from fem.mismatch.normal import MarkerEquations
+from fem.side_by_side import side_by_side
 
 DEGREE = 2
 """Of the polynomials over a pad: six, for each of three directions."""
@@ -66,9 +67,13 @@ class Sight:
     plain: Float[np.ndarray, " k"]
 
     @classmethod
-    def of(cls, base: Baseline, points: FleshStrain, *, compliance: float) -> "Sight":
+    def of(cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1) -> "Sight":
         """`compliance`: s = 1/E of the plain model."""
-        grasps = tuple(_grasp_sight(base, seen, points, compliance) for seen in base.grasps)
+        grasps = tuple(
+            side_by_side(
+                lambda seen: _grasp_sight(base, seen, points, compliance), base.grasps, workers=workers
+            )
+        )
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
             grasps=grasps,

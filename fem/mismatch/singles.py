@@ -14,6 +14,7 @@ from fem.mismatch.fields import Column
 from fem.mismatch.ground import Ground
 from fem.mismatch.lookalikes import SEEMING, lookalikes
 from fem.mismatch.nuisances import common_nuisances
+from fem.side_by_side import side_by_side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +62,12 @@ def linear_round(
     """
     seen: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
-    for effect in effects:
-        try:
-            seen += [(effect, signature) for signature in effect.signatures(ground)]
-        except FemFailure as failure:
-            without[effect.name] = failure.detail
+    answers = side_by_side(lambda effect: _signatures(ground, effect), effects, workers=ground.workers)
+    for effect, answer in zip(effects, answers, strict=True):
+        if isinstance(answer, FemFailure):
+            without[effect.name] = answer.detail
+        else:
+            seen += [(effect, signature) for signature in answer]
     known = [*common_nuisances(ground), *lookalikes(ground, seen, seeming)]
     columns: list[Column] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
@@ -95,6 +97,13 @@ def linear_round(
         pairs=tuple(sorted(pairs, key=lambda pair: -pair[0])),
         without=without,
     )
+
+
+def _signatures(ground: Ground, effect: Effect) -> Sequence[Signature] | FemFailure:
+    try:
+        return effect.signatures(ground)
+    except FemFailure as failure:
+        return failure
 
 
 def _shown(

@@ -17,16 +17,17 @@ from jaxtyping import Float
 from fem.grasp_sensitivity import mean_normal
 from fem.mismatch.baseline import Baseline, Seen, seen_through
 from fem.modulus_fit import rigid_motion
+from fem.side_by_side import side_by_side
 
 FEWEST = 8
 """A pad that fewer markers touch stays as registered."""
 
 
-def with_touched_skin(base: Baseline, *, compliance: float) -> Baseline:
+def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) -> Baseline:
     """The same recordings on the places where their markers touched, for 1/E = `compliance`."""
     scale_sd = base.case.budget.force_scale_sd
-    found = []
-    for seen in base.grasps:
+
+    def again(seen: Seen) -> Seen:
         aside = _pushed_aside(seen, compliance)
         history = seen.case.history
         pads = tuple(
@@ -34,8 +35,9 @@ def with_touched_skin(base: Baseline, *, compliance: float) -> Baseline:
             for k, pad in enumerate(history.pads)
         )
         case = replace(seen.case, history=replace(history, pads=pads))
-        found.append(seen_through(case, base.solid_of(seen), force_scale_sd=scale_sd))
-    return replace(base, grasps=tuple(found))
+        return seen_through(case, base.solid_of(seen), force_scale_sd=scale_sd)
+
+    return replace(base, grasps=tuple(side_by_side(again, base.grasps, workers=workers)))
 
 
 def _pushed_aside(seen: Seen, compliance: float) -> Float[np.ndarray, "n 3"]:

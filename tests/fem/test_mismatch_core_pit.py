@@ -36,8 +36,8 @@ def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.n
 
 
 def forget() -> None:
-    for key in [key for key in ground().memory if isinstance(key, tuple) and key[0] == "anchored"]:
-        del ground().memory[key]
+    for key in [key for key in ground().memory.values if isinstance(key, tuple) and key[0] == "anchored"]:
+        del ground().memory.values[key]
 
 
 def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():

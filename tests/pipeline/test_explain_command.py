@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from fake_explanation import GAIN, OTHERS, fake_explanation
+from threadpoolctl import threadpool_info
 
 import pipeline.finding
 import pipeline.grasped
@@ -69,9 +70,10 @@ def finder(monkeypatch):
     """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
     handed = {}
 
-    def find(case, diary):
+    def find(case, diary, *, jobs):
         diary.report("naming")
-        handed["case"] = case
+        handed["case"], handed["jobs"] = case, jobs
+        handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
         return handed.get("answer", fake_explanation())
 
     monkeypatch.setattr(pipeline.finding, "find", find)
@@ -293,6 +295,12 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
         ran = drupe("explain", *arguments)
         assert ran.status == 2
         assert words in ran.one_line()
+
+
+def test_jobs_are_handed_on_while_blas_keeps_to_one_thread(drupe, finder, case):
+    assert drupe("explain", case, "--jobs", "3").status == 0
+    assert finder["jobs"] == 3
+    assert finder["blas threads"] == {1}, "threads of BLAS beside those of the finder hinder each other"
 
 
 def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):

@@ -47,7 +47,7 @@ class Damage:
         """One for each W0, its amount dmax."""
         state = _LAST.state(ground.base)
         nu, s = ground.poisson_ratio, ground.compliance
-        pieces = FleshPieces.whole(ground.points)
+        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
         found = []
         for relative in RELATIVE:
@@ -74,7 +74,7 @@ class Damage:
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
         state = _LAST.state(ground.base)
-        pieces = FleshPieces.whole(ground.points)
+        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
         more = settled(
             state,

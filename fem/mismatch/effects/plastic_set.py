@@ -54,7 +54,7 @@ class PlasticSet:
         found = []
         for relative in RELATIVE:
             Y = relative * level
-            pieces = FleshPieces.of(ground.points, stress > MARGIN * Y)
+            pieces = FleshPieces.of(ground.points, stress > MARGIN * Y, workers=ground.workers)
             more = _settled(ground, state, pieces, Y, start=np.zeros_like(state.linear), rounds=1)
             fields = [Field(markers=ground.compliance * own) for own in state.at_markers(more)]
             found.append(
@@ -78,7 +78,9 @@ class PlasticSet:
         """The law in the field that it itself brings."""
         state = _LAST.state(ground.base)
         Y = parameters[YIELD]
-        pieces = FleshPieces.of(ground.points, _stress_seen(ground, state)[0] > MARGIN * Y)
+        pieces = FleshPieces.of(
+            ground.points, _stress_seen(ground, state)[0] > MARGIN * Y, workers=ground.workers
+        )
         start = np.zeros_like(state.linear) if _LAST.more is None else _LAST.more
         more = _settled(ground, state, pieces, Y, start=start, rounds=ROUNDS)
         _LAST.more = more
@@ -136,7 +138,7 @@ def _settled(
 def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
     """Largest von Mises stress over E in each element in the plain model; what LARGE of the flesh exceeds."""
     nu = ground.poisson_ratio
-    pieces = FleshPieces.whole(ground.points)
+    pieces = FleshPieces.whole(ground.points, workers=ground.workers)
     largest = pieces.measured(
         ground.compliance * state.linear, lambda gradient: von_mises(deviator(gradient), poisson_ratio=nu)
     ).max(axis=-1)

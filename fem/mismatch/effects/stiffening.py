@@ -57,7 +57,9 @@ class Stiffening:
             grown = strain_energy(gradient, poisson_ratio=nu) / mu
             return np.asarray(grown[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
 
-        more = -state.response(FleshPieces.whole(ground.points).forces(s * state.linear, law))
+        more = -state.response(
+            FleshPieces.whole(ground.points, workers=ground.workers).forces(s * state.linear, law)
+        )
         fields = [Field(markers=own) for own in state.at_markers(more)]
         return [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
 
@@ -74,7 +76,7 @@ class Stiffening:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
         state = _LAST.state(ground.base)
-        pieces = FleshPieces.whole(ground.points)
+        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         shrunk, steepest = _shrunk(pieces, state, b, s, nu)
 
         def law(gradient: Tensors) -> Tensors:

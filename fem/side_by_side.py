@@ -1,0 +1,24 @@
+"""Independent pieces of work in threads: numpy, BLAS and sparse products let others run meanwhile."""
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TypeVar
+
+A = TypeVar("A")
+B = TypeVar("B")
+
+
+def side_by_side(call: Callable[[A], B], items: Iterable[A], *, workers: int) -> list[B]:
+    """`call` of every item, in their order, up to `workers` at once; the first one's exception is raised.
+
+    What `call` changes outside of itself it must guard. BLAS should be held to one thread meanwhile
+    (threadpoolctl): two that each use all cores hinder each other.
+    """
+    waiting = list(items)
+    if min(workers, len(waiting)) < 2:
+        return [call(item) for item in waiting]
+    pool = ThreadPoolExecutor(min(workers, len(waiting)), thread_name_prefix="drupe")
+    try:
+        return list(pool.map(call, waiting))
+    finally:
+        pool.shutdown(cancel_futures=True)
