@@ -41,7 +41,7 @@ def test_the_first_items_exception_is_raised_and_what_has_not_begun_is_left():
             raise ValueError(item)
         time.sleep(0.05)
 
-    with pytest.raises(ValueError, match="^0$"):
+    with pytest.raises(ValueError, match=r"^0$"):
         side_by_side(call, range(50), workers=2)
     assert len(begun) < 10
 
