@@ -105,6 +105,22 @@ class Baseline:
         """The solid held as this recording's fruit was."""
         return self.solids[seen.case.support]
 
+    def displacements(
+        self, nodal_N: Sequence[Float[np.ndarray, "_ m 3"]]
+    ) -> list[Float[np.ndarray, "_ m 3"]]:
+        """Of the whole flesh (times E) under loads of each recording, each held as its fruit was.
+
+        Loads solved for together cost half of those of one recording after the other.
+        """
+        found = [np.zeros(0)] * len(nodal_N)
+        for support, solid in self.solids.items():
+            own = [k for k, seen in enumerate(self.grasps) if seen.case.support == support]
+            moved = solid.displacement(np.concatenate([nodal_N[k] for k in own]))
+            cuts = np.cumsum([len(nodal_N[k]) for k in own])[:-1]
+            for k, part in zip(own, np.split(moved, cuts), strict=True):
+                found[k] = part
+        return found
+
     def answer(self, seen: Seen, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
         solid = self.solid_of(seen)

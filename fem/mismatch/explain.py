@@ -24,7 +24,6 @@ from fem.mismatch.singles import LinearRound, linear_round
 from fem.mismatch.suggest import next_grasp
 from fem.mismatch.touched_skin import with_touched_skin
 from fem.modulus_fit import CompliantFit, fit_compliance
-from fem.side_by_side import side_by_side
 
 
 def explain(
@@ -46,7 +45,7 @@ def explain(
 
     with stage("plain model"):
         ground, fits = plain_ground(case, workers=workers)
-        recorded = side_by_side(lambda seen: Recorded.of(ground, seen), ground.base.grasps, workers=workers)
+        recorded = ground.each(lambda seen: Recorded.of(ground, seen))
     with stage("all effects, linear"):
         linear = linear_round(ground, recorded, EFFECTS)
         statistics = detection_statistics(linear, recorded, ground.softness)

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.sight import Sight
+from fem.side_by_side import side_by_side
 
 T = TypeVar("T")
 SOFT = 1.5
@@ -54,6 +55,10 @@ class Ground:
     def kept(self, key: object, compute: Callable[[], T]) -> T:
         """What `compute` gives, computed once for each key, whichever thread asks first."""
         return self.memory.kept(key, compute)
+
+    def each(self, call: Callable[[Seen], T]) -> list[T]:
+        """`call` of every recording, in their order, side by side."""
+        return side_by_side(call, self.base.grasps, workers=self.workers)
 
     @property
     def stiffness(self) -> csr_array:

@@ -9,7 +9,6 @@ one outside, K = K0 - (1 - ratio) K1. Under the same loads the displacement lies
 made smallest. All products are moments of one kind, V_i' K0 V_j = V_(i-1)' K1 V_j, so that only K1 is needed.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -29,8 +28,6 @@ CUTS = 4
 """Elements are sampled at the middles of the parts that this many cuts per edge make."""
 LEAST_SHARE = 1e-9
 """Directions of the reduced space with less than this share of the largest energy are rounding."""
-
-Solve = Callable[[np.ndarray], np.ndarray]
 
 
 def fading(distance_mm: Float[np.ndarray, "*b"], radius_mm: float) -> Float[np.ndarray, "*b"]:
@@ -86,13 +83,8 @@ def drop_of(ratio: float, poisson_ratio: float) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Softened:
-    """The reduced space of a ball: V1 and V2 for each of r loads, and the moments U0' K1 V_p, p = 0 to 4.
+    """The reduced space of a ball for r loads, by its moments U0' K1 V_p, p = 0 to 4, and `work`: U0' f."""
 
-    `work`: U0' f.
-    """
-
-    first: Float[np.ndarray, "r n 3"]
-    second: Float[np.ndarray, "r n 3"]
     moments: tuple[Float[np.ndarray, "r r"], ...]
     work: Float[np.ndarray, "r r"]
 
@@ -100,18 +92,18 @@ class Softened:
     def of(
         cls,
         inside: csr_array,
-        solve: Solve,
         moved: Float[np.ndarray, "r n 3"],
+        first: Float[np.ndarray, "r n 3"],
+        second: Float[np.ndarray, "r n 3"],
+        *,
         work: Float[np.ndarray, "r r"],
     ) -> "Softened":
-        """`solve`: K0^-1 on loads (f n 3), as UnitModulusSolid.displacement does it."""
-        first = solve(_times(inside, moved))
-        second = solve(_times(inside, first))
+        """`inside`: K1; `moved`: U0, with V1 and V2 as `first` and `second`."""
         fields = [field.reshape(len(moved), -1) for field in (moved, first, second)]
         pushed = [np.asarray((inside @ field.T).T) for field in fields]
         pairs = ((0, 0), (0, 1), (1, 1), (1, 2), (2, 2))
         moments = tuple(fields[i] @ pushed[j].T for i, j in pairs)
-        return cls(first=first, second=second, moments=tuple((m + m.T) / 2 for m in moments), work=work)
+        return cls(moments=tuple((m + m.T) / 2 for m in moments), work=work)
 
     def amounts(self, ratio: float) -> Float[np.ndarray, "3 r r"]:
         """Of U0, V1 and V2 of each load (second axis) in the displacement under each load (last axis)."""
@@ -128,7 +120,8 @@ class Softened:
         return np.asarray(basis @ np.linalg.solve(energy, basis.T @ load)).reshape(3, count, count)
 
 
-def _times(inside: csr_array, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
+def times(inside: csr_array, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
+    """K1 times fields."""
     return np.ascontiguousarray((inside @ moved.reshape(len(moved), -1).T).T).reshape(moved.shape)
 
 

@@ -6,6 +6,7 @@ from jaxtyping import Float
 from fem.forward import UnitModulusSolid
 from fem.grasp_sensitivity import PIT
 from fem.mismatch.anchored import anchored
+from fem.mismatch.baseline import Seen
 from fem.mismatch.ground import Ground
 from fem.mismatch.inner_changes import inner_changes
 from fem.moved_pit import with_pit_moved
@@ -31,19 +32,18 @@ def pit_responses(ground: Ground, key: str, pit: Float[np.ndarray, "4"]) -> list
 
     def exact(theta: Float[np.ndarray, "4"]) -> list[list[np.ndarray]]:
         mesh = with_pit_moved(ground.base.mesh, theta * SPREAD)
-        solids = {}
-        found = []
-        for seen in grasps:
-            support = seen.case.support
-            if support not in solids:
-                solids[support] = UnitModulusSolid.factorise(
-                    mesh, poisson_ratio=ground.poisson_ratio, support=support
-                )
+        solids = {
+            support: UnitModulusSolid.factorise(mesh, poisson_ratio=ground.poisson_ratio, support=support)
+            for support in ground.base.solids
+        }
+
+        def moved_under(seen: Seen) -> list[np.ndarray]:
             skin = ground.base.solid_of(seen).contact_nodes
             loads = np.zeros((len(seen.patterns), len(mesh.nodes_mm), 3))
             loads[:, skin] = seen.nodal_of(seen.patterns)
-            moved = solids[support].displacement(loads)[:, skin]
-            found.append([seen.over_time(seen.at_markers(moved))])
-        return found
+            moved = solids[seen.case.support].displacement(loads)[:, skin]
+            return [seen.over_time(seen.at_markers(moved))]
+
+        return ground.each(moved_under)
 
     return [own[0] for own in anchored(ground, key, pit / SPREAD, first_order=first_order, exact=exact)]

@@ -48,12 +48,8 @@ def reduced_laws(ground: Ground, *, derivative: Operator, parts: Sequence[Operat
     first = np.cumsum([0, *(len(seen.moved) for seen in grasps)])
     steps = [np.concatenate([seen.moved for seen in grasps])]
     for _ in range(CORRECTIONS):
-        cost, moved = derivative(steps[-1]), np.empty_like(steps[-1])
-        held = np.repeat([seen.case.support for seen in grasps], np.diff(first))
-        for support, solid in ground.base.solids.items():
-            own = held == support
-            moved[own] = -solid.displacement(cost[own])
-        steps.append(moved)
+        cost = np.split(derivative(steps[-1]), first[1:-1])
+        steps.append(-np.concatenate(ground.base.displacements(cost)))
     pulled = [[part(step) for step in steps] for part in parts]
     return [
         _of_recording(

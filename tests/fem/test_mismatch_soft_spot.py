@@ -12,7 +12,7 @@ from fem.assembly import unit_lame_constants
 from fem.forward import UnitModulusSolid
 from fem.mesh import tetrahedralise
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, label_of, place_of
-from fem.mismatch.inclusion import Softened, ball_stiffness, drop_of
+from fem.mismatch.inclusion import Softened, ball_stiffness, drop_of, times
 from fem.mismatch.spot_search import Spot
 from fem.rigid_core import reduced
 from fem.solver import factorise
@@ -67,7 +67,9 @@ def test_soft_ball_in_a_large_body_gives_way_as_eshelby_says():
     inside = ball_stiffness(mesh, centre_mm=np.zeros(3), radius_mm=3.0, poisson_ratio=NU)
     work = np.array([[moved.ravel() @ load.ravel()]])
     ratio = 0.3
-    reduced_space = Softened.of(inside, solid.displacement, moved, work)
+    first = solid.displacement(times(inside, moved))
+    second = solid.displacement(times(inside, first))
+    reduced_space = Softened.of(inside, moved, first, second, work=work)
     amounts = reduced_space.amounts(ratio)[:, 0, 0]
     more = (amounts[0] - 1) * work[0, 0] + amounts[1] * reduced_space.moments[0][0, 0]
     more += amounts[2] * reduced_space.moments[1][0, 0]

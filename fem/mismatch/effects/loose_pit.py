@@ -85,12 +85,13 @@ class LoosePit:
 
     @staticmethod
     def _settled(ground: Ground, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
-        compliance = ground.compliance
-        unit = [loose_response(ground, seen, gap_mm / compliance) for seen in ground.base.grasps]
+        def unit(compliance: float) -> list[Float[np.ndarray, "f n 3"]]:
+            return ground.each(lambda seen: loose_response(ground, seen, gap_mm / compliance))
+
+        found = unit(ground.compliance)
         for _ in range(ROUNDS):
-            compliance = _fitted(ground, unit)
-            unit = [loose_response(ground, seen, gap_mm / compliance) for seen in ground.base.grasps]
-        return unit
+            found = unit(_fitted(ground, found))
+        return found
 
 
 EFFECT = LoosePit()

@@ -112,7 +112,7 @@ class PoseError:
             (self.name, choice, ground.compliance),
             theta,
             first_order=first_order,
-            exact=lambda at: [_exact(ground, seen, choice, at) for seen in grasps],
+            exact=lambda at: ground.each(lambda seen: _exact(ground, seen, choice, at)),
             far=FAR,
         )
         return Response(

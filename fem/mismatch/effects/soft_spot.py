@@ -68,7 +68,7 @@ class SoftSpot:
         inside = _inside(ground, centre_mm, radius_mm)
         left = ground.sight.seen(_left(ground))
         grasps = ground.base.grasps
-        moved = [softened(ground.base, seen, inside, RATIOS) for seen in grasps]
+        moved = softened(ground.base, inside, RATIOS)
         lost = []
         for units in zip(*moved, strict=True):
             more = [unit - seen.tracks.unit_displacement for unit, seen in zip(units, grasps, strict=True)]
@@ -81,8 +81,7 @@ class SoftSpot:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
         inside = _inside(ground, centre_mm, parameters[RADIUS])
-        base, ratio = ground.base, parameters[RATIO]
-        return Response(unit=[softened(base, seen, inside, [ratio])[0] for seen in base.grasps])
+        return Response(unit=[own[0] for own in softened(ground.base, inside, [parameters[RATIO]])])
 
 
 EFFECT = SoftSpot()
@@ -114,5 +113,5 @@ def _left(ground: Ground) -> list[Float[np.ndarray, "f n 3"]]:
 def _fields(ground: Ground, spot: Spot) -> list[Field | None]:
     """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
     inside = _inside(ground, spot.centre_mm, spot.radius_mm)
-    moved = [to_first_order(ground.base, seen, inside) for seen in ground.base.grasps]
+    moved = to_first_order(ground.base, inside)
     return [None if own is None else Field(markers=ground.compliance * own) for own in moved]
