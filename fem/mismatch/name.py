@@ -103,10 +103,13 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
     if detected:
         found = _singles(ground, linear, found, sound)
         if found and found[0].refit is not None:
+            # first: a second effect must not stand for what more rounds would still gain
+            found[0] = _polished(ground, linear, found[0], found[0].refit, sound)
+        if found and found[0].refit is not None:
             found += _pairs(ground, linear, found[0], found[0].refit, sound)
     none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
-    if found[0].refit is not None:
+    if found[0].refit is not None and len(found[0].shown) > 1:
         found[0] = _polished(ground, linear, found[0], found[0].refit, sound)
     weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
     weight /= weight.sum()
