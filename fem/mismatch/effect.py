@@ -29,7 +29,9 @@ class ParameterSpec:
     bounds' distance unless given. `model_sd` (its unit) and `model_share` (of its value): how far off the
     model's own error leaves it, however low the noise: the scatter about the truth over single effects by
     another solver (benchmarks/results/mismatch.csv), which no nuisance stands for. A vector's components are
-    parameters of their own, named "offset_mm.0" and so on; an answer joins them again.
+    parameters of their own, named "offset_mm.0" and so on; an answer joins them again. `strain_power`: as
+    forces are what is measured, strains grow as 1/E, and what the law sees of the parameter (searched on a
+    logarithmic scale) is its ratio to (1/E)^strain_power.
     """
 
     name: str
@@ -40,6 +42,7 @@ class ParameterSpec:
     spread: float | None = None
     model_sd: float = 0.0
     model_share: float = 0.02
+    strain_power: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -203,7 +203,7 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
         for second in _pads_that_may_be(ground, gains, other):
             both = (*best.shown, second)
             again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
-            if again is not None:
+            if again is not None and not again.at_an_end:
                 tried.append((_gain(linear, again, sound), again, both))
         if not tried:
             continue

@@ -29,14 +29,16 @@ STEP = 0.03
 LEAST_GAIN = 0.3
 """A round that gains less ln evidence is the last."""
 MOST_STEP = 1.0
-DEPENDS_ON_E = ("stiffening", "plastic_set", "damage")
-"""Laws that are not linear in the strain, and so not in 1/E."""
+MARGIN = 1e-3
 SAME_E = 0.01
+LARGE_STRAIN = ("stiffening",)
+"""Laws that see strains not only through their parameters: they are solved again for another E."""
 STANDS_FOR_E = "as if gripper_compliance"
 OTHER_START = 0.8
 """Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
 nothing, and the search ends nearer to the truth from there."""
 TRUST = 10.0
+MOST_ALONE = 12
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
 
@@ -46,7 +48,8 @@ class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `ground`: with this model's own 1/E, from which `fit`'s first amount counts.
+    `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of its bounds a
+    parameter is, and the effect stands for something else.
     """
 
     effects: tuple[Effect, ...]
@@ -60,6 +63,7 @@ class Refit:
     fit: Fit
     log_evidence: float
     ground: Ground
+    at_an_end: bool
 
     def near(self) -> Products:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
@@ -100,8 +104,7 @@ def refit(
         if known is not None:
             starts, near = known.parameters, known.ground
         search = _Search(ground if near is None else near, linear, tuple(shown), specs)
-        now, at = search.begun(ground, starts or [None] * len(shown))
-        now, _ = search.followed(now)
+        now, _ = search.followed(search.begun(ground, starts or [None] * len(shown)))
         for _ in range(ROUNDS if known is None else POLISH):
             if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
                 break
@@ -111,21 +114,21 @@ def refit(
                 (
                     tried
                     for share in (1.0, 0.3)
-                    if search.merit(tried := search.bounded(at + share * step)) > now.merit
+                    if search.merit(tried := search.bounded(now.at + share * step)) > now.merit
                 ),
                 None,
             )
             gained = 0.0
             if ahead is not None:
-                gained, at = search.merit(ahead) - now.merit, ahead
-                now = search.linearised(at)
+                gained = search.merit(ahead) - now.merit
+                now = search.linearised(ahead)
             now, again = search.followed(now)
             if not again and gained < LEAST_GAIN:
                 break
     except FemFailure:
         return None
     parameters, first = [], 0
-    values = search.plain(at)
+    values = search.plain(now.at)
     for one in shown:
         names = [spec.name for spec in one.effect.parameters]
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
@@ -143,17 +146,22 @@ def refit(
         fit=now.fit,
         log_evidence=now.log_evidence,
         ground=search.ground,
+        at_an_end=search.at_an_end(now.at),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class _Linearised:
-    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths."""
+    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths.
+
+    `ahead`: the responses a step of each parameter farther, and the steps.
+    """
 
     at: Float[np.ndarray, " p"]
     merit: float
     log_evidence: float
     response: Response
+    ahead: tuple[tuple[Response, float], ...]
     products: Products
     chosen: tuple[int, ...]
     fit: Fit
@@ -174,16 +182,16 @@ class _Search:
         quarter = (self.high - self.low) / 4
         own = [spec.spread for spec in specs]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
+        self.power = np.array([spec.strain_power for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
+        self.alone: dict[tuple[str, tuple[float, ...], float], Response] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(
-        self, ground: Ground, starts: Sequence[dict[str, float] | None]
-    ) -> tuple[_Linearised, Float[np.ndarray, " p"]]:
+    def begun(self, ground: Ground, starts: Sequence[dict[str, float] | None]) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -196,9 +204,8 @@ class _Search:
             for one, start in zip(self.shown, starts, strict=True):
                 own = one.effect.start(ground, one.signature, share * one.amounts) if start is None else start
                 values += [own[spec.name] for spec in one.effect.parameters]
-            at = self.scaled(values)
             try:
-                now = self.linearised(at)
+                now = self.linearised(self.scaled(values))
                 break
             except FemFailure:
                 share *= NEARER
@@ -214,17 +221,22 @@ class _Search:
                     tried = [*values[:first], *other.values(), *values[end:]]
                     plain = self.linear.null.log_evidence
                     if self.merit(self.scaled(tried)) - plain > OTHER_START * (now.merit - plain):
-                        values, at = tried, self.scaled(tried)
-                        now = self.linearised(at)
+                        values = tried
+                        now = self.linearised(self.scaled(tried))
             first = end
-        return now, at
+        return now
 
     def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
         return self.bounded(self._scale(np.array(values, dtype=float)))
 
     def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        margin = 1e-3 * (self.high - self.low)
+        margin = MARGIN * (self.high - self.low)
         return np.asarray(np.clip(at, self.low + margin, self.high - margin))
+
+    def at_an_end(self, at: Float[np.ndarray, " p"]) -> bool:
+        """Whether a parameter has come to the end of its bounds."""
+        margin = 1.01 * MARGIN * (self.high - self.low)
+        return bool(((at <= self.low + margin) | (at >= self.high - margin)).any())
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
         return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
@@ -235,24 +247,43 @@ class _Search:
         for one in self.shown:
             names = [spec.name for spec in one.effect.parameters]
             own = dict(zip(names, values[first : first + len(names)], strict=True))
-            found.append(one.effect.respond(self.ground, own, one.signature.label))
+            found.append(self._alone(one, own))
             first += len(names)
         return found[0] if len(found) == 1 else _together(self.ground, found)
 
-    def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
-        """The model with the fit's 1/E taken up where the response depends on it; whether it was.
+    def _alone(self, one: Shown, own: dict[str, float]) -> Response:
+        """One effect's response; those of last time are kept, for when another's parameters vary."""
+        key = (one.effect.name, tuple(own.values()), self.ground.compliance)
+        if key not in self.alone:
+            if len(self.alone) >= MOST_ALONE:
+                del self.alone[next(iter(self.alone))]
+            self.alone[key] = one.effect.respond(self.ground, own, one.signature.label)
+        return self.alone[key]
 
-        In soft flesh 1/E and jaws that seem to give way stand for each other: those are left out of that fit.
+    def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
+        """The model with the fit's 1/E taken up where the response depends on it; whether it was another.
+
+        Parameters follow it so that the law sees the same (ParameterSpec.strain_power): where it sees strain
+        by them alone the responses, for E = 1 MPa, stay as they are. In soft flesh 1/E and jaws that seem to
+        give way stand for each other: those are left out of that fit.
         """
-        if not any(one.effect.name in DEPENDS_ON_E for one in self.shown):
+        if not self.power.any():
             return now, False
         firm = [j for j in now.chosen if now.products.columns[j].name != STANDS_FOR_E]
         share = 1 + float(now.products.fit(firm).amounts[0])
-        if abs(share - 1) < SAME_E or share <= 0:
+        if share <= 0:
+            return now, False
+        other = abs(share - 1) > SAME_E
+        solved_again = any(one.effect.name in LARGE_STRAIN for one in self.shown)
+        if solved_again and not other:
             return now, False
         self.ground = replace(self.ground, compliance=self.ground.compliance * share)
         self.known = {}
-        return self.linearised(now.at), True
+        follows = now.at + self.power * np.log(share)
+        at = self.bounded(follows)
+        if solved_again or (at != follows).any():
+            return self.linearised(at), other
+        return self._built(at, now.response, now.ahead), other
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
@@ -262,20 +293,25 @@ class _Search:
             return float("-inf")
 
     def _about(self, at: Float[np.ndarray, " p"]) -> tuple[Response, float]:
+        if at.tobytes() not in self.known:
+            self._merit(at, self.respond(at))
+        return self.known[at.tobytes()]
+
+    def _merit(self, at: Float[np.ndarray, " p"], response: Response) -> float:
+        """ln evidence about this response, kept with it until there is another."""
         key = at.tobytes()
         if key not in self.known:
-            response = self.respond(at)
             products, chosen = self.linear.products.about(self.ground, response, self.nuisances)
             self.known = {key: (response, products.fit(chosen).log_evidence)}
-        return self.known[key]
+        return self.known[key][1]
 
     def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
         """The model about these parameters, its slopes as columns.
 
         Laplace: what the slopes would still gain is not there to be had, their widths count.
         """
-        response, merit = self._about(at)
-        slopes = []
+        response, _ = self._about(at)
+        found = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
             try:
@@ -283,18 +319,29 @@ class _Search:
             except FemFailure:
                 step = -step
                 ahead = self.respond(at + step * np.eye(len(at))[k])
-            slopes.append(
-                Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
-            )
+            found.append((ahead, float(step)))
+        return self._built(at, response, tuple(found))
+
+    def _built(
+        self,
+        at: Float[np.ndarray, " p"],
+        response: Response,
+        ahead: tuple[tuple[Response, float], ...],
+    ) -> _Linearised:
+        slopes = [
+            Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, *one))
+            for k, (spread, one) in enumerate(zip(self.spread, ahead, strict=True))
+        ]
         products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
         still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
         return _Linearised(
             at=at,
-            merit=merit,
+            merit=self._merit(at, response),
             log_evidence=float(fit.log_evidence - still),
             response=response,
+            ahead=ahead,
             products=products,
             chosen=chosen,
             fit=fit,

@@ -142,17 +142,42 @@ def _mixed(
     return np.asarray(more)
 
 
-class LastRun:
+MOST_RUNS = 6
+NEAR, FARTHEST = 1e-2, 20.0
+"""A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
+
+
+class LastRuns:
     """The frames of the recordings last asked for, and how their flesh moved: where the next run starts."""
 
     def __init__(self, *, frames: int, remembers: bool) -> None:
         self.frames, self.remembers = frames, remembers
         self._state: PathState | None = None
-        self.more: Float[np.ndarray, "f n 3"] | None = None
+        self._runs: list[tuple[Float[np.ndarray, " p"], Float[np.ndarray, "f n 3"]]] = []
 
     def state(self, base: Baseline) -> PathState:
         """Of these recordings; forgets others."""
         if self._state is None or self._state.base is not base:
             frames = path_frames(base.grasps, self.frames, remembers=self.remembers)
-            self._state, self.more = PathState.of(base, frames), None
+            self._state, self._runs = PathState.of(base, frames), []
         return self._state
+
+    def guess(self, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+        """v - v0 for the law of these parameters: a mean of the last runs, with weights that add up to one.
+
+        The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs, and
+        their mean far from all of them. None without runs.
+        """
+        if not self._runs:
+            return None
+        away = np.stack([own - law for own, _ in self._runs])
+        near, weight = NEAR, np.full(len(away), np.inf)
+        while np.abs(weight).sum() > FARTHEST:
+            weight = np.linalg.solve(away @ away.T + near**2 * np.eye(len(away)), np.ones(len(away)))
+            weight /= weight.sum()
+            near *= 3
+        return np.asarray(sum(w * more for w, (_, more) in zip(weight, self._runs, strict=True)))
+
+    def keep(self, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]) -> None:
+        """One more run, in the place of the oldest."""
+        self._runs = [(law, more), *self._runs][:MOST_RUNS]

@@ -17,7 +17,7 @@ from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.ground import Ground
 from fem.mismatch.path_frames import path_frames
 from fem.mismatch.small_strain import linear_stress
-from fem.mismatch.stress_history import LastRun, settled
+from fem.mismatch.stress_history import LastRuns, settled
 
 MU, LAME = unit_lame_constants(NU)
 
@@ -29,7 +29,7 @@ def tensors(*frames: np.ndarray) -> np.ndarray:
 
 def forgetful(effect_module: object) -> None:
     """No run before this one."""
-    effect_module._LAST.more = None
+    effect_module._LAST._runs.clear()
 
 
 @pytest.fixture(autouse=True)
@@ -107,7 +107,7 @@ def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
 @pytest.mark.parametrize("together", [True, False])
 def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, together):
     ground = ground_of()
-    state = LastRun(frames=4, remembers=True).state(ground.base)
+    state = LastRuns(frames=4, remembers=True).state(ground.base)
     solid = ground.base.solid_of(ground.base.grasps[0])
 
     def departure(moved: np.ndarray) -> np.ndarray:
@@ -149,6 +149,50 @@ def test_the_value_that_a_share_of_the_volume_exceeds():
     assert exceeded_by(0.15, values, volume) == 3.0
 
 
+@pytest.mark.parametrize(
+    ("module", "parameters"),
+    [(damage, {"dmax": 0.3, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.06})],
+)
+def test_flesh_twice_as_soft_answers_alike_where_its_law_sees_the_same(monkeypatch, module, parameters):
+    """By ParameterSpec.strain_power, which spares solving again for another E."""
+    monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-7)
+    firm = ground_of()
+    soft = replace(firm, compliance=1.5 * firm.compliance)
+    plain = firm.base.grasps[0].tracks.unit_displacement
+    alike = {spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.parameters}
+    more = module.EFFECT.respond(firm, parameters, "").unit[0] - plain
+    forgetful(module)
+    found = module.EFFECT.respond(soft, alike, "").unit[0] - plain
+    forgetful(module)
+    other = module.EFFECT.respond(soft, parameters, "").unit[0] - plain
+    size = np.linalg.norm(more)
+    assert np.linalg.norm(found - more) < 2e-3 * size
+    assert np.linalg.norm(other - more) > 0.1 * size
+
+
+def test_a_run_starts_on_the_plane_through_the_last_ones_and_not_far_beyond_them():
+    runs = LastRuns(frames=4, remembers=True)
+    assert runs.guess(np.zeros(2)) is None
+    field = np.random.default_rng(6).normal(size=(3, 2, 5, 3))
+
+    def answer(law):
+        return field[0] + law[0] * field[1] + law[1] * field[2]
+
+    for law in ([0.0, 0.0], [0.3, 0.0], [0.0, 0.3]):
+        runs.keep(np.array(law), answer(law))
+    np.testing.assert_allclose(runs.guess(np.array([0.1, 0.2])), answer([0.1, 0.2]), atol=0.01)
+    far = runs.guess(np.array([40.0, 0.0]))
+    assert np.abs(far).max() < 0.2 * np.abs(answer([40.0, 0.0])).max()
+
+
+def test_only_the_last_runs_are_kept():
+    runs = LastRuns(frames=4, remembers=True)
+    for k in range(30):
+        runs.keep(np.array([float(k)]), np.full((1, 1, 3), float(k)))
+    assert len(runs._runs) == stress_history.MOST_RUNS
+    assert runs.guess(np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
+
+
 def difference(module: object, ground: Ground, parameters: dict[str, float], base: dict[str, float]):
     effect = module.EFFECT
     one = effect.respond(ground, parameters, "").unit[0]
@@ -183,7 +227,7 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
 
 def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
     monkeypatch.setattr(plastic_set, "RELATIVE", (relative,))
-    monkeypatch.setattr(plastic_set._LAST, "more", None)
+    forgetful(plastic_set)
     ground = ground_of()
     signature = plastic_set.EFFECT.signatures(ground)[0]
     Y = plastic_set.EFFECT.start(ground, signature, np.ones(1))["yield_over_E"]

@@ -21,7 +21,7 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import linear_stress, strain_energy
-from fem.mismatch.stress_history import LastRun, PathState, settled
+from fem.mismatch.stress_history import LastRuns, PathState, settled
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3
@@ -40,7 +40,7 @@ class Damage:
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
         ParameterSpec(name=DMAX, unit="1", low=0.02, high=0.95, model_share=0.04),
-        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1),
+        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1, strain_power=2.0),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
@@ -76,15 +76,17 @@ class Damage:
         state = _LAST.state(ground.base)
         pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
+        place = np.array([4 * parameters[DMAX], np.log(parameters[W0] / ground.compliance**2) / 4])
+        guess = _LAST.guess(place)
         more = settled(
             state,
             lambda moved: pieces.forces(moved, law),
             compliance=ground.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear) if _LAST.more is None else _LAST.more,
+            start=np.zeros_like(state.linear) if guess is None else guess,
             together=True,
         )
-        _LAST.more = more
+        _LAST.keep(place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -118,5 +120,5 @@ def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_
     return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
 
 
-_LAST = LastRun(frames=FRAMES, remembers=True)
+_LAST = LastRuns(frames=FRAMES, remembers=True)
 EFFECT = Damage()

@@ -22,7 +22,7 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import deviator, von_mises
-from fem.mismatch.stress_history import ROUNDS, LastRun, PathState, settled
+from fem.mismatch.stress_history import ROUNDS, LastRuns, PathState, settled
 
 YIELD = "yield_over_E"
 HARDENING = 0.05
@@ -44,7 +44,7 @@ class PlasticSet:
     name: str = "plastic_set"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05),
+        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05, strain_power=1.0),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
@@ -81,9 +81,11 @@ class PlasticSet:
         pieces = FleshPieces.of(
             ground.points, _stress_seen(ground, state)[0] > MARGIN * Y, workers=ground.workers
         )
-        start = np.zeros_like(state.linear) if _LAST.more is None else _LAST.more
+        place = np.array([np.log(Y / ground.compliance)])
+        guess = _LAST.guess(place)
+        start = np.zeros_like(state.linear) if guess is None else guess
         more = _settled(ground, state, pieces, Y, start=start, rounds=ROUNDS)
-        _LAST.more = more
+        _LAST.keep(place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -145,5 +147,5 @@ def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " 
     return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
 
 
-_LAST = LastRun(frames=FRAMES, remembers=True)
+_LAST = LastRuns(frames=FRAMES, remembers=True)
 EFFECT = PlasticSet()

@@ -25,7 +25,7 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, Tensors
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
-from fem.mismatch.stress_history import LastRun, PathState, settled
+from fem.mismatch.stress_history import LastRuns, PathState, settled
 
 B = "b"
 PRIOR_SD = 30.0
@@ -44,7 +44,7 @@ class Stiffening:
     name: str = "stiffening"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True, model_share=0.05),
+        ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True, model_share=0.05, strain_power=-2.0),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
@@ -84,15 +84,17 @@ class Stiffening:
                 fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
             )
 
+        place = np.log([b * s**2, s])
+        guess = _LAST.guess(place)
         more = settled(
             state,
             lambda moved: pieces.forces(moved, law),
             compliance=s,
             stiffer=steepest,
-            start=(shrunk - 1)[:, None, None] * state.linear if _LAST.more is None else _LAST.more,
+            start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
             together=False,
         )
-        _LAST.more = more
+        _LAST.keep(place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -159,5 +161,5 @@ def _shrunk(
     return a, _exponential(top) * (1 + 2 * top)
 
 
-_LAST = LastRun(frames=FRAMES, remembers=False)
+_LAST = LastRuns(frames=FRAMES, remembers=False)
 EFFECT = Stiffening()
