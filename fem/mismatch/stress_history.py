@@ -165,8 +165,8 @@ class LastRuns:
     def guess(self, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
         """v - v0 for the law of these parameters: a mean of the last runs, with weights that add up to one.
 
-        The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs, and
-        their mean far from all of them. None without runs.
+        The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs,
+        and their mean far from all of them. None without runs.
         """
         if not self._runs:
             return None
