@@ -125,7 +125,9 @@ def main() -> None:
     parser.add_argument("--ablation", nargs="+", choices=ABLATIONS, default=[WHOLE])
     parser.add_argument("--work", type=Path, default=None, help="keep meshes here between runs")
     parser.add_argument("--again", action="store_true", help="forget the cases that are done")
-    parser.add_argument("--jobs", type=int, default=2, help="as of drupe explain")
+    parser.add_argument(
+        "--jobs", type=int, default=2, help="as of drupe explain; there one per core, at most 4"
+    )
     chosen = parser.parse_args()
     lines = chosen.out.with_suffix(".jsonl")
     if chosen.again:

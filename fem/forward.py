@@ -145,7 +145,7 @@ class UnitModulusSolid:
                 f"loads have the shape {nodal_force_N.shape} or hold non-finite numbers; "
                 f"(loads, {n}, 3) finite forces in N are expected",
             )
-        return nodal_force_N.reshape(len(nodal_force_N), -1).T
+        return nodal_force_N.reshape(len(nodal_force_N), 3 * n).T
 
 
 def _moving(mesh: FleshMesh, n_motions: int, support: Support) -> Bool[np.ndarray, " d"]:

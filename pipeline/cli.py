@@ -146,7 +146,7 @@ def explain(
         int | None,
         typer.Option(
             min=1,
-            help="Recordings and effects worked on at the same time; memory grows with each.",
+            help="Grasps and effects worked on at the same time; memory grows with each.",
             show_default=f"one per core, at most {MOST_EXPLAINING}",
         ),
     ] = None,

@@ -44,6 +44,10 @@ class ParameterSpec:
     model_share: float = 0.02
     strain_power: float = 0.0
 
+    def __post_init__(self) -> None:
+        if self.strain_power and not self.log:
+            raise ValueError(f"{self.name}: a strain_power is for parameters on a logarithmic scale")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:

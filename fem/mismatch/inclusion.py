@@ -49,7 +49,7 @@ def ball_stiffness(
     weight = fading(np.linalg.norm(shape @ x - centre_mm, axis=2), radius_mm)
     inside = weight.any(axis=1)
     tets, x, weight = tets[inside], x[inside], weight[inside]
-    jacobian = (gradient.reshape(-1, 10) @ x).reshape(len(x), -1, 3, 3)
+    jacobian = (gradient.reshape(-1, 10) @ x).reshape(len(x), len(points), 3, 3)
     inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
     slope = inverse.transpose(2, 3, 0, 1) @ gradient  # (m, q, 3, 10)
     flat = slope.transpose(0, 1, 3, 2).reshape(len(x), len(points), 30)
@@ -99,10 +99,10 @@ class Softened:
         work: Float[np.ndarray, "r r"],
     ) -> "Softened":
         """`inside`: K1; `moved`: U0, with V1 and V2 as `first` and `second`."""
-        fields = [field.reshape(len(moved), -1) for field in (moved, first, second)]
-        pushed = [np.asarray((inside @ field.T).T) for field in fields]
+        fields = (moved, first, second)
+        pushed = [times(inside, field) for field in fields]
         pairs = ((0, 0), (0, 1), (1, 1), (1, 2), (2, 2))
-        moments = tuple(fields[i] @ pushed[j].T for i, j in pairs)
+        moments = tuple(np.tensordot(fields[i], pushed[j], axes=([1, 2], [1, 2])) for i, j in pairs)
         return cls(moments=tuple((m + m.T) / 2 for m in moments), work=work)
 
     def amounts(self, ratio: float) -> Float[np.ndarray, "3 r r"]:
@@ -122,7 +122,8 @@ class Softened:
 
 def times(inside: csr_array, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
     """K1 times fields."""
-    return np.ascontiguousarray((inside @ moved.reshape(len(moved), -1).T).T).reshape(moved.shape)
+    flat = moved.reshape(len(moved), inside.shape[1])
+    return np.ascontiguousarray((inside @ flat.T).T).reshape(moved.shape)
 
 
 @cache

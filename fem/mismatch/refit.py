@@ -8,6 +8,7 @@ evidence is that of the linearised model at the end (Laplace), with a prior as w
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -31,8 +32,6 @@ LEAST_GAIN = 0.3
 MOST_STEP = 1.0
 MARGIN = 1e-3
 SAME_E = 0.01
-LARGE_STRAIN = ("stiffening",)
-"""Laws that see strains not only through their parameters: they are solved again for another E."""
 STANDS_FOR_E = "as if gripper_compliance"
 OTHER_START = 0.8
 """Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
@@ -48,8 +47,8 @@ class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of its bounds a
-    parameter is, and the effect stands for something else.
+    `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of each effect,
+    whether a parameter is at the end of its bounds, where it stands for something else.
     """
 
     effects: tuple[Effect, ...]
@@ -63,7 +62,7 @@ class Refit:
     fit: Fit
     log_evidence: float
     ground: Ground
-    at_an_end: bool
+    at_an_end: tuple[bool, ...]
 
     def near(self) -> Products:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
@@ -72,7 +71,7 @@ class Refit:
         """
         other = copy(self.products)
         other.columns = list(other.columns)
-        for column, sd in zip(self.slopes, TRUST * np.sqrt(np.diag(self.covariance)), strict=True):
+        for column, sd in zip(self.slopes, TRUST * self.fit.sd[-len(self.slopes) :], strict=True):
             own = other.columns[column]
             other.columns[column] = replace(own, sd=min(own.sd, float(sd)))
         return other
@@ -134,11 +133,14 @@ def refit(
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
         first += len(names)
     count = len(specs)
+    # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
+    along = np.eye(len(now.fit.amounts))[-count:]
+    along[:, 0] = search.power
     return Refit(
         effects=tuple(one.effect for one in shown),
         choices=tuple(one.signature.label for one in shown),
         parameters=tuple(parameters),
-        covariance=now.fit.covariance[-count:, -count:],
+        covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
         products=now.products,
         nuisances=now.chosen[: len(now.chosen) - count],
@@ -152,16 +154,12 @@ def refit(
 
 @dataclass(frozen=True, kw_only=True)
 class _Linearised:
-    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths.
-
-    `ahead`: the responses a step of each parameter farther, and the steps.
-    """
+    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths."""
 
     at: Float[np.ndarray, " p"]
     merit: float
     log_evidence: float
     response: Response
-    ahead: tuple[tuple[Response, float], ...]
     products: Products
     chosen: tuple[int, ...]
     fit: Fit
@@ -184,7 +182,7 @@ class _Search:
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        self.alone: dict[tuple[str, tuple[float, ...], float], Response] = {}
+        self.alone: dict[tuple[str, str, tuple[float, ...], float], Response] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
@@ -233,10 +231,12 @@ class _Search:
         margin = MARGIN * (self.high - self.low)
         return np.asarray(np.clip(at, self.low + margin, self.high - margin))
 
-    def at_an_end(self, at: Float[np.ndarray, " p"]) -> bool:
-        """Whether a parameter has come to the end of its bounds."""
+    def at_an_end(self, at: Float[np.ndarray, " p"]) -> tuple[bool, ...]:
+        """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
-        return bool(((at <= self.low + margin) | (at >= self.high - margin)).any())
+        ends = (at <= self.low + margin) | (at >= self.high - margin)
+        first = np.cumsum([0, *(len(one.effect.parameters) for one in self.shown)])
+        return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
         return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
@@ -253,7 +253,7 @@ class _Search:
 
     def _alone(self, one: Shown, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (one.effect.name, tuple(own.values()), self.ground.compliance)
+        key = (one.effect.name, one.signature.label, tuple(own.values()), self.ground.compliance)
         if key not in self.alone:
             if len(self.alone) >= MOST_ALONE:
                 del self.alone[next(iter(self.alone))]
@@ -261,29 +261,20 @@ class _Search:
         return self.alone[key]
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
-        """The model with the fit's 1/E taken up where the response depends on it; whether it was another.
+        """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
-        Parameters follow it so that the law sees the same (ParameterSpec.strain_power): where it sees strain
-        by them alone the responses, for E = 1 MPa, stay as they are. In soft flesh 1/E and jaws that seem to
-        give way stand for each other: those are left out of that fit.
+        Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
+        jaws that seem to give way stand for each other: those are left out of that fit.
         """
         if not self.power.any():
             return now, False
         firm = [j for j in now.chosen if now.products.columns[j].name != STANDS_FOR_E]
         share = 1 + float(now.products.fit(firm).amounts[0])
-        if share <= 0:
-            return now, False
-        other = abs(share - 1) > SAME_E
-        solved_again = any(one.effect.name in LARGE_STRAIN for one in self.shown)
-        if solved_again and not other:
+        if abs(share - 1) < SAME_E or share <= 0:
             return now, False
         self.ground = replace(self.ground, compliance=self.ground.compliance * share)
         self.known = {}
-        follows = now.at + self.power * np.log(share)
-        at = self.bounded(follows)
-        if solved_again or (at != follows).any():
-            return self.linearised(at), other
-        return self._built(at, now.response, now.ahead), other
+        return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
         """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
@@ -293,25 +284,20 @@ class _Search:
             return float("-inf")
 
     def _about(self, at: Float[np.ndarray, " p"]) -> tuple[Response, float]:
-        if at.tobytes() not in self.known:
-            self._merit(at, self.respond(at))
-        return self.known[at.tobytes()]
-
-    def _merit(self, at: Float[np.ndarray, " p"], response: Response) -> float:
-        """ln evidence about this response, kept with it until there is another."""
         key = at.tobytes()
         if key not in self.known:
+            response = self.respond(at)
             products, chosen = self.linear.products.about(self.ground, response, self.nuisances)
             self.known = {key: (response, products.fit(chosen).log_evidence)}
-        return self.known[key][1]
+        return self.known[key]
 
     def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
         """The model about these parameters, its slopes as columns.
 
         Laplace: what the slopes would still gain is not there to be had, their widths count.
         """
-        response, _ = self._about(at)
-        found = []
+        response, merit = self._about(at)
+        slopes = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
             try:
@@ -319,29 +305,18 @@ class _Search:
             except FemFailure:
                 step = -step
                 ahead = self.respond(at + step * np.eye(len(at))[k])
-            found.append((ahead, float(step)))
-        return self._built(at, response, tuple(found))
-
-    def _built(
-        self,
-        at: Float[np.ndarray, " p"],
-        response: Response,
-        ahead: tuple[tuple[Response, float], ...],
-    ) -> _Linearised:
-        slopes = [
-            Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, *one))
-            for k, (spread, one) in enumerate(zip(self.spread, ahead, strict=True))
-        ]
+            slopes.append(
+                Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
+            )
         products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
         still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
         return _Linearised(
             at=at,
-            merit=self._merit(at, response),
+            merit=merit,
             log_evidence=float(fit.log_evidence - still),
             response=response,
-            ahead=ahead,
             products=products,
             chosen=chosen,
             fit=fit,

@@ -180,4 +180,4 @@ class LastRuns:
 
     def keep(self, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]) -> None:
         """One more run, in the place of the oldest."""
-        self._runs = [(law, more), *self._runs][:MOST_RUNS]
+        self._runs = [(law, more.astype(np.float32)), *self._runs][:MOST_RUNS]

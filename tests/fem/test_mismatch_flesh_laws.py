@@ -153,7 +153,7 @@ def test_the_value_that_a_share_of_the_volume_exceeds():
     ("module", "parameters"),
     [(damage, {"dmax": 0.3, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.06})],
 )
-def test_flesh_twice_as_soft_answers_alike_where_its_law_sees_the_same(monkeypatch, module, parameters):
+def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, module, parameters):
     """By ParameterSpec.strain_power, which spares solving again for another E."""
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-7)
     firm = ground_of()

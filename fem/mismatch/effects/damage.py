@@ -28,6 +28,8 @@ PRIOR_SD = 0.3
 RELATIVE = (0.1, 0.4, 1.6)
 """W0 of the signatures over the energy density that LARGE of the flesh exceeds at some time."""
 LARGE = 0.05
+FAR_DMAX, FAR_W0 = 0.25, 4.0
+"""What is far for dmax, and for ln W0: units in which earlier runs are near or far."""
 FRAMES = 44
 """Frames of all recordings together."""
 
@@ -76,7 +78,8 @@ class Damage:
         state = _LAST.state(ground.base)
         pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
-        place = np.array([4 * parameters[DMAX], np.log(parameters[W0] / ground.compliance**2) / 4])
+        seen_W0 = np.log(parameters[W0] / ground.compliance**2)
+        place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
         guess = _LAST.guess(place)
         more = settled(
             state,
