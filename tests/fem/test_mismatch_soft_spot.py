@@ -111,3 +111,11 @@ def test_without_a_spot_nothing_stands_out():
     left = [0.004 * rng.normal(size=seen.tracks.position_mm.shape) for seen in ground.base.grasps]
     numbers = np.array([ground.sight.seen([field * 1.0]) for field in left])
     assert np.sqrt((numbers**2).mean()) < 1.2
+
+
+@pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 90.0), (0.0, 0.0, -18.2), (0.0, 21.3, 0.0)])
+def test_a_ball_that_bears_nothing_leaves_the_fruit_as_it_is(centre_mm):
+    """Outside of the flesh, or where next to nothing of the load passes."""
+    place = dict(zip(CENTRE, centre_mm, strict=True))
+    plain = pinched().grasps[0].tracks.unit_displacement
+    np.testing.assert_array_equal(responded(ground_of(), **place, radius_mm=3.0), plain)

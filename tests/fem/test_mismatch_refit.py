@@ -1,0 +1,119 @@
+"""Refits: a planted law comes back with its modulus, 1/E is followed, bounds and threads."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from pinched_ground import COMPLIANCE, ground_of
+
+from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effects import damage, skin, soft_spot
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.refit import MARGIN, Refit, _Search, refit
+from fem.mismatch.singles import LinearRound, linear_round
+
+SOFTER = 1.25
+TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
+
+
+@cache
+def planted():
+    """Flesh that is damaged, and softer than the plain model's by SOFTER."""
+    damage._LAST._runs.clear()
+    ground = ground_of()
+    truly = replace(ground, compliance=SOFTER * COMPLIANCE)
+    moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, "").unit[0]
+    damage._LAST._runs.clear()
+    return ground_of(moved - COMPLIANCE * ground.base.grasps[0].tracks.unit_displacement)
+
+
+def rounds(effects, *, workers: int = 1) -> LinearRound:
+    ground = replace(planted(), workers=workers)
+    return linear_round(ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], effects)
+
+
+@cache
+def found() -> Refit:
+    linear = rounds([damage.EFFECT])
+    first = refit(planted(), linear, (linear.best[0],))
+    return refit(planted(), linear, (linear.best[0],), known=first)
+
+
+def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
+    assert found().ground.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
+    assert found().parameters[0]["dmax"] == pytest.approx(TRUTH["dmax"], rel=0.1)
+    assert found().parameters[0]["W0_over_E"] == pytest.approx(TRUTH["W0_over_E"], rel=0.2)
+
+
+def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
+    linear = rounds([damage.EFFECT])
+    search = _Search(planted(), linear, (linear.best[0],), damage.EFFECT.parameters)
+    before = search.linearised(search.scaled([0.3, 0.006]))
+    after, followed = search.followed(before)
+    assert followed
+    grown = search.ground.compliance / COMPLIANCE
+    assert abs(grown - 1) > 0.01
+    assert after.at[0] == before.at[0]
+    assert after.at[1] - before.at[1] == pytest.approx(2 * np.log(grown))
+    unit = before.response.unit[0]
+    assert np.linalg.norm(after.response.unit[0] - unit) < 2e-3 * np.linalg.norm(unit)
+    assert not search.followed(after)[1]
+
+
+def test_the_spread_of_a_laws_parameter_has_that_of_the_modulus_in_it():
+    law = found().fit.covariance
+    expected = law[-1, -1] + 2 * 2 * law[0, -1] + 4 * law[0, 0]
+    assert found().covariance[1, 1] == pytest.approx(expected)
+    assert found().covariance[0, 0] == law[-2, -2]
+
+
+def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
+    linear = rounds([damage.EFFECT, skin.EFFECT])
+    shown = {one.effect.name: one for one in linear.best}
+    effects = (shown["damage"], shown["skin"])
+    specs = [spec for one in effects for spec in one.effect.parameters]
+    search = _Search(planted(), linear, effects, specs)
+    middle = (search.low + search.high) / 2
+    assert search.at_an_end(middle) == (False, False)
+    low, high = middle.copy(), middle.copy()
+    low[1], high[2] = search.low[1] - 1.0, search.high[2] + 1.0
+    assert search.at_an_end(search.bounded(low)) == (True, False)
+    assert search.at_an_end(search.bounded(high)) == (False, True)
+    near = middle.copy()
+    near[1] = search.low[1] + 3 * MARGIN * (search.high[1] - search.low[1])
+    assert search.at_an_end(near) == (False, False)
+
+
+def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch):
+    linear = rounds([damage.EFFECT, skin.EFFECT])
+    shown = {one.effect.name: one for one in linear.best}
+    effects = (shown["damage"], shown["skin"])
+    search = _Search(planted(), linear, effects, [spec for one in effects for spec in one.effect.parameters])
+    asked = []
+    respond = type(damage.EFFECT).respond
+    monkeypatch.setattr(
+        type(damage.EFFECT),
+        "respond",
+        lambda self, ground, own, choice: asked.append(dict(own)) or respond(self, ground, own, choice),
+    )
+    at = search.scaled([0.3, 0.006, 0.5])
+    search.respond(at)
+    search.respond(search.scaled([0.3, 0.006, 0.8]))
+    assert len(asked) == 1
+    search.ground = replace(search.ground, compliance=1.1 * search.ground.compliance)
+    search.respond(at)
+    assert len(asked) == 2
+
+
+def test_threads_change_no_number():
+    effects = [damage.EFFECT, skin.EFFECT, soft_spot.EFFECT]
+    one, two = (rounds(effects, workers=workers) for workers in (1, 3))
+    assert one.null.log_evidence == two.null.log_evidence
+    assert [shown.gain for shown in one.shown] == [shown.gain for shown in two.shown]
+    assert [shown.signature.label for shown in one.shown] == [shown.signature.label for shown in two.shown]
+
+
+def test_a_strain_power_is_for_a_logarithmic_scale():
+    with pytest.raises(ValueError, match="logarithmic"):
+        ParameterSpec(name="b", unit="1", low=1.0, high=2.0, strain_power=1.0)
