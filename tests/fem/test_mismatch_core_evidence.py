@@ -49,7 +49,7 @@ def small():
         for k, sd in enumerate(SDS)
     ]
     columns[2] = Column(name="2", sd=SDS[2], fields=[columns[2].fields[0], None])
-    return recorded, columns, Products(SimpleNamespace(compliance=0.4), recorded, columns)
+    return recorded, columns, Products(SimpleNamespace(compliance=0.4, workers=1), recorded, columns)
 
 
 def dense_parts(small, chosen):
@@ -94,12 +94,12 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     recorded, columns, _ = small
     meant = [columns[0], replace(columns[1], mean=0.8), columns[2]]
     y, noise, rows, sds = dense_parts(small, (1, 2))
-    products = Products(SimpleNamespace(compliance=0.4), recorded, meant)
+    products = Products(SimpleNamespace(compliance=0.4, workers=1), recorded, meant)
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
     plain = Response(unit=[one.seen.tracks.unit_displacement for one in recorded])
-    about, chosen = products.about(SimpleNamespace(compliance=0.4), plain, (1,))
+    about, chosen = products.about(SimpleNamespace(compliance=0.4, workers=1), plain, (1,))
     y, noise, rows, sds = dense_parts(small, (1,))
     truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)

@@ -40,7 +40,7 @@ def gain_of(name: str, *, amount: float, softness: float = 1.0, compliance: floa
     rng = np.random.default_rng(3)
     unit, field = rng.normal(size=SHAPE), rng.normal(size=SHAPE)
     position = compliance * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
-    ground = SimpleNamespace(compliance=compliance, softness=softness)
+    ground = SimpleNamespace(compliance=compliance, softness=softness, workers=1)
     own = Column(name="own", sd=4.0, fields=[Field(markers=field)], positive=True)
     columns = lookalikes(ground, [(effect(name), Signature(label="", columns=(own,)))])
     products = Products(ground, [Recording(position, unit)], [*columns, own])
