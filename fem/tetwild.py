@@ -1,6 +1,9 @@
 """The border to pytetwild: closed surfaces in, well-shaped straight tetrahedra between them out."""
 
-from contextlib import chdir
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager
 from tempfile import TemporaryDirectory
 
 import numpy as np
@@ -38,16 +41,17 @@ def fill(
     """Tetrahedra, positively oriented, of the region that the surfaces bound together.
 
     The normals of an inner surface point into its hole, so that winding numbers leave the hole empty.
-    The mesher shuffles with a seed from the machine's entropy, so two runs differ in their elements (by less
-    than the discretisation error), not in their shape. It leaves a file in the working directory: it gets one
-    to throw away. Raises FemFailure where nothing comes back.
+    The mesher takes Ctrl-C away from Python, which is mended here. It shuffles with a seed from the machine's
+    entropy, so two runs differ in their elements (by less than the discretisation error), not in their shape.
+    It leaves a file in the working directory: it gets one to throw away. Raises FemFailure where nothing
+    comes back.
     """
     vertices = np.vstack([v for v, _ in surfaces])
     start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
     faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)
     diagonal_mm = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     try:
-        with TemporaryDirectory() as scratch, chdir(scratch):
+        with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
             nodes, tets = pytetwild.tetrahedralize(
                 vertices,
                 np.ascontiguousarray(faces),
@@ -83,3 +87,14 @@ def fill(
             "look for a pit that cuts through the fruit, or loose parts in the scan",
         )
     return compact(nodes, tets[piece == volume.argmax()])
+
+
+@contextmanager
+def _ctrl_c_kept() -> Iterator[None]:
+    """Python's own handler of SIGINT installed again afterwards; only the main thread may."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread() and before is not None:
+            signal.signal(signal.SIGINT, before)

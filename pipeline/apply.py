@@ -64,6 +64,10 @@ def why_not(found: Explanation) -> str:
         return "there is no second recording to confirm the effect by; record another grasp."
     if not found.heldout.rms_after < found.heldout.rms_before:
         return "the effect does not help recordings that it was not fitted to."
+    if found.heldout.rms_before <= found.heldout.noise_rms:
+        return (
+            "what recordings show that the fit did not see is within the sensors' noise without it already."
+        )
     if all(one.effect != found.verdict for one in found.ranking):
         return f"the ranking does not hold {found.verdict}."
     return ""

@@ -17,6 +17,12 @@ ONE_RECORDING = (
     "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "
     "a pad's place) cannot be told apart, and none is left to test the answer on."
 )
+FEW_RECORDINGS = (
+    "There are {count} recordings. What a sound fruit may show is known of fruit with four: with fewer, "
+    "effects that are not there are named more easily, a skin above all; record four that differ in place, "
+    "speed and hold, one of them with the fruit turned."
+)
+FEW = 3
 CATEGORY_PIT = (
     "There is no pit.ply: the category's pit is used, so a pit of another size or place is found more easily."
 )
@@ -58,6 +64,7 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
     foreign = [] if case.batch is not None else [w for w in warnings if ': its fruit_id is "' in w]
     return [
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
+        *([FEW_RECORDINGS.format(count=len(fruit.placed))] if 1 < len(fruit.placed) <= FEW else []),
         *([] if case.task.folder.pit_ply.is_file() else [CATEGORY_PIT]),
         *case.notes,
         *(warning for warning in warnings if warning not in foreign),

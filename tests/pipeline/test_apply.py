@@ -96,6 +96,8 @@ def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert "no second recording" in why_not(fake_explanation(heldout=None))
     worse = HeldOut(rms_before=1.2, rms_after=1.3, noise_rms=1.0)
     assert "does not help" in why_not(fake_explanation(heldout=worse))
+    quiet = HeldOut(rms_before=0.9, rms_after=0.8, noise_rms=1.0)
+    assert "within the sensors' noise" in why_not(fake_explanation(heldout=quiet))
 
 
 def settings(tmp_path, extra):

@@ -173,7 +173,9 @@ def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder
 
 def test_without_a_pit_the_categorys_is_used_and_it_is_said(drupe, finder, case):
     (case / "pit.ply").unlink()
-    assert "note: There is no pit.ply: the category's pit is used" in drupe("explain", case).out
+    said = drupe("explain", case).out
+    assert "note: There is no pit.ply: the category's pit is used" in said
+    assert "note: There are 2 recordings." in said
     assert len(finder["case"].grasps) == 2
 
 
