@@ -31,8 +31,7 @@ def gel_force(pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.nda
     """`turn`: pad axes in the fruit frame, as columns."""
     force = pad.force_N @ turn
     moved = pad.gel_displacement_mm @ turn
-    touching = (pad.episode >= 0)[:, :, None]
-    stiffness = np.array([_slope(force, moved, touching, part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
+    stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
     springs = moved * stiffness
     beyond = (force - springs)[used]
     flat = beyond.reshape(len(beyond), -1)
@@ -47,14 +46,18 @@ def gel_force(pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.nda
 
 
 def _slope(
-    force: Float[np.ndarray, "t n 3"],
-    moved: Float[np.ndarray, "t n 3"],
-    touching: Bool[np.ndarray, "t n 1"],
-    part: list[int],
-    pad: PadHistory,
+    force: Float[np.ndarray, "f n 3"], moved: Float[np.ndarray, "f n 3"], part: list[int], pad: PadHistory
 ) -> float:
-    """Force over displacement by least squares, the displacement's own noise taken out of its square."""
-    f, d = (np.where(touching, values[..., part], 0.0) for values in (force, moved))
-    noise = pad.displacement_sd_mm**2 * float(touching.sum()) * len(part)
+    """Force over displacement by least squares over all markers, along the courses of the pad's total force.
+
+    Of all, as touching ones are told by their force: where that is no more than a few times its noise, those
+    of them that noise pushed up are taken and the others left, and the slope comes out a tenth too steep.
+    Along those courses displacement's own noise, which makes it too small, is averaged over frames, and what
+    is left of it is taken out.
+    """
+    course = np.linalg.qr(force.sum(axis=1))[0]
+    f, d = (np.einsum("tk,tnx->knx", course, values[..., part]) for values in (force, moved))
+    inflation = float(variance_inflation(np.array([pad.lag1]))[0])
+    noise = pad.displacement_sd_mm**2 * inflation * d.size
     signal = float((d**2).sum()) - noise
     return float((f * d).sum()) / signal if signal > noise else 0.0

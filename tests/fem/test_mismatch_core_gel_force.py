@@ -83,3 +83,19 @@ def test_where_displacement_is_the_worse_sensor_the_forces_are_taken_as_they_are
 def test_a_gel_that_does_not_move_says_nothing_and_the_forces_keep_their_patterns():
     pad = recorded(6, gel=np.zeros_like(FORCE))
     assert off(gel_force(pad, TURN, USED), FORCE) < NOISE_N
+
+
+def test_forces_near_their_noise_come_out_as_strong_as_they_are():
+    """Touching markers are told by their noisy force; a fit to those alone would make springs too stiff."""
+    truth = FORCE * (5 * NOISE_N / np.abs(FORCE).max())
+    rng = np.random.default_rng(6)
+    force = truth + NOISE_N * rng.normal(size=FORCE.shape)
+    pad = replace(
+        recorded(),
+        gel_displacement_mm=(-truth / GEL_N_PER_MM + NOISE_MM * rng.normal(size=FORCE.shape)) @ TURN.T,
+        force_N=force @ TURN.T,
+        episode=np.where(force[:, :, 2] > 3 * NOISE_N, 0, -1),
+    )
+    found = (gel_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
+    expected = truth[USED][:, :, 2].sum(axis=1)
+    assert (found @ expected) / (expected @ expected) == pytest.approx(1.0, abs=0.03)
