@@ -70,7 +70,11 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
 
 
 def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch):
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
+    start = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may have taken it
+        "from pipeline.cli import main; main()"
+    )
+    command = [sys.executable, "-c", start, "grade", str(batch)]
     with subprocess.Popen(
         [*command, "--jobs", "1"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:

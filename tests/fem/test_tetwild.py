@@ -8,6 +8,7 @@ import os, signal, time
 import pyvista
 from fem.tetwild import fill
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever the tests' own parent made of it
 box = pyvista.Box(bounds=(0, 10, 0, 10, 0, 10)).triangulate()
 fill([(box.points, box.regular_faces)], edge_mm=4.0, envelope_mm=0.1)
 try:
