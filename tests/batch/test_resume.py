@@ -71,7 +71,7 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
 
 def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch):
     start = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may have taken it
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
         "from pipeline.cli import main; main()"
     )
     command = [sys.executable, "-c", start, "grade", str(batch)]
