@@ -48,13 +48,16 @@ def row_of(folder: Path, without: Collection[str] = ()) -> dict[str, Any]:
     seeming = {name: own for name, own in SEEMING.items() if name not in without}
     linear = linear_round(ground, recorded, EFFECTS, seeming=seeming)
     statistics = detection_statistics(linear, recorded, ground.softness)
-    shown = {
-        one.effect.name: {
-            "gain": round(one.gain, 2), "signature": one.signature.label,
-            "amounts": [float(f"{amount:.4g}") for amount in one.amounts],
-        }
-        for one in linear.best
-    }  # fmt: skip
+    shown: dict[str, dict[str, Any]] = {}
+    for one in sorted(linear.shown, key=lambda own: -own.gain):
+        shown.setdefault(
+            one.kind,
+            {
+                "gain": round(one.gain, 2),
+                "signature": one.signature.label,
+                "amounts": [float(f"{amount:.4g}") for amount in one.amounts],
+            },
+        )
     return {
         "case": f"{folder.parent.name}/{folder.name}",
         **statistics,

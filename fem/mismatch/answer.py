@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from fem.mismatch.effect import ParameterSpec, Response
 from fem.mismatch.evidence import Products, Recorded
@@ -50,6 +51,35 @@ def modulus_of(ground: Ground, response: Response | None = None) -> Modulus:
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
 
 
+def modulus_with(again: Refit) -> Modulus:
+    """E with a refitted explanation in place; what its parameters are off by is in the standard deviation."""
+    plain = modulus_of(again.ground, again.response)
+    covariance = SYSTEMATIC**2 * again.fit.covariance[-len(again.slopes) :, -len(again.slopes) :]
+    covariance = covariance + np.diag(_own_error(again) ** 2)
+    change = []
+    for sd, column in zip(np.sqrt(np.diag(covariance)), again.slopes, strict=True):
+        unit = list(again.response.unit)
+        for k, field in enumerate(again.products.columns[column].fields):
+            if field is not None and field.markers is not None:
+                unit[k] = unit[k] + sd / again.ground.compliance * field.markers
+        change.append(
+            np.log(modulus_of(again.ground, replace(again.response, unit=unit)).value / plain.value) / sd
+        )
+    spread = float(np.sqrt(change @ covariance @ np.array(change)))
+    return replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread)))
+
+
+def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
+    """What the model's own error makes of each parameter, on the scale searched."""
+    found = []
+    for effect, values in zip(again.effects, again.parameters, strict=True):
+        for spec in effect.parameters:
+            value = values[spec.name]
+            off = [spec.model_sd, spec.model_share * value, seeming_spread(effect)]
+            found.append(np.linalg.norm(off) / (value if spec.log else 1.0))
+    return np.array(found)
+
+
 def candidates(ground: Ground, found: Named, linear: LinearRound) -> tuple[Candidate, ...]:
     """The ranking, with parameters where an effect was refitted."""
     base = predictive(linear.products, linear.nuisances)
@@ -64,7 +94,7 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | N
         )
     again = one.refit
     held = predictive(again.products, (*again.nuisances, *again.slopes))
-    modulus = modulus_of(again.ground, again.response)
+    modulus = modulus_with(again)
     return Candidate(
         effect=one.name,
         probability=one.probability,
@@ -78,7 +108,7 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | N
 
 
 def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Parameter]:
-    sd = SYSTEMATIC * np.sqrt(np.diag(again.covariance))
+    sd = np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), _own_error(again))
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0
@@ -88,9 +118,7 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
             found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
         vectors: dict[str, list[tuple[float, float]]] = {}
         for k, spec in enumerate(effect.parameters):
-            seeming = seeming_spread(effect) / (values[spec.name] if spec.log else 1.0)
-            own_sd = float(np.hypot(sd[first + k], seeming))
-            name, value, unit, spread = _said(spec, values[spec.name], own_sd, modulus)
+            name, value, unit, spread = _said(spec, values[spec.name], float(sd[first + k]), modulus)
             stem, _, component = name.partition(".")
             if component:
                 vectors.setdefault(stem, []).append((value, spread))
@@ -107,7 +135,6 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
 def _said(spec: ParameterSpec, value: float, sd: float, modulus: Modulus) -> tuple[str, float, str, float]:
     """Name, value, unit and spread as an answer gives them."""
     spread = value * sd if spec.log else sd
-    spread = float(np.sqrt(spread**2 + spec.model_sd**2 + (spec.model_share * value) ** 2))
     if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows
         return (
             "Et_N_per_mm",

@@ -16,7 +16,7 @@ own greatest in the same way, so that many looks do not add up to a false alarm;
 distribution with F - 1 degrees of freedom is the p-value.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -28,14 +28,14 @@ LEVEL = 0.05
 """p-values below it are a mismatch."""
 
 
-def best_beyond_usual(gains: Mapping[str, float], softness: float) -> float:
-    """The first statistic, from the gain of each effect."""
-    return max((gain / softness - USUAL.get(name, 0.0) for name, gain in gains.items()), default=0.0)
+def best_beyond_usual(gains: Iterable[tuple[str, float]], softness: float) -> float:
+    """The first statistic, from what every kind of signature gains."""
+    return max((gain / softness - USUAL.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
-def usual_gain(name: str, softness: float) -> float:
-    """What an effect, or the more usual of two joined by "+", gains on most sound recordings at most."""
-    return softness * max(USUAL.get(part, 0.0) for part in name.split("+"))
+def usual_gain(kinds: Iterable[str], softness: float) -> float:
+    """What the most usual of these kinds gains on most sound recordings at most."""
+    return softness * max(USUAL.get(kind, 0.0) for kind in kinds)
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

@@ -54,10 +54,12 @@ class Signature:
     """One way in which an effect can show, linear in the amounts of its columns.
 
     `label` tells alternatives apart ("tau 1 s", "left"); an effect that has one way only has an empty one.
+    `apart`: what it gains on sound recordings is its own, not that of the effect's other ways.
     """
 
     label: str
     columns: tuple[Column, ...]
+    apart: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)

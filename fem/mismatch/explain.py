@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from fem.mismatch.anova import analysis_of_variance, modulus_cells
-from fem.mismatch.answer import candidates, modulus_of, traces
+from fem.mismatch.answer import candidates, modulus_of, modulus_with, traces
 from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
@@ -79,7 +79,7 @@ def explain(
         ranking=candidates(ground, found, linear),
         verdict=found.verdict,
         before=before,
-        after=before if best is None else modulus_of(best.ground, best.response),
+        after=before if best is None else modulus_with(best),
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),
@@ -129,7 +129,7 @@ def detection_statistics(
     """The numbers that fem.mismatch.detect ranks, by the flesh's softness against the gel."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": best_beyond_usual({one.effect.name: one.gain for one in linear.best}, softness),
+        "best single": best_beyond_usual(((one.kind, one.gain) for one in linear.shown), softness),
         "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / softness**2,
         "what is left": linear.null.chi2 / count,
     }

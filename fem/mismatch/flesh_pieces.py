@@ -40,8 +40,9 @@ class Piece:
         """Of nodal displacements, x, y and z in all frames side by side."""
         return np.asarray((self.slope @ moved[self.tets]).reshape(len(self.tets), 4, 3, 3, frames))
 
+    @np.errstate(over="ignore", invalid="ignore")
     def forces(self, stress: Tensors) -> Float[np.ndarray, "n d"]:
-        """On `nodes`."""
+        """On `nodes`; not finite where a search for the displacement has run away."""
         own = self.weighted @ stress.reshape(len(stress), 12, -1)
         return np.asarray(self.gather @ own.reshape(-1, own.shape[2]))
 
@@ -74,8 +75,9 @@ class FleshPieces:
         forces = side_by_side(
             lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
         )
-        for piece, own in zip(self.pieces, forces, strict=True):
-            total[piece.nodes] += own
+        with np.errstate(over="ignore", invalid="ignore"):
+            for piece, own in zip(self.pieces, forces, strict=True):
+                total[piece.nodes] += own
         return np.ascontiguousarray(np.moveaxis(total.reshape(-1, 3, frames), 2, 0), dtype=np.float64)
 
     @property

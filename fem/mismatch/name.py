@@ -91,9 +91,13 @@ class Sound:
     most_chi2: float
     softness: float
 
-    def usual(self, name: str) -> float:
-        """What an effect gains even there, most of the time; gains count beyond it."""
-        return usual_gain(name, self.softness)
+    def usual(self, *kinds: str) -> float:
+        """What signatures of these kinds gain even there, most of the time; gains count beyond it."""
+        return usual_gain(kinds, self.softness)
+
+    def beyond(self, one: Shown) -> float:
+        """What a signature gains beyond that."""
+        return one.gain - self.usual(one.kind)
 
     @property
     def least(self) -> float:
@@ -103,7 +107,10 @@ class Sound:
 
 def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
     """Refits the best singles and pairs; where nothing was detected none is the first."""
-    found = [_Tried(one.effect.name, one.gain - sound.usual(one.effect.name), (one,)) for one in linear.best]
+    best: dict[str, Shown] = {}
+    for one in sorted(linear.shown, key=sound.beyond, reverse=True):
+        best.setdefault(one.effect.name, one)
+    found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
     polished = None
     if detected:
         found = _singles(ground, linear, found, sound)
@@ -187,7 +194,7 @@ def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
         if isinstance(effect, Witnessed)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(beside, max(moved, 0.0)) - sound.usual(again.name)
+    return moved + min(beside, max(moved, 0.0)) - sound.usual(*again.kinds)
 
 
 def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
@@ -204,7 +211,7 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     for gain, other in gains:
         best_of.setdefault(other.effect.name, (gain, other))
     for gain, other in list(best_of.values())[:PAIRS]:
-        if gain - sound.usual(other.effect.name) < least:
+        if gain - sound.usual(other.kind) < least:
             continue
         tried = []
         for second in _pads_that_may_be(ground, gains, other):

@@ -46,6 +46,7 @@ NEARER, LEAST_SHARE = 0.6, 0.2
 class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
+    `choices`, `kinds`: labels of the signatures it began with, and by what name their usual gains are known.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
     `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of each effect,
     whether a parameter is at the end of its bounds, where it stands for something else.
@@ -53,6 +54,7 @@ class Refit:
 
     effects: tuple[Effect, ...]
     choices: tuple[str, ...]
+    kinds: tuple[str, ...]
     parameters: tuple[dict[str, float], ...]
     covariance: Float[np.ndarray, "p p"]
     response: Response
@@ -139,6 +141,7 @@ def refit(
     return Refit(
         effects=tuple(one.effect for one in shown),
         choices=tuple(one.signature.label for one in shown),
+        kinds=tuple(one.kind for one in shown),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,

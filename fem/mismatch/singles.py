@@ -32,6 +32,11 @@ class Shown:
     beside: float
     chi2_drop: float
 
+    @property
+    def kind(self) -> str:
+        """Under which name fem.mismatch.detect knows what it gains on sound recordings."""
+        return f"{self.effect.name} {self.signature.label}" if self.signature.apart else self.effect.name
+
 
 @dataclass(frozen=True, kw_only=True)
 class LinearRound:

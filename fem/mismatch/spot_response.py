@@ -19,8 +19,11 @@ def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, 
     moved = _given_way(base, inside, _of_chosen(base, chosen))
     found: list[Float[np.ndarray, "f n 3"] | None] = []
     for seen, own, field in zip(base.grasps, chosen, moved, strict=True):
+        if not own.any():
+            found.append(None)
+            continue
         at_markers = seen.at_markers(field[:, base.solid_of(seen).contact_nodes])
-        found.append(np.tensordot(seen.shares[:, own], at_markers, axes=(1, 0)) if own.any() else None)
+        found.append(np.tensordot(seen.shares[:, own], at_markers, axes=(1, 0)))
     return found
 
 

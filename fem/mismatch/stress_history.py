@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from fem.failure import FemFailure, FemProblem
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.path_frames import PathFrames, path_frames
 
@@ -27,6 +28,8 @@ ROUNDS, MEMORY = 14, 4
 CLOSE_MM = 6e-4
 """Rounds end when no node of the skin moves more than this from one to the next."""
 
+RUN_AWAY = 1e6
+"""N per MPa of the modulus: forces on a node that no flesh makes."""
 SMALL_SHARE = 1e-4
 """Fields of force smaller than this share of the largest are left out of a round."""
 
@@ -99,7 +102,7 @@ def settled(
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess.
 
-    `together`: see `_mixed`.
+    `together`: see `_mixed`. Raises FemFailure where rounds run away: forces that such flesh cannot bear.
     """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
@@ -107,7 +110,13 @@ def settled(
     tried: list[Float[np.ndarray, "f n 3"]] = []
     steps: list[Float[np.ndarray, "f n 3"]] = []
     for _ in range(rounds):
-        answer = -state.response(departure(compliance * (state.linear + more))) / compliance
+        force = departure(compliance * (state.linear + more))
+        if not np.abs(force).max() < RUN_AWAY:
+            raise FemFailure(
+                FemProblem.NOT_CONVERGED,
+                f"flesh of {1 / compliance:.3g} MPa does not come to rest under these forces by this law",
+            )
+        answer = -state.response(force) / compliance
         step = (answer - more) / slower
         if compliance * np.abs((step * slower)[:, skin]).max() < CLOSE_MM:
             return np.asarray(more + step)

@@ -13,6 +13,7 @@ from fem.forward import UnitModulusSolid
 from fem.mesh import tetrahedralise
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, label_of, place_of
 from fem.mismatch.inclusion import Softened, ball_stiffness, drop_of, times
+from fem.mismatch.spot_response import to_first_order
 from fem.mismatch.spot_search import Spot
 from fem.rigid_core import reduced
 from fem.solver import factorise
@@ -111,6 +112,12 @@ def test_without_a_spot_nothing_stands_out():
     left = [0.004 * rng.normal(size=seen.tracks.position_mm.shape) for seen in ground.base.grasps]
     numbers = np.array([ground.sight.seen([field * 1.0]) for field in left])
     assert np.sqrt((numbers**2).mean()) < 1.2
+
+
+def test_recordings_that_do_not_bear_on_a_ball_have_no_part_of_its_first_order():
+    base = pinched()
+    inside = ball_stiffness(base.mesh, centre_mm=np.array([0.0, 21.3, 0.0]), radius_mm=3.0, poisson_ratio=NU)
+    assert to_first_order(base, inside) == [None]
 
 
 @pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 90.0), (0.0, 0.0, -18.2), (0.0, 21.3, 0.0)])

@@ -8,9 +8,10 @@ Physiology 213) on the Neo-Hookean law in the form of Bonet and Wood (2008, "Non
 Finite Element Analysis", eq. 6.28). Where it stiffens much, strains of a tenth are in play, and small strains
 would ask for a b an eighth too large.
 
-Signature: b W/mu times the linear stress, W of small strain, in the plain model's field. It exaggerates: the
-field itself gives way less for it. The start takes the b at which the plain field, shrunk as a whole, does
-the same work.
+Two signatures. b W/mu times the linear stress, W of small strain, in the plain model's field: it exaggerates,
+as the field itself gives way less for it; the start takes the b at which the plain field, shrunk as a whole,
+does the same work. And the Neo-Hookean law with hardly any b, in full: flesh that does not stiffen departs
+from small strain by its large deformation alone, in another pattern.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,6 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.assembly import unit_lame_constants
+from fem.failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, Tensors
@@ -29,6 +31,9 @@ from fem.mismatch.stress_history import LastRuns, PathState, settled
 
 B = "b"
 PRIOR_SD = 30.0
+NEO_HOOKEAN = "neo-hookean"
+HARDLY = 1.0
+"""b from which flesh that is Neo-Hookean at most is searched."""
 FRAMES = 24
 """Frames of all recordings together."""
 LEAST_VOLUME = 0.01
@@ -44,11 +49,11 @@ class Stiffening:
     name: str = "stiffening"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=B, unit="1", low=0.5, high=400.0, log=True, model_share=0.05, strain_power=-2.0),
+        ParameterSpec(name=B, unit="1", low=0.1, high=400.0, log=True, model_share=0.05, strain_power=-2.0),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
-        """One, its amount b."""
+        """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
         state = _LAST.state(ground.base)
         nu, s = ground.poisson_ratio, ground.compliance
         mu = unit_lame_constants(nu)[0]
@@ -61,7 +66,15 @@ class Stiffening:
             FleshPieces.whole(ground.points, workers=ground.workers).forces(s * state.linear, law)
         )
         fields = [Field(markers=own) for own in state.at_markers(more)]
-        return [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
+        found = [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
+        try:
+            # not kept: next to nothing is no start for flesh that stiffens
+            large = state.at_markers(_beyond_linear(ground, self.parameters[0].low, guess=None))
+        except FemFailure:  # so soft that only flesh that stiffens bears the forces
+            return found
+        beyond = [Field(markers=s * own) for own in large]
+        column = Column(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
+        return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(column,))]
 
     def start(
         self,
@@ -70,30 +83,16 @@ class Stiffening:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
+        if signature.label == NEO_HOOKEAN:
+            return {B: HARDLY}
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
-        b, nu, s = parameters[B], ground.poisson_ratio, ground.compliance
+        b, s = parameters[B], ground.compliance
         state = _LAST.state(ground.base)
-        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
-        shrunk, steepest = _shrunk(pieces, state, b, s, nu)
-
-        def law(gradient: Tensors) -> Tensors:
-            return np.asarray(
-                fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
-            )
-
         place = np.log([b * s**2, s])
-        guess = _LAST.guess(place)
-        more = settled(
-            state,
-            lambda moved: pieces.forces(moved, law),
-            compliance=s,
-            stiffer=steepest,
-            start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
-            together=False,
-        )
+        more = _beyond_linear(ground, b, guess=_LAST.guess(place))
         _LAST.keep(place, more)
         return Response(
             unit=[
@@ -103,6 +102,31 @@ class Stiffening:
         )
 
 
+def _beyond_linear(
+    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 (fem.mismatch.stress_history), from a guess of it."""
+    nu, s = ground.poisson_ratio, ground.compliance
+    state = _LAST.state(ground.base)
+    pieces = FleshPieces.whole(ground.points, workers=ground.workers)
+    shrunk, steepest = _shrunk(pieces, state, b, s, nu)
+
+    def law(gradient: Tensors) -> Tensors:
+        return np.asarray(
+            fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
+        )
+
+    return settled(
+        state,
+        lambda moved: pieces.forces(moved, law),
+        compliance=s,
+        stiffer=steepest,
+        start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
+        together=False,
+    )
+
+
+@np.errstate(over="ignore", invalid="ignore")
 def fung_neo_hookean(gradient: Tensors, b: float, *, poisson_ratio: float) -> Tensors:
     """First Piola stress for E = 1 MPa."""
     mu, lame = unit_lame_constants(poisson_ratio)
