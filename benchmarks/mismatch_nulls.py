@@ -1,13 +1,14 @@
 """Detection statistics of sound cases, and from them the bank that detection is calibrated on.
 
     python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write]
-        [--without EFFECT ...]
+        [--without EFFECT ...] [--grasps K]
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
 those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
-fem.mismatch.lookalikes states.
+fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case; the p-values that they
+get of the present bank, printed at the end, say how far it holds for fewer than it was made of.
 """
 
 import argparse
@@ -15,6 +16,7 @@ import json
 import tempfile
 import textwrap
 from collections.abc import Collection
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import NAMES
+from fem.mismatch.detect import LEVEL, NAMES, p_values
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import detection_statistics, plain_ground
 from fem.mismatch.lookalikes import SEEMING
@@ -36,14 +38,16 @@ USUALLY = 0.9
 BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
 
 
-def row_of(folder: Path, without: Collection[str] = ()) -> dict[str, Any]:
+def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = None) -> dict[str, Any]:
     """The statistics of one case, and how much of every effect seems to be there, the nearest first.
 
+    Of its first `grasps` recordings (None: of all).
     `without`: effects whose seeming amount (fem.mismatch.lookalikes) is left out of the plain model.
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)
-        ground, _ = plain_ground(mismatch_case(case, grasped_fruit(case.task, Diary(str))))
+        handed = mismatch_case(case, grasped_fruit(case.task, Diary(str)))
+        ground, _ = plain_ground(replace(handed, grasps=handed.grasps[:grasps]))
     recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
     seeming = {name: own for name, own in SEEMING.items() if name not in without}
     linear = linear_round(ground, recorded, EFFECTS, seeming=seeming)
@@ -123,6 +127,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--without", nargs="+", choices=list(SEEMING), default=[])
+    parser.add_argument("--grasps", type=int, default=None)
     chosen = parser.parse_args()
     known = (
         [json.loads(line) for line in chosen.rows.read_text().splitlines()] if chosen.rows.is_file() else []
@@ -133,7 +138,7 @@ def main() -> None:
             name = f"{folder.name}/{path.parent.name}"
             if name in done or int(path.parent.name.rsplit("-", 1)[1]) > chosen.records:
                 continue
-            row = row_of(path.parent, chosen.without)
+            row = row_of(path.parent, chosen.without, chosen.grasps)
             known.append(row)
             with chosen.rows.open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -143,6 +148,9 @@ def main() -> None:
                 next(iter(row["shown"].items())),
                 flush=True,
             )
+    if chosen.grasps is not None:
+        p = sorted(p_values({name: row[name] for name in NAMES})[0] for row in known)
+        print(f"p: {sum(x < LEVEL for x in p)} of {len(p)} below {LEVEL}, median {np.median(p):.2g}")
     if chosen.write:
         BANK.write_text(bank_of(known))
 

@@ -63,11 +63,11 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
     # A case's folder is named as its owner likes: only a batch knows what its fruit is called.
     foreign = [] if case.batch is not None else [w for w in warnings if ': its fruit_id is "' in w]
     return [
+        *(warning for warning in warnings if warning not in foreign),
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
         *([FEW_RECORDINGS.format(count=len(fruit.placed))] if 1 < len(fruit.placed) <= FEW else []),
         *([] if case.task.folder.pit_ply.is_file() else [CATEGORY_PIT]),
         *case.notes,
-        *(warning for warning in warnings if warning not in foreign),
         *(note for grasp in fruit.placed for note in _air(grasp)),
         *_swapped(fruit.placed),
     ]

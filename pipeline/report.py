@@ -11,7 +11,7 @@ from pipeline.layout import FruitResults, Results
 from pipeline.provenance import versions
 from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
 from pipeline.ripeness import Standing, agreement, standings
-from reports.entries import BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
+from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
 
 RANKING_SEED = 20260814
 
@@ -95,7 +95,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
 
 
 def _explained(record: FruitRecord, files: FruitResults) -> str | None:
-    """What `drupe explain` said of the same inputs, settings and code; of several names the likeliest."""
+    """What `drupe explain` said of the same inputs, settings and code; several names the likeliest first."""
     try:
         said = json.loads(files.mismatch.read_text(encoding="utf-8"))
         if said["key"] != record.key:
@@ -104,9 +104,9 @@ def _explained(record: FruitRecord, files: FruitResults) -> str | None:
         ranked = [one["effect"] for one in said["ranking"]]
     except (OSError, ValueError, KeyError, TypeError):
         return None
-    if isinstance(verdict, list):
-        verdict = min(verdict, key=lambda name: ranked.index(name) if name in ranked else len(ranked))
-    return str(verdict)
+    names = verdict if isinstance(verdict, list) else [verdict]
+    names = sorted(names, key=lambda name: ranked.index(name) if name in ranked else len(ranked))
+    return OR.join(map(str, names))
 
 
 def _estimate(grasp: GraspRecord) -> GraspEstimate:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from reports.entries import OR
 from reports.explain_entries import ExplainEntry
 from reports.words import NO_BREAK, percent, with_sd
 
@@ -40,7 +41,7 @@ EFFECTS: dict[str, EffectWords] = {
     "stiffening": EffectWords(
         short="the flesh stiffens the further it is pressed",
         meaning="The resistance grows faster than the squeeze: a deep grasp makes the fruit look firmer "
-        "than a light one.",
+        "than a light one. Some of it is large deformation alone, which no soft fruit is without.",
         advice="Grasp all fruit equally deep and gently, or apply the effect so that the modulus is that of "
         "the first touch.",
     ),
@@ -140,7 +141,7 @@ def effect_name(effect: str) -> str:
     >>> effect_name("pit_offset+viscoelastic")
     'pit offset with viscoelastic'
     """
-    return effect.replace("_", " ").replace("+", " with ")
+    return effect.replace("_", " ").replace("+", " with ").replace(OR, " or ")
 
 
 def parts(effect: str) -> tuple[str, ...]:

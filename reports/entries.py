@@ -56,6 +56,10 @@ class ShoreCorrelation:
     p: float | None = None
 
 
+OR = "|"
+"""Between effects of which one is there."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class FruitEntry:
     """All that a report says of one fruit, graded or not.
@@ -88,7 +92,8 @@ class FruitEntry:
     grasps: int = 0
     shore_oo: float | None = None
     mismatch: str | None = None
-    """What the mechanical model is found to leave out, as a name of the effect vocabulary."""
+    """What the mechanical model is found to leave out, as a name of the effect vocabulary; several that
+    cannot be told apart with OR between them, the likeliest first."""
     mismatch_taken: bool = False
     """Whether E takes that into account."""
     warnings: tuple[str, ...] = ()

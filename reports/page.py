@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import correlation_words, ranking_chart, shore_chart
 from reports.charts_fruit import force_chart, grasps_chart
+from reports.effect_words import effect_name
 from reports.entries import BatchEntry, ForceCurve, FruitEntry, ranked
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
@@ -38,7 +39,7 @@ def report_html(batch: BatchEntry) -> str:
         "class_mark": lambda fruit: _dot(*marks.get(fruit.maturity or "", UNKNOWN)),
         "curves_by_grasp": _curves_by_grasp,
         "data_uri": _data_uri,
-        "effect": lambda name: name.replace("_", " ").replace("+", " with "),
+        "effect": effect_name,
         "facts": _facts,
         "force_chart": force_chart,
         "grasps_chart": grasps_chart,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from reports.entries import FruitEntry, ranked
+from reports.entries import OR, FruitEntry, ranked
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
@@ -48,7 +48,9 @@ def remarks(fruit: FruitEntry) -> str:
     found = []
     if fruit.mismatch and fruit.mismatch != "none":
         taken = " (taken into account)" if fruit.mismatch_taken else ""
-        found.append(f"mismatch: {fruit.mismatch.replace('_', ' ')}{taken}")
+        doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""
+        named = " or ".join(fruit.mismatch.replace("_", " ").split(OR))
+        found.append(f"mismatch: {named}{taken}{doubt}")
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)

@@ -109,6 +109,15 @@ class Witnessed(Protocol):
 
 
 @runtime_checkable
+class Remarked(Protocol):
+    """An effect that needs a word more than its name at some parameters."""
+
+    def remark(self, parameters: Mapping[str, float]) -> str:
+        """A sentence that a reader must know of such parameters; empty where there is none."""
+        ...
+
+
+@runtime_checkable
 class StartsElsewhere(Protocol):
     """An effect whose parameters show in some other way than in the linear round."""
 

@@ -13,6 +13,7 @@ from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.checks import checks
 from fem.mismatch.detect import LEVEL, best_beyond_usual, of_sound, p_values
+from fem.mismatch.effect import Remarked
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
 from fem.mismatch.ground import Ground
@@ -87,9 +88,22 @@ def explain(
         traces=foretold,
         checks=checks(foretold, ground.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
-        notes=tuple(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
+        notes=(
+            *(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
+            *([] if best is None else _remarks(best)),
+        ),
         seconds=seconds,
     )
+
+
+def _remarks(best: Refit) -> list[str]:
+    """What the effects themselves have to say of the parameters found."""
+    said = [
+        effect.remark(own)
+        for effect, own in zip(best.effects, best.parameters, strict=True)
+        if isinstance(effect, Remarked)
+    ]
+    return [remark for remark in said if remark]
 
 
 def _where(seen: Where, best: Refit) -> Where:

@@ -289,7 +289,10 @@ def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
     assert shown.kind == "stiffening neo-hookean"
     assert shown.gain > 3
     assert shown.amounts[0] == pytest.approx(1.0, abs=0.1)
-    assert refit(planted, linear, (shown,)).parameters[0]["b"] < 2
+    again = refit(planted, linear, (shown,))
+    assert again.parameters[0]["b"] < 2
+    assert "large deformation by itself" in stiffening.EFFECT.remark(again.parameters[0])
+    assert stiffening.EFFECT.remark({"b": 30.0}) == ""
 
 
 def test_flesh_too_soft_for_the_forces_has_no_neo_hookean_signature():

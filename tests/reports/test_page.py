@@ -143,6 +143,18 @@ def test_mismatch_and_warnings_are_told_beside_the_figure(awkward_batch: BatchEn
     assert "Low light" in shown
 
 
+def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_batch: BatchEntry) -> None:
+    fruits = tuple(
+        FruitEntry(fruit_id=mismatch, ok=True, outcome="graded", rank=rank, E_MPa=0.3, mismatch=mismatch)
+        for rank, mismatch in enumerate(("unknown", "skin|graded_modulus"), start=1)
+    )
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits))).text)
+    assert "mismatch: unknown, E is not to be trusted" in shown
+    assert "no known effect explains it. E is not to be trusted." in shown
+    assert "mismatch: skin or graded modulus" in shown
+    assert "cannot tell apart skin or graded modulus" in shown
+
+
 def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch: BatchEntry) -> None:
     bare = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3)
     shown = "".join(Page(report_html(replace(empty_batch, fruits=(bare,)))).text)

@@ -34,6 +34,8 @@ PRIOR_SD = 30.0
 NEO_HOOKEAN = "neo-hookean"
 HARDLY = 1.0
 """b from which flesh that is Neo-Hookean at most is searched."""
+STIFFENS = 4.0
+"""b above which the exponential is to be seen: W/mu is a hundredth or so where flesh is strained most."""
 FRAMES = 24
 """Frames of all recordings together."""
 LEAST_VOLUME = 0.01
@@ -86,6 +88,16 @@ class Stiffening:
         if signature.label == NEO_HOOKEAN:
             return {B: HARDLY}
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
+
+    def remark(self, parameters: Mapping[str, float]) -> str:
+        """Where the exponential does next to nothing."""
+        if parameters[B] > STIFFENS:
+            return ""
+        return (
+            f"b = {parameters[B]:.2g} stiffens next to nothing: what shows is the flesh's large deformation "
+            "by itself, which no soft fruit is without. In a batch, "
+            'model = "neo-hookean" under [flesh] takes it into account for every fruit.'
+        )
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
