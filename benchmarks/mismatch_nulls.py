@@ -7,7 +7,7 @@ FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py 
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
 those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
-fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case; the p-values that they
+fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case; the p-values they
 get of the present bank, printed at the end, say how far it holds for fewer than it was made of.
 """
 
