@@ -128,7 +128,8 @@ def read_settings(path: Path) -> Settings:
         raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")])
     if not path.parent.is_dir():
         raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")])
-    return read_toml(path, Settings, missing=_MISSING)
+    case = path.with_name("case.toml").is_file()
+    return read_toml(path, Settings, missing=_A_CASE if case else _MISSING)
 
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
@@ -151,6 +152,7 @@ _MISSING = (
     "there is no batch.toml in this folder; write one with at least the line "
     'category = "nectarine", or make an example with `drupe sample DIR`.'
 )
+_A_CASE = "there is no batch.toml but a case.toml: this is a case of its own, which `drupe explain` takes."
 
 
 def _sentence(error: Any, model: type[BaseModel]) -> str:

@@ -25,6 +25,11 @@ def test_missing_batch_toml(batch):
     assert "batch.toml: there is no batch.toml" in refused(batch)
 
 
+def test_a_case_is_no_batch(batch):
+    (batch / "batch.toml").rename(batch / "case.toml")
+    assert "which `drupe explain` takes" in refused(batch)
+
+
 def test_missing_folder(tmp_path):
     ran = drupe("grade", tmp_path / "nowhere")
     assert ran.status == 2
