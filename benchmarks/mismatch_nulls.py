@@ -7,8 +7,8 @@ FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py 
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
 those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
-fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case; the p-values they
-get of the present bank, printed at the end, say how far it holds for fewer than it was made of.
+fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case, into a JSONL of its
+own; their p-values beside the bank's other fruits, printed at the end, say how far it holds for fewer.
 """
 
 import argparse
@@ -24,10 +24,11 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import LEVEL, NAMES, p_values
+from fem.mismatch.detect import LEVEL, NAMES, p_values_beside
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import detection_statistics, plain_ground
 from fem.mismatch.lookalikes import SEEMING
+from fem.mismatch.null_bank import FRUITS, NULLS
 from fem.mismatch.singles import linear_round
 from pipeline.case import open_case
 from pipeline.diary import Diary
@@ -86,6 +87,13 @@ def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
 
+def _p_beside_others(row: dict[str, Any]) -> float:
+    """Of the bank without the row's own fruit, which is the bank's number as its name says."""
+    bank, fruits = np.array(NULLS), np.array(FRUITS)
+    others = fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
+    return p_values_beside({name: row[name] for name in NAMES}, bank[others], fruits[others])[0]
+
+
 def bank_of(rows: list[dict[str, Any]]) -> str:
     """The source of the module that holds the bank."""
     fruits = {_fruit(row) for row in rows}
@@ -127,18 +135,22 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
     parser.add_argument("--without", nargs="+", choices=list(SEEMING), default=[])
-    parser.add_argument("--grasps", type=int, default=None)
+    parser.add_argument("--grasps", type=int, choices=[1, 2, 3], default=None)
     chosen = parser.parse_args()
+    if chosen.write and chosen.grasps is not None:
+        parser.error("--write makes the bank of whole cases: leave --grasps out")
     known = (
         [json.loads(line) for line in chosen.rows.read_text().splitlines()] if chosen.rows.is_file() else []
     )
+    if any(row.get("grasps") != chosen.grasps for row in known):
+        parser.error(f"{chosen.rows} has rows of another --grasps: name another file")
     done = {row["case"] for row in known}
     for folder in chosen.folders:
         for path in sorted(folder.glob("null-*-*/case.toml")):
             name = f"{folder.name}/{path.parent.name}"
             if name in done or int(path.parent.name.rsplit("-", 1)[1]) > chosen.records:
                 continue
-            row = row_of(path.parent, chosen.without, chosen.grasps)
+            row = row_of(path.parent, chosen.without, chosen.grasps) | {"grasps": chosen.grasps}
             known.append(row)
             with chosen.rows.open("a") as file:
                 file.write(json.dumps(row) + "\n")
@@ -149,7 +161,7 @@ def main() -> None:
                 flush=True,
             )
     if chosen.grasps is not None:
-        p = sorted(p_values({name: row[name] for name in NAMES})[0] for row in known)
+        p = [_p_beside_others(row) for row in known]
         print(f"p: {sum(x < LEVEL for x in p)} of {len(p)} below {LEVEL}, median {np.median(p):.2g}")
     if chosen.write:
         BANK.write_text(bank_of(known))

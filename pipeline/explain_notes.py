@@ -5,6 +5,7 @@ from itertools import combinations
 
 import numpy as np
 
+from fem.mismatch.explanation import Explanation
 from pipeline.case import Case
 from pipeline.grasp import PlacedGrasp
 from pipeline.grasped import GraspedFruit
@@ -23,6 +24,11 @@ FEW_RECORDINGS = (
     "speed and hold, one of them with the fruit turned."
 )
 FEW = 3
+LARGE_DEFORMATION = (
+    "Stiffening counts from small strain on, so flesh's large deformation alone shows as a little of it; "
+)
+TAKE_IT_IN = 'model = "neo-hookean" under [flesh] takes that part into account for every fruit of the batch.'
+TAKEN_IN = 'the batch\'s model = "neo-hookean", which takes that part into account, is left aside here.'
 CATEGORY_PIT = (
     "There is no pit.ply: the category's pit is used, so a pit of another size or place is found more easily."
 )
@@ -71,6 +77,15 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
         *(note for grasp in fruit.placed for note in _air(grasp)),
         *_swapped(fruit.placed),
     ]
+
+
+def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
+    """What the batch's settings have to do with the answer."""
+    named = [found.verdict] if isinstance(found.verdict, str) else found.verdict
+    if case.batch is None or not any("stiffening" in name.split("+") for name in named):
+        return []
+    large = case.task.settings.flesh.model == "neo-hookean"
+    return [LARGE_DEFORMATION + (TAKEN_IN if large else TAKE_IT_IN)]
 
 
 def _air(grasp: PlacedGrasp) -> list[str]:

@@ -9,13 +9,12 @@ from rich.table import Table
 from pipeline.answer import IN_ALL
 from reports.effect_words import (
     component_in_words,
-    effect_name,
     explain_verdict,
     when_in_words,
     where_in_words,
 )
 from reports.explain_entries import ExplainEntry, ParameterEntry
-from reports.words import NO_BREAK, duration, number, percent, with_sd
+from reports.words import NO_BREAK, duration, effect_name, number, percent, with_sd
 
 SHOWN = 5
 

@@ -13,7 +13,7 @@ from fem.mismatch.indenter.explain import explain_trace
 from fem.mismatch.indenter.trace import IndenterTrace
 from pipeline.case import Case
 from pipeline.diary import Diary
-from pipeline.explain_notes import notes_on
+from pipeline.explain_notes import notes_on, notes_on_verdict
 from pipeline.flesh import poisson_ratio
 from pipeline.grasp import grasp_case, touched_by_pad
 from pipeline.grasped import GraspedFruit, grasped_fruit
@@ -109,7 +109,9 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
     handed = mismatch_case(case, fruit)
     with diary.stage("explanation"):
         found = find(handed, diary, jobs=jobs)
-    notes = dict.fromkeys([*found.notes, *notes_on(case, fruit, diary.warnings)])
+    notes = dict.fromkeys(
+        [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, diary.warnings)]
+    )
     budget, pit = handed.budget, fruit.pit.record.source
     return Finding(
         explanation=replace(found, notes=tuple(notes)),

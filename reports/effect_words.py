@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from reports.entries import OR
 from reports.explain_entries import ExplainEntry
-from reports.words import NO_BREAK, percent, with_sd
+from reports.words import NO_BREAK, effect_name, percent, with_sd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,15 +132,6 @@ EFFECTS: dict[str, EffectWords] = {
     ),
 }
 """By the names of the vocabulary; pairs are two of these."""
-
-
-def effect_name(effect: str) -> str:
-    """The name as people read it.
-
-    >>> effect_name("pit_offset+viscoelastic")
-    'pit offset with viscoelastic'
-    """
-    return effect.replace("_", " ").replace("+", " with ").replace(OR, " or ")
 
 
 def parts(effect: str) -> tuple[str, ...]:

@@ -10,10 +10,9 @@ import numpy as np
 from markupsafe import Markup
 
 from reports.charts_batch import shortened
-from reports.effect_words import effect_name
 from reports.explain_entries import CandidateEntry, CellEntry, ExplainEntry, TraceEntry
 from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_y, marker, padded, polyline
-from reports.words import number, percent
+from reports.words import effect_name, number, percent
 
 _MARKS = ("circle", "square", "triangle", "diamond")
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 360.0, 48.0, 348.0, 56.0, 206.0

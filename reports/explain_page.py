@@ -12,7 +12,6 @@ from reports.effect_words import (
     EFFECTS,
     by_rank,
     component_in_words,
-    effect_name,
     explain_verdict,
     in_short,
     parts,
@@ -29,7 +28,7 @@ from reports.explain_charts import (
 from reports.explain_entries import CheckEntry, ExplainEntry, ParameterEntry, Value
 from reports.parameter_words import parameter_words
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
-from reports.words import UNKNOWN, duration, number, percent, with_sd
+from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
 
 _HATCHED = "cannot be seen from these grasps"
 _MAPS = (

@@ -11,11 +11,10 @@ from markupsafe import Markup
 
 from reports.charts_batch import correlation_words, ranking_chart, shore_chart
 from reports.charts_fruit import force_chart, grasps_chart
-from reports.effect_words import effect_name
 from reports.entries import BatchEntry, ForceCurve, FruitEntry, ranked
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
-from reports.words import advice, duration, number, percent, remarks, verdict, with_sd
+from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
 
 _EXIT_STATUS = {0: "all graded", 1: "internal error", 2: "usage or settings", 3: "some fruit not graded"}
 

@@ -49,11 +49,19 @@ def remarks(fruit: FruitEntry) -> str:
     if fruit.mismatch and fruit.mismatch != "none":
         taken = " (taken into account)" if fruit.mismatch_taken else ""
         doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""
-        named = " or ".join(fruit.mismatch.replace("_", " ").split(OR))
-        found.append(f"mismatch: {named}{taken}{doubt}")
+        found.append(f"mismatch: {effect_name(fruit.mismatch)}{taken}{doubt}")
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)
+
+
+def effect_name(effect: str) -> str:
+    """The name of an effect as people read it, of several too.
+
+    >>> effect_name("pit_offset+viscoelastic|slip")
+    'pit offset with viscoelastic or slip'
+    """
+    return effect.replace("_", " ").replace("+", " with ").replace(OR, " or ")
 
 
 def number(value: float | None, *, figures: int = 3) -> str:

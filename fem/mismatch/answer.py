@@ -1,7 +1,7 @@
 """From fits to what an answer says: parameters with intervals, moduli, traces."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -22,6 +22,8 @@ NINETY = 1.645
 LEAST_RELATIVE_SD = 0.01
 SCATTER = 0.02
 """Relative scatter of one recording's E, where there is no second one to show it."""
+STEP = 0.1
+"""Difference step in standard deviations of a parameter."""
 SYSTEMATIC = 1.5
 """Standard deviations are this many times those of the thinned noise (fem.mismatch.normal)."""
 
@@ -51,22 +53,71 @@ def modulus_of(ground: Ground, response: Response | None = None) -> Modulus:
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
 
 
-def modulus_with(again: Refit) -> Modulus:
-    """E with a refitted explanation in place; what its parameters are off by is in the standard deviation."""
+@dataclass(frozen=True, kw_only=True)
+class _ModulusWith:
+    """E with a refitted explanation in place: at its parameters (`at`), and all in all (`known`).
+
+    `sd`: of the parameters, `change`: d ln E / d parameter, both on the scale searched.
+    """
+
+    at: Modulus
+    known: Modulus
+    sd: Float[np.ndarray, " p"]
+    change: Float[np.ndarray, " p"]
+
+
+def _modulus_with(again: Refit) -> _ModulusWith:
+    """What the parameters are off by (their covariance, the model's error) is in the modulus' spread."""
     plain = modulus_of(again.ground, again.response)
-    covariance = SYSTEMATIC**2 * again.fit.covariance[-len(again.slopes) :, -len(again.slopes) :]
-    covariance = covariance + np.diag(_own_error(again) ** 2)
-    change = []
-    for sd, column in zip(np.sqrt(np.diag(covariance)), again.slopes, strict=True):
-        unit = list(again.response.unit)
-        for k, field in enumerate(again.products.columns[column].fields):
-            if field is not None and field.markers is not None:
-                unit[k] = unit[k] + sd / again.ground.compliance * field.markers
-        change.append(
-            np.log(modulus_of(again.ground, replace(again.response, unit=unit)).value / plain.value) / sd
-        )
-    spread = float(np.sqrt(change @ covariance @ np.array(change)))
-    return replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread)))
+    own = _own_error(again)
+    laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
+    sd = np.sqrt(np.diag(laws))
+    change = np.array(
+        [
+            np.log(modulus_of(again.ground, _moved_on(again, k, STEP * sd[k])).value / plain.value)
+            / (STEP * sd[k])
+            for k in range(len(sd))
+        ]
+    )
+    spread = float(np.sqrt(change @ laws @ change))
+    return _ModulusWith(
+        at=plain,
+        known=replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread))),
+        sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
+        change=change,
+    )
+
+
+def _moved_on(again: Refit, number: int, step: float) -> Response:
+    """The response with one parameter a step on, to first order.
+
+    A slope is of 1/E times the unit response and of the shift together; where there is a shift, which of both
+    changes is asked of the effect itself.
+    """
+    here = again.response
+    if here.shift_mm is None:
+        slope = again.products.columns[again.slopes[number]].fields
+        unit = [
+            own
+            if field is None or field.markers is None
+            else own + step / again.ground.compliance * field.markers
+            for own, field in zip(here.unit, slope, strict=True)
+        ]
+        return replace(here, unit=unit)
+    for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
+        if number >= len(effect.parameters):
+            number -= len(effect.parameters)
+            continue
+        spec = effect.parameters[number]
+        own = values[spec.name]
+        on = {**values, spec.name: own * np.exp(step) if spec.log else own + step}
+        before, after = (effect.respond(again.ground, at, choice) for at in (values, on))
+        unit = [u + b - a for u, a, b in zip(here.unit, before.unit, after.unit, strict=True)]
+        shift = here.shift_mm
+        if before.shift_mm is not None and after.shift_mm is not None:
+            shift = [u + b - a for u, a, b in zip(shift, before.shift_mm, after.shift_mm, strict=True)]
+        return replace(here, unit=unit, shift_mm=shift)
+    raise IndexError(number)
 
 
 def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
@@ -94,7 +145,7 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | N
         )
     again = one.refit
     held = predictive(again.products, (*again.nuisances, *again.slopes))
-    modulus = modulus_with(again)
+    modulus = _modulus_with(again)
     return Candidate(
         effect=one.name,
         probability=one.probability,
@@ -103,12 +154,11 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | N
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=None if held is None or base is None else held - base,
         refitted=True,
-        modulus=modulus,
+        modulus=modulus.known,
     )
 
 
-def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Parameter]:
-    sd = np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), _own_error(again))
+def _parameters(ground: Ground, again: Refit, modulus: _ModulusWith) -> dict[str, Parameter]:
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0
@@ -118,7 +168,7 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
             found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
         vectors: dict[str, list[tuple[float, float]]] = {}
         for k, spec in enumerate(effect.parameters):
-            name, value, unit, spread = _said(spec, values[spec.name], float(sd[first + k]), modulus)
+            name, value, unit, spread = _said(spec, values[spec.name], first + k, modulus)
             stem, _, component = name.partition(".")
             if component:
                 vectors.setdefault(stem, []).append((value, spread))
@@ -132,16 +182,16 @@ def _parameters(ground: Ground, again: Refit, modulus: Modulus) -> dict[str, Par
     return found
 
 
-def _said(spec: ParameterSpec, value: float, sd: float, modulus: Modulus) -> tuple[str, float, str, float]:
+def _said(
+    spec: ParameterSpec, value: float, number: int, modulus: _ModulusWith
+) -> tuple[str, float, str, float]:
     """Name, value, unit and spread as an answer gives them."""
-    spread = value * sd if spec.log else sd
-    if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows
-        return (
-            "Et_N_per_mm",
-            value * modulus.value,
-            "N/mm",
-            float(np.hypot(spread * modulus.value, value * modulus.sd)),
-        )
+    size = value if spec.log else 1.0
+    spread = float(size * modulus.sd[number])
+    if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows, and E goes with it
+        E = modulus.at
+        own = (E.value + value * E.value * modulus.change[number] / size) * spread
+        return "Et_N_per_mm", value * E.value, "N/mm", float(np.hypot(own, value * E.sd))
     return spec.name, value, spec.unit, spread
 
 

@@ -33,9 +33,19 @@ def best_beyond_usual(gains: Iterable[tuple[str, float]], softness: float) -> fl
     return max((gain / softness - USUAL.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
-def usual_gain(kinds: Iterable[str], softness: float) -> float:
-    """What the most usual of these kinds gains on most sound recordings at most."""
-    return softness * max(USUAL.get(kind, 0.0) for kind in kinds)
+def usual_gain(kind: str, softness: float) -> float:
+    """What a kind of signature gains on most sound recordings at most."""
+    return softness * USUAL.get(kind, 0.0)
+
+
+def usual_in_full(effect: str, softness: float) -> float:
+    """What an effect's full model does, or the more usual of two joined by "+".
+
+    It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
+    gain on sound recordings what the whole does not.
+    """
+    own = [[value for kind, value in USUAL.items() if kind.split()[0] == part] for part in effect.split("+")]
+    return softness * max(min(values, default=0.0) for values in own)
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

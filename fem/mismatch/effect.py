@@ -15,6 +15,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from fem.mismatch.explanation import Parameter
 from fem.mismatch.fields import Column
 from fem.mismatch.ground import Ground
 
@@ -31,7 +32,8 @@ class ParameterSpec:
     another solver (benchmarks/results/mismatch.csv), which no nuisance stands for. A vector's components are
     parameters of their own, named "offset_mm.0" and so on; an answer joins them again. `strain_power`: as
     forces are what is measured, strains grow as 1/E, and what the law sees of the parameter (searched on a
-    logarithmic scale) is its ratio to (1/E)^strain_power.
+    logarithmic scale) is its ratio to (1/E)^strain_power. `low_is_a_law`: a fit at the lower end is no sign
+    that the effect stands for something else.
     """
 
     name: str
@@ -43,6 +45,7 @@ class ParameterSpec:
     model_sd: float = 0.0
     model_share: float = 0.02
     strain_power: float = 0.0
+    low_is_a_law: bool = False
 
     def __post_init__(self) -> None:
         if self.strain_power and not self.log:
@@ -112,7 +115,7 @@ class Witnessed(Protocol):
 class Remarked(Protocol):
     """An effect that needs a word more than its name at some parameters."""
 
-    def remark(self, parameters: Mapping[str, float]) -> str:
+    def remark(self, parameters: Mapping[str, Parameter]) -> str:
         """A sentence that a reader must know of such parameters; empty where there is none."""
         ...
 

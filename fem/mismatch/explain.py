@@ -1,13 +1,13 @@
 """One fruit's recordings, start to end: is there a mismatch, where, what is it, does modelling it help."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 
 from fem.mismatch.anova import analysis_of_variance, modulus_cells
-from fem.mismatch.answer import candidates, modulus_of, modulus_with, traces
+from fem.mismatch.answer import candidates, modulus_of, traces
 from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
@@ -15,7 +15,7 @@ from fem.mismatch.checks import checks
 from fem.mismatch.detect import LEVEL, best_beyond_usual, of_sound, p_values
 from fem.mismatch.effect import Remarked
 from fem.mismatch.evidence import Recorded
-from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Where
+from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.locate import located
 from fem.mismatch.name import Sound, named
@@ -64,6 +64,7 @@ def explain(
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
     before = modulus_of(ground)
+    ranking = candidates(ground, found, linear)
     with stage("proof"):
         proof = held_out(ground, recorded, null, after)
         foretold = traces(ground, recorded, null, after)
@@ -77,10 +78,10 @@ def explain(
         where=place.where if best is None else _where(place.where, best),
         when=place.when,
         component=place.component,
-        ranking=candidates(ground, found, linear),
+        ranking=ranking,
         verdict=found.verdict,
         before=before,
-        after=before if best is None else modulus_with(best),
+        after=before if best is None else ranking[0].modulus or before,
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(ground, fits),
@@ -90,19 +91,21 @@ def explain(
         maps=place.maps,
         notes=(
             *(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
-            *([] if best is None else _remarks(best)),
+            *([] if best is None else _remarks(best, ranking[0].parameters)),
         ),
         seconds=seconds,
     )
 
 
-def _remarks(best: Refit) -> list[str]:
+def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     """What the effects themselves have to say of the parameters found."""
-    said = [
-        effect.remark(own)
-        for effect, own in zip(best.effects, best.parameters, strict=True)
-        if isinstance(effect, Remarked)
-    ]
+    said = []
+    for effect in best.effects:
+        if isinstance(effect, Remarked):
+            own = f"{effect.name}." if len(best.effects) > 1 else ""
+            said.append(
+                effect.remark({k.removeprefix(own): v for k, v in parameters.items() if k.startswith(own)})
+            )
     return [remark for remark in said if remark]
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.mismatch.added import added
-from fem.mismatch.detect import of_sound, usual_gain
+from fem.mismatch.detect import of_sound, usual_gain, usual_in_full
 from fem.mismatch.effect import Witnessed
 from fem.mismatch.explanation import NONE, UNKNOWN
 from fem.mismatch.ground import Ground
@@ -91,13 +91,13 @@ class Sound:
     most_chi2: float
     softness: float
 
-    def usual(self, *kinds: str) -> float:
-        """What signatures of these kinds gain even there, most of the time; gains count beyond it."""
-        return usual_gain(kinds, self.softness)
+    def beyond(self, one: Shown, gain: float | None = None) -> float:
+        """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
+        return (one.gain if gain is None else gain) - usual_gain(one.kind, self.softness)
 
-    def beyond(self, one: Shown) -> float:
-        """What a signature gains beyond that."""
-        return one.gain - self.usual(one.kind)
+    def in_full(self, name: str) -> float:
+        """What a refitted effect gains even there."""
+        return usual_in_full(name, self.softness)
 
     @property
     def least(self) -> float:
@@ -194,7 +194,7 @@ def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
         if isinstance(effect, Witnessed)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(beside, max(moved, 0.0)) - sound.usual(*again.kinds)
+    return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.name)
 
 
 def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
@@ -208,10 +208,12 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     gains = added(linear, single)
     best_of: dict[str, tuple[float, Shown]] = {}
-    for gain, other in gains:
+    for gain, other in sorted(
+        ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
+    ):
         best_of.setdefault(other.effect.name, (gain, other))
     for gain, other in list(best_of.values())[:PAIRS]:
-        if gain - sound.usual(other.kind) < least:
+        if gain < least:
             continue
         tried = []
         for second in _pads_that_may_be(ground, gains, other):

@@ -46,7 +46,6 @@ NEARER, LEAST_SHARE = 0.6, 0.2
 class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
-    `choices`, `kinds`: labels of the signatures it began with, and by what name their usual gains are known.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
     `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of each effect,
     whether a parameter is at the end of its bounds, where it stands for something else.
@@ -54,7 +53,6 @@ class Refit:
 
     effects: tuple[Effect, ...]
     choices: tuple[str, ...]
-    kinds: tuple[str, ...]
     parameters: tuple[dict[str, float], ...]
     covariance: Float[np.ndarray, "p p"]
     response: Response
@@ -141,7 +139,6 @@ def refit(
     return Refit(
         effects=tuple(one.effect for one in shown),
         choices=tuple(one.signature.label for one in shown),
-        kinds=tuple(one.kind for one in shown),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
@@ -184,6 +181,7 @@ class _Search:
         own = [spec.spread for spec in specs]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
+        self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
         self.alone: dict[tuple[str, str, tuple[float, ...], float], Response] = {}
 
@@ -237,7 +235,7 @@ class _Search:
     def at_an_end(self, at: Float[np.ndarray, " p"]) -> tuple[bool, ...]:
         """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
-        ends = (at <= self.low + margin) | (at >= self.high - margin)
+        ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
         first = np.cumsum([0, *(len(one.effect.parameters) for one in self.shown)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 

@@ -99,10 +99,12 @@ def settled(
     start: Float[np.ndarray, "f n 3"],
     together: bool,
     rounds: int = ROUNDS,
+    may_be_left: float | None = None,
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess.
 
-    `together`: see `_mixed`. Raises FemFailure where rounds run away: forces that such flesh cannot bear.
+    `together`: see `_mixed`. Raises FemFailure where rounds run away, or where the last of them still asks
+    for more than `may_be_left` of the field, at the skin (None: however much it asks for).
     """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
@@ -114,7 +116,7 @@ def settled(
         if not np.abs(force).max() < RUN_AWAY:
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
-                f"flesh of {1 / compliance:.3g} MPa does not come to rest under these forces by this law",
+                f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
             )
         answer = -state.response(force) / compliance
         step = (answer - more) / slower
@@ -122,6 +124,13 @@ def settled(
             return np.asarray(more + step)
         tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
         more = _mixed(tried, steps, skin, together=together)
+    left, size = (np.abs(field[:, skin]).max() for field in (steps[-1] * slower, more))
+    if may_be_left is not None and left > may_be_left * size:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law has {left / size:.0%} "
+            f"to go after {rounds} rounds, expected {may_be_left:.0%} at most",
+        )
     return more
 
 

@@ -79,6 +79,17 @@ def test_nothing_more_is_asked_for_where_nothing_is_left_to_tell():
     assert next_grasp("viscoelastic", grasps=3) is None
 
 
+def test_what_a_signature_gains_for_want_of_the_rest_is_not_held_against_the_whole(monkeypatch):
+    table = {"stiffening": 5.0, "stiffening neo-hookean": 0.5, "skin": 2.0}
+    monkeypatch.setattr(detect, "USUAL", table)
+    assert detect.usual_gain("stiffening", 2.0) == 10.0
+    assert detect.usual_in_full("stiffening", 2.0) == 1.0
+    assert detect.usual_in_full("skin+stiffening", 2.0) == 4.0
+    assert detect.usual_in_full("slip", 2.0) == 0.0
+    gains = [("stiffening", 12.0), ("stiffening neo-hookean", 6.0), ("slip", 1.0)]
+    assert detect.best_beyond_usual(gains, 2.0) == 2.5
+
+
 def test_a_single_recording_asks_for_another():
     assert ACROSS in next_grasp("viscoelastic", grasps=1)
 

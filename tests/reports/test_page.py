@@ -152,7 +152,7 @@ def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_ba
     assert "mismatch: unknown, E is not to be trusted" in shown
     assert "no known effect explains it. E is not to be trusted." in shown
     assert "mismatch: skin or graded modulus" in shown
-    assert "cannot tell apart skin or graded modulus" in shown
+    assert "cannot tell apart: skin or graded modulus. Read E with care." in shown
 
 
 def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch: BatchEntry) -> None:

@@ -23,6 +23,7 @@ from jaxtyping import Float
 from fem.assembly import unit_lame_constants
 from fem.failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.explanation import Parameter
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, Tensors
 from fem.mismatch.ground import Ground
@@ -34,8 +35,11 @@ PRIOR_SD = 30.0
 NEO_HOOKEAN = "neo-hookean"
 HARDLY = 1.0
 """b from which flesh that is Neo-Hookean at most is searched."""
-STIFFENS = 4.0
-"""b above which the exponential is to be seen: W/mu is a hundredth or so where flesh is strained most."""
+SETTLED = 0.03
+"""Share of the Neo-Hookean departure that its search may leave."""
+DOUBTFUL = 0.5
+"""Relative standard deviation from which b cannot be told from nothing: then half of it does as well, and the
+less there is of it the less it changes."""
 FRAMES = 24
 """Frames of all recordings together."""
 LEAST_VOLUME = 0.01
@@ -51,7 +55,16 @@ class Stiffening:
     name: str = "stiffening"
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=B, unit="1", low=0.1, high=400.0, log=True, model_share=0.05, strain_power=-2.0),
+        ParameterSpec(
+            name=B,
+            unit="1",
+            low=0.1,
+            high=400.0,
+            log=True,
+            model_share=0.05,
+            strain_power=-2.0,
+            low_is_a_law=True,
+        ),
     )
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
@@ -71,9 +84,10 @@ class Stiffening:
         found = [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
         try:
             # not kept: next to nothing is no start for flesh that stiffens
-            large = state.at_markers(_beyond_linear(ground, self.parameters[0].low, guess=None))
-        except FemFailure:  # so soft that only flesh that stiffens bears the forces
+            moved = _beyond_linear(ground, self.parameters[0].low, guess=None, may_be_left=SETTLED)
+        except FemFailure:  # flesh so soft that its large deformation is not found from the linear answer
             return found
+        large = state.at_markers(moved)
         beyond = [Field(markers=s * own) for own in large]
         column = Column(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
         return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(column,))]
@@ -89,14 +103,14 @@ class Stiffening:
             return {B: HARDLY}
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
 
-    def remark(self, parameters: Mapping[str, float]) -> str:
-        """Where the exponential does next to nothing."""
-        if parameters[B] > STIFFENS:
+    def remark(self, parameters: Mapping[str, Parameter]) -> str:
+        """Where b may as well be nothing."""
+        b = parameters[B]
+        if not (isinstance(b.value, float) and isinstance(b.sd, float)) or b.sd < DOUBTFUL * b.value:
             return ""
         return (
-            f"b = {parameters[B]:.2g} stiffens next to nothing: what shows is the flesh's large deformation "
-            "by itself, which no soft fruit is without. In a batch, "
-            'model = "neo-hookean" under [flesh] takes it into account for every fruit.'
+            f"b = {b.value:.1f} ± {b.sd:.1f} may as well be nothing: what shows is then the flesh's large "
+            "deformation by itself, which no soft fruit is without."
         )
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
@@ -115,7 +129,7 @@ class Stiffening:
 
 
 def _beyond_linear(
-    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
+    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None, may_be_left: float | None = None
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0 (fem.mismatch.stress_history), from a guess of it."""
     nu, s = ground.poisson_ratio, ground.compliance
@@ -135,6 +149,7 @@ def _beyond_linear(
         stiffer=steepest,
         start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
         together=False,
+        may_be_left=may_be_left,
     )
 
 

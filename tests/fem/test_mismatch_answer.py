@@ -1,0 +1,54 @@
+"""What an answer says of E with an effect in place: its spread carries that of the effect's parameters."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pinched_ground import ground_of
+from planted_mismatch import linear_and_refitted, planted_case
+from test_mismatch_core_measurement import given_way
+
+from fem.mismatch.answer import SYSTEMATIC, _modulus_with, _own_error, modulus_of
+from fem.mismatch.effects import gripper_compliance, skin
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.refit import Refit, refit
+from fem.mismatch.singles import linear_round
+
+
+@pytest.fixture(scope="module")
+def jaws() -> Refit:
+    return linear_and_refitted(planted_case(given_way(0.4)), gripper_compliance.EFFECT)[2]
+
+
+@pytest.fixture(scope="module")
+def thick_skin() -> Refit:
+    ground = ground_of()
+    unit = skin.EFFECT.respond(ground, {"Et_over_E_mm": 6.0}, "").unit[0]
+    planted = ground_of(ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement))
+    linear = linear_round(planted, [Recorded.of(planted, one) for one in planted.base.grasps], [skin.EFFECT])
+    return refit(planted, linear, (linear.best[0],))
+
+
+def asked(again: Refit, share: float) -> float:
+    """d ln E / d parameter (of its logarithm where it is searched on one), of the effect itself."""
+    (effect,), (choice,), (values,) = again.effects, again.choices, again.parameters
+    (spec,) = effect.parameters
+    ends = []
+    for way in (1, -1):
+        on = values[spec.name] * (1 + way * share)
+        ends.append(modulus_of(again.ground, effect.respond(again.ground, {spec.name: on}, choice)).value)
+    step = np.log((1 + share) / (1 - share)) if spec.log else 2 * share * values[spec.name]
+    return float(np.log(ends[0] / ends[1]) / step)
+
+
+@pytest.mark.parametrize("name", ["jaws", "thick_skin"])
+def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
+    again = request.getfixturevalue(name)
+    found = _modulus_with(again)
+    change = asked(again, 0.02)
+    assert found.change[0] == pytest.approx(change, rel=0.1)
+    own = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])
+    expected = np.hypot(found.at.sd, found.at.value * abs(change) * own)
+    assert found.known.sd == pytest.approx(expected, rel=0.1)
+    assert found.known.sd > 1.2 * found.at.sd
+    assert found.known.value == found.at.value
