@@ -1,7 +1,5 @@
 """What an answer says of E with an effect in place: its spread carries that of the effect's parameters."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pinched_ground import ground_of
