@@ -1,5 +1,6 @@
 """From fits to what an answer says: parameters with intervals, moduli, traces."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -176,10 +177,17 @@ def _parameters(ground: Ground, again: Refit, modulus: _ModulusWith) -> dict[str
                     value=tuple(v for v, _ in vectors[stem]), sd=tuple(s for _, s in vectors[stem]), unit=unit
                 )
             else:
-                ends = (value - NINETY * spread, value + NINETY * spread)
+                ends = _ninety(value, spread, logarithmic=spec.log)
                 found[prefix + name] = Parameter(value=value, sd=spread, unit=unit, interval=ends)
         first += len(effect.parameters)
     return found
+
+
+def _ninety(value: float, spread: float, *, logarithmic: bool) -> tuple[float, float]:
+    """The interval of 90 %, about the value or about its logarithm."""
+    if logarithmic:
+        return value * math.exp(-NINETY * spread / value), value * math.exp(NINETY * spread / value)
+    return value - NINETY * spread, value + NINETY * spread
 
 
 def _said(

@@ -6,7 +6,7 @@ from pinched_ground import ground_of
 from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
-from fem.mismatch.answer import SYSTEMATIC, _modulus_with, _own_error, modulus_of
+from fem.mismatch.answer import SYSTEMATIC, _modulus_with, _ninety, _own_error, modulus_of
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.refit import Refit, refit
@@ -37,6 +37,14 @@ def asked(again: Refit, share: float) -> float:
         ends.append(modulus_of(again.ground, effect.respond(again.ground, {spec.name: on}, choice)).value)
     step = np.log((1 + share) / (1 - share)) if spec.log else 2 * share * values[spec.name]
     return float(np.log(ends[0] / ends[1]) / step)
+
+
+def test_intervals_of_what_is_searched_on_a_logarithm_stay_above_nothing():
+    low, high = _ninety(0.8, 1.0, logarithmic=True)
+    assert 0 < low < 0.8 < high
+    assert np.log(high / 0.8) == pytest.approx(np.log(0.8 / low)) == pytest.approx(1.645 / 0.8)
+    assert _ninety(60.0, 0.6, logarithmic=True) == pytest.approx((60 - 0.987, 60 + 0.987), rel=1e-3)
+    assert _ninety(-1.0, 1.0, logarithmic=False) == (-2.645, 0.645)
 
 
 @pytest.mark.parametrize("name", ["jaws", "thick_skin"])
