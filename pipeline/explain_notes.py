@@ -19,9 +19,8 @@ ONE_RECORDING = (
     "a pad's place) cannot be told apart, and none is left to test the answer on."
 )
 FEW_RECORDINGS = (
-    "There are {count} recordings. What a sound fruit may show is known of fruit with four: with fewer, "
-    "effects that are not there are named more easily, a skin above all; record four that differ in place, "
-    "speed and hold, one of them with the fruit turned."
+    "There are {count} recordings: weak effects may stay unseen, and more of them look alike than with four "
+    "that differ in place, speed and hold, one of them with the fruit turned."
 )
 FEW = 3
 LARGE_DEFORMATION = (
