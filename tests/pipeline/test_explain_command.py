@@ -175,7 +175,7 @@ def test_without_a_pit_the_categorys_is_used_and_it_is_said(drupe, finder, case)
     (case / "pit.ply").unlink()
     said = drupe("explain", case).out
     assert "note: There is no pit.ply: the category's pit is used" in said
-    assert "note: There are 2 recordings." in said
+    assert "note: There are 2 recordings: weak effects may stay unseen" in said
     assert len(finder["case"].grasps) == 2
 
 
