@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.answer import modulus_of
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground, over_all_frames
+from fem.mismatch.modulus_with import modulus_of
 
 MOST_ROUNDS, STILL = 6, 1e-3
 """Rounds end where 1/E changes by a smaller share than this."""

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from fem.mismatch.anova import analysis_of_variance, modulus_cells
-from fem.mismatch.answer import candidates, modulus_of, traces
+from fem.mismatch.answer import candidates, traces
 from fem.mismatch.baseline import Baseline, baseline
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.catalogue import EFFECTS
@@ -18,6 +18,7 @@ from fem.mismatch.evidence import Recorded
 from fem.mismatch.explanation import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.ground import Ground
 from fem.mismatch.locate import located
+from fem.mismatch.modulus_with import modulus_of
 from fem.mismatch.name import Sound, named
 from fem.mismatch.prove import held_out
 from fem.mismatch.refit import Refit

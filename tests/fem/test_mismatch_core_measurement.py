@@ -20,7 +20,6 @@ from planted_mismatch import (
 )
 
 from fem.failure import FemFailure, FemProblem
-from fem.mismatch.answer import modulus_of
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
@@ -28,6 +27,7 @@ from fem.mismatch.evidence import Recorded
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground
 from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.modulus_with import modulus_of
 from fem.mismatch.name import Sound, named
 from fem.mismatch.normal import BalanceEquations
 from fem.mismatch.singles import linear_round

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, TIME_S, linear_and_refitted, on_pad, only_grasp, planted_case
 
-from fem.mismatch.answer import modulus_of
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.effects import sensor_drift
+from fem.mismatch.modulus_with import modulus_of
 from fem.mismatch.resting_force import REMEMBERED, resting_force
 from fem.modulus_inputs import GraspHistory
 

@@ -6,9 +6,10 @@ from pinched_ground import ground_of
 from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
-from fem.mismatch.answer import SYSTEMATIC, _modulus_with, _ninety, _own_error, modulus_of
+from fem.mismatch.answer import _ninety
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.evidence import Recorded
+from fem.mismatch.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.refit import Refit, refit
 from fem.mismatch.singles import linear_round
 
@@ -50,7 +51,7 @@ def test_intervals_of_what_is_searched_on_a_logarithm_stay_above_nothing():
 @pytest.mark.parametrize("name", ["jaws", "thick_skin"])
 def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     again = request.getfixturevalue(name)
-    found = _modulus_with(again)
+    found = modulus_with(again)
     change = asked(again, 0.02)
     assert found.change[0] == pytest.approx(change, rel=0.1)
     own = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])

@@ -1,0 +1,134 @@
+"""E of all recordings together: by the plain model, and with an explanation in its place.
+
+With an effect in place E is known no better than the effect: what its parameters are off by is in its spread.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.failure import FemFailure
+from fem.mismatch.effect import Response
+from fem.mismatch.explanation import Modulus
+from fem.mismatch.ground import Ground
+from fem.mismatch.lookalikes import seeming_spread
+from fem.mismatch.refit import Refit
+from fem.modulus_fit import fit_compliance
+
+LEAST_RELATIVE_SD = 0.01
+SCATTER = 0.02
+"""Relative scatter of one recording's E, where there is no second one to show it."""
+STEP = 0.1
+"""Difference step in standard deviations of a parameter."""
+SYSTEMATIC = 1.5
+"""Standard deviations are this many times those of the thinned noise (fem.mismatch.normal)."""
+
+
+def modulus_of(ground: Ground, response: Response | None = None) -> Modulus:
+    """E by least squares over all markers of each recording, their mean; with an effect's response in place.
+
+    The standard deviation: scatter between recordings, and LEAST_RELATIVE_SD for what they have in common.
+    """
+    found = []
+    for k, seen in enumerate(ground.base.grasps):
+        tracks = seen.tracks
+        if response is not None:
+            shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
+            tracks = replace(
+                tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
+            )
+        fit = fit_compliance(
+            tracks,
+            scale_sd=ground.base.case.budget.gel_scale_sd,
+            fruit_moves=seen.case.support == "free",
+        )
+        found.append(max(fit.compliance, 1e-9))
+    logs = -np.log(found)
+    value = float(np.exp(logs.mean()))
+    scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else SCATTER
+    return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModulusWith:
+    """E with a refitted explanation in place: at its parameters (`at`), and all in all (`known`).
+
+    `sd`: of the parameters, `change`: d ln E / d parameter, both on the scale searched.
+    """
+
+    at: Modulus
+    known: Modulus
+    sd: Float[np.ndarray, " p"]
+    change: Float[np.ndarray, " p"]
+
+
+def modulus_with(again: Refit) -> ModulusWith:
+    """What the parameters are off by (their covariance, the model's error) is in the modulus' spread."""
+    plain = modulus_of(again.ground, again.response)
+    own = _own_error(again)
+    laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
+    sd = np.sqrt(np.diag(laws))
+    change = np.array([_change(again, k, STEP * sd[k], plain) for k in range(len(sd))])
+    spread = float(np.sqrt(change @ laws @ change))
+    return ModulusWith(
+        at=plain,
+        known=replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread))),
+        sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
+        change=change,
+    )
+
+
+def _change(again: Refit, number: int, step: float, plain: Modulus) -> float:
+    """d ln E / d parameter; nothing where its effect has no model on either side."""
+    for way in (step, -step):
+        try:
+            return float(
+                np.log(modulus_of(again.ground, _moved_on(again, number, way)).value / plain.value) / way
+            )
+        except FemFailure:
+            continue
+    return 0.0
+
+
+def _moved_on(again: Refit, number: int, step: float) -> Response:
+    """The response with one parameter a step on, to first order.
+
+    A slope is of 1/E times the unit response and of the shift together; where there is a shift, which of both
+    changes is asked of the effect itself.
+    """
+    here = again.response
+    if here.shift_mm is None:
+        slope = again.products.columns[again.slopes[number]].fields
+        unit = [
+            own
+            if field is None or field.markers is None
+            else own + step / again.ground.compliance * field.markers
+            for own, field in zip(here.unit, slope, strict=True)
+        ]
+        return replace(here, unit=unit)
+    for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
+        if number >= len(effect.parameters):
+            number -= len(effect.parameters)
+            continue
+        spec = effect.parameters[number]
+        own = values[spec.name]
+        on = {**values, spec.name: own * np.exp(step) if spec.log else own + step}
+        before, after = (effect.respond(again.ground, at, choice) for at in (values, on))
+        unit = [u + b - a for u, a, b in zip(here.unit, before.unit, after.unit, strict=True)]
+        shift = here.shift_mm
+        if before.shift_mm is not None and after.shift_mm is not None:
+            shift = [u + b - a for u, a, b in zip(shift, before.shift_mm, after.shift_mm, strict=True)]
+        return replace(here, unit=unit, shift_mm=shift)
+    raise IndexError(number)
+
+
+def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
+    """What the model's own error makes of each parameter, on the scale searched."""
+    found = []
+    for effect, values in zip(again.effects, again.parameters, strict=True):
+        for spec in effect.parameters:
+            value = values[spec.name]
+            off = [spec.model_sd, spec.model_share * value, seeming_spread(effect)]
+            found.append(np.linalg.norm(off) / (value if spec.log else 1.0))
+    return np.array(found)
