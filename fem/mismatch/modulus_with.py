@@ -83,9 +83,8 @@ def _change(again: Refit, number: int, step: float, plain: Modulus) -> float:
     """d ln E / d parameter; nothing where its effect has no model on either side."""
     for way in (step, -step):
         try:
-            return float(
-                np.log(modulus_of(again.ground, _moved_on(again, number, way)).value / plain.value) / way
-            )
+            there = modulus_of(again.ground, _moved_on(again, number, way))
+            return float(np.log(there.value / plain.value) / way)
         except FemFailure:
             continue
     return 0.0
