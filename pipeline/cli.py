@@ -129,7 +129,9 @@ def explain(
     apply: Annotated[
         bool,
         typer.Option(
-            "--apply", help="Write a confirmed effect into the batch's batch.toml, for `drupe grade`."
+            "--apply",
+            help="Write the effect into the batch's batch.toml, for `drupe grade`, where it is one name and "
+            "helps recordings that the fit did not see; else say why not.",
         ),
     ] = False,
     work: Annotated[
@@ -156,7 +158,7 @@ def explain(
     All recordings of the fruit are looked at together; four that differ in place, speed and hold, each with
     frames in the air before it, tell most effects apart. The verdict is "none", one effect, several that
     these recordings cannot tell apart, or "unknown". Nothing is written but the files asked for and, for a
-    batch's fruit, mismatch.json among its results.
+    batch's fruit, mismatch.json among its results, which a later `drupe grade` puts into its table.
 
     Exit status: 0 an answer was given (whatever it says), 1 internal error, 2 usage or settings, 3 the fruit
     or its recordings could not be used, 130 interrupted.

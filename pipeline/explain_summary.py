@@ -36,6 +36,7 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     before = with_sd(found.E_before_MPa, found.E_before_sd_MPa)
     after = with_sd(found.E_after_MPa, found.E_after_sd_MPa)
     line(f"E without: {before} MPa; with: {after} MPa")
+    line(f"chance of so large a difference where nothing is missing: p {found.p_value:.2g}")
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
@@ -69,10 +70,11 @@ def _ranking(found: ExplainEntry) -> Table:
 
 def _in_short(parameter: ParameterEntry) -> str:
     value = parameter.value
+    stem = parameter.name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
     if isinstance(value, tuple):
-        return f"{parameter.name} ({', '.join(number(x) for x in value)}) {parameter.unit}"
+        return f"{stem} ({', '.join(number(x) for x in value)}) {parameter.unit}"
     if isinstance(value, str):
-        return f"{parameter.name} {value}"
+        return f"{stem} {value}"
     sd = parameter.sd if isinstance(parameter.sd, int | float) else None
     unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
-    return f"{parameter.name} {with_sd(value, sd)}{unit}"
+    return f"{stem} {with_sd(value, sd)}{unit}"

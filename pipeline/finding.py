@@ -122,7 +122,7 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
             ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),
             ("Pit", pit),
             ("Pit's place and size", f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"),
-            ("Surface", f"± {budget.surface_sd_mm:g} mm"),
+            ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
         ),
     )
 

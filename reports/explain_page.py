@@ -78,7 +78,7 @@ def explain_html(found: ExplainEntry) -> str:
         component=component_in_words(found),
         cut=_cut(found),
         found=found,
-        leader=named[0] if named else None,
+        named=named,
         maps=_maps(found),
         meanings=_meanings(found),
         kind=_kind(found),
@@ -155,7 +155,7 @@ def _cut(found: ExplainEntry) -> str:
     before, after, noise = found.rms
     excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
     if excess[0] <= 0.05 * noise:
-        return "There was nothing beyond noise to explain."
+        return "Beyond noise nothing is left of them without it either: they neither confirm nor deny it."
     if excess[1] <= 0.1 * excess[0]:
         return "What exceeded the noise is gone, but for a tenth or less."
     if excess[1] >= 0.95 * excess[0]:

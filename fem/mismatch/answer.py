@@ -64,17 +64,18 @@ def _parameters(ground: Ground, again: Refit, modulus: ModulusWith) -> dict[str,
                     value=tuple(v for v, _ in vectors[stem]), sd=tuple(s for _, s in vectors[stem]), unit=unit
                 )
             else:
-                ends = _ninety(value, spread, logarithmic=spec.log)
+                ends = _ninety(value, spread, spec, scale=value / values[spec.name] if value else 1.0)
                 found[prefix + name] = Parameter(value=value, sd=spread, unit=unit, interval=ends)
         first += len(effect.parameters)
     return found
 
 
-def _ninety(value: float, spread: float, *, logarithmic: bool) -> tuple[float, float]:
-    """The interval of 90 %, about the value or about its logarithm."""
-    if logarithmic:
+def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 1.0) -> tuple[float, float]:
+    """The interval of 90 %, about the value or about its logarithm; `scale`: unit of the bounds, as said."""
+    if spec.log:
         return value * math.exp(-NINETY * spread / value), value * math.exp(NINETY * spread / value)
-    return value - NINETY * spread, value + NINETY * spread
+    low, high = value - NINETY * spread, value + NINETY * spread
+    return max(low, scale * spec.low), min(high, scale * spec.high)
 
 
 def _said(

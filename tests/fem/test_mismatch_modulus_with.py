@@ -8,6 +8,7 @@ from test_mismatch_core_measurement import given_way
 
 from fem.failure import FemFailure, FemProblem
 from fem.mismatch.answer import _ninety
+from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
@@ -41,12 +42,15 @@ def asked(again: Refit, share: float) -> float:
     return float(np.log(ends[0] / ends[1]) / step)
 
 
-def test_intervals_of_what_is_searched_on_a_logarithm_stay_above_nothing():
-    low, high = _ninety(0.8, 1.0, logarithmic=True)
+def test_intervals_stay_within_what_makes_sense():
+    logarithmic = ParameterSpec(name="b", unit="1", low=0.1, high=400.0, log=True)
+    low, high = _ninety(0.8, 1.0, logarithmic)
     assert 0 < low < 0.8 < high
     assert np.log(high / 0.8) == pytest.approx(np.log(0.8 / low)) == pytest.approx(1.645 / 0.8)
-    assert _ninety(60.0, 0.6, logarithmic=True) == pytest.approx((60 - 0.987, 60 + 0.987), rel=1e-3)
-    assert _ninety(-1.0, 1.0, logarithmic=False) == (-2.645, 0.645)
+    assert _ninety(60.0, 0.6, logarithmic) == pytest.approx((60 - 0.987, 60 + 0.987), rel=1e-3)
+    bounded = ParameterSpec(name="gap_mm", unit="mm", low=0.0, high=3.0)
+    assert _ninety(1.0, 1.0, bounded) == (0.0, 2.645)
+    assert _ninety(2.0, 1.0, bounded, scale=0.5) == (0.355, 1.5)
 
 
 @pytest.mark.parametrize("name", ["jaws", "thick_skin"])
