@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import correlation_words, ranking_chart, shore_chart
 from reports.charts_fruit import force_chart, grasps_chart
-from reports.entries import BatchEntry, ForceCurve, FruitEntry, ranked
+from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
@@ -39,6 +39,7 @@ def report_html(batch: BatchEntry) -> str:
         "curves_by_grasp": _curves_by_grasp,
         "data_uri": _data_uri,
         "effect": effect_name,
+        "several": lambda mismatch: OR in mismatch,
         "facts": _facts,
         "force_chart": force_chart,
         "grasps_chart": grasps_chart,

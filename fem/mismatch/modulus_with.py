@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.failure import FemFailure
 from fem.mismatch.effect import Response
 from fem.mismatch.explanation import Modulus
 from fem.mismatch.ground import Ground
@@ -19,8 +18,6 @@ from fem.modulus_fit import fit_compliance
 LEAST_RELATIVE_SD = 0.01
 SCATTER = 0.02
 """Relative scatter of one recording's E, where there is no second one to show it."""
-STEP = 0.1
-"""Difference step in standard deviations of a parameter."""
 SYSTEMATIC = 1.5
 """Standard deviations are this many times those of the thinned noise (fem.mismatch.normal)."""
 
@@ -68,8 +65,9 @@ def modulus_with(again: Refit) -> ModulusWith:
     plain = modulus_of(again.ground, again.response)
     own = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
-    sd = np.sqrt(np.diag(laws))
-    change = np.array([_change(again, k, STEP * sd[k], plain) for k in range(len(sd))])
+    change = np.array(
+        [np.log(modulus_of(again.ground, ahead).value / plain.value) / step for step, ahead in again.ahead]
+    )
     spread = float(np.sqrt(change @ laws @ change))
     return ModulusWith(
         at=plain,
@@ -77,49 +75,6 @@ def modulus_with(again: Refit) -> ModulusWith:
         sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
         change=change,
     )
-
-
-def _change(again: Refit, number: int, step: float, plain: Modulus) -> float:
-    """d ln E / d parameter; nothing where its effect has no model on either side."""
-    for way in (step, -step):
-        try:
-            there = modulus_of(again.ground, _moved_on(again, number, way))
-            return float(np.log(there.value / plain.value) / way)
-        except FemFailure:
-            continue
-    return 0.0
-
-
-def _moved_on(again: Refit, number: int, step: float) -> Response:
-    """The response with one parameter a step on, to first order.
-
-    A slope is of 1/E times the unit response and of the shift together; where there is a shift, which of both
-    changes is asked of the effect itself.
-    """
-    here = again.response
-    if here.shift_mm is None:
-        slope = again.products.columns[again.slopes[number]].fields
-        unit = [
-            own
-            if field is None or field.markers is None
-            else own + step / again.ground.compliance * field.markers
-            for own, field in zip(here.unit, slope, strict=True)
-        ]
-        return replace(here, unit=unit)
-    for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
-        if number >= len(effect.parameters):
-            number -= len(effect.parameters)
-            continue
-        spec = effect.parameters[number]
-        own = values[spec.name]
-        on = {**values, spec.name: own * np.exp(step) if spec.log else own + step}
-        before, after = (effect.respond(again.ground, at, choice) for at in (values, on))
-        unit = [u + b - a for u, a, b in zip(here.unit, before.unit, after.unit, strict=True)]
-        shift = here.shift_mm
-        if before.shift_mm is not None and after.shift_mm is not None:
-            shift = [u + b - a for u, a, b in zip(shift, before.shift_mm, after.shift_mm, strict=True)]
-        return replace(here, unit=unit, shift_mm=shift)
-    raise IndexError(number)
 
 
 def _own_error(again: Refit) -> Float[np.ndarray, " p"]:

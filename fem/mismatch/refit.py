@@ -46,6 +46,7 @@ NEARER, LEAST_SHARE = 0.6, 0.2
 class Refit:
     """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
 
+    `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
     `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of each effect,
     whether a parameter is at the end of its bounds, where it stands for something else.
@@ -56,6 +57,7 @@ class Refit:
     parameters: tuple[dict[str, float], ...]
     covariance: Float[np.ndarray, "p p"]
     response: Response
+    ahead: tuple[tuple[float, Response], ...]
     products: Products
     nuisances: tuple[int, ...]
     slopes: tuple[int, ...]
@@ -142,6 +144,7 @@ def refit(
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
+        ahead=now.ahead,
         products=now.products,
         nuisances=now.chosen[: len(now.chosen) - count],
         slopes=now.chosen[len(now.chosen) - count :],
@@ -160,6 +163,7 @@ class _Linearised:
     merit: float
     log_evidence: float
     response: Response
+    ahead: tuple[tuple[float, Response], ...]
     products: Products
     chosen: tuple[int, ...]
     fit: Fit
@@ -298,7 +302,8 @@ class _Search:
         Laplace: what the slopes would still gain is not there to be had, their widths count.
         """
         response, merit = self._about(at)
-        slopes = []
+        slopes: list[Column] = []
+        steps: list[tuple[float, Response]] = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
             try:
@@ -306,6 +311,7 @@ class _Search:
             except FemFailure:
                 step = -step
                 ahead = self.respond(at + step * np.eye(len(at))[k])
+            steps.append((float(step), ahead))
             slopes.append(
                 Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
             )
@@ -318,6 +324,7 @@ class _Search:
             merit=merit,
             log_evidence=float(fit.log_evidence - still),
             response=response,
+            ahead=tuple(steps),
             products=products,
             chosen=chosen,
             fit=fit,

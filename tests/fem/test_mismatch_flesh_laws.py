@@ -9,18 +9,13 @@ from coarse_fruit import NU, fruit_mesh
 from pinched_ground import as_case, ground_of, long_pinch
 
 from fem.assembly import unit_lame_constants
-from fem.finite_strain import FiniteStrainSolid
 from fem.mismatch import stress_history
 from fem.mismatch.baseline import baseline
 from fem.mismatch.effects import damage, plastic_set, stiffening
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.explanation import Parameter
 from fem.mismatch.flesh_pieces import FleshPieces, exceeded_by
 from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.ground import Ground
 from fem.mismatch.path_frames import path_frames
-from fem.mismatch.refit import refit
-from fem.mismatch.singles import linear_round
 from fem.mismatch.small_strain import linear_stress
 from fem.mismatch.stress_history import LastRuns, settled
 
@@ -228,86 +223,6 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
     cosine, ratio = cosine_and_ratio(moved, 3.5 * markers)
     assert cosine > 0.99
     assert ratio == pytest.approx(1.0, abs=0.1)
-
-
-class BonetAndWood:
-    """mu (F - F^-T) + lambda ln(J) F^-T for E = 1 MPa (Bonet and Wood 2008, eq. 6.28)."""
-
-    poisson_ratio = NU
-
-    def energy(self, F: np.ndarray) -> np.ndarray:
-        log_J = np.log(np.linalg.det(F))
-        return MU / 2 * ((F**2).sum(axis=(1, 2)) - 3 - 2 * log_J) + LAME / 2 * log_J**2
-
-    def stress(self, F: np.ndarray) -> np.ndarray:
-        back = np.linalg.inv(F).swapaxes(1, 2)
-        return MU * (F - back) + LAME * np.log(np.linalg.det(F))[:, None, None] * back
-
-    def tangent(self, F: np.ndarray) -> np.ndarray:
-        back, eye = np.linalg.inv(F).swapaxes(1, 2), np.eye(3)
-        rest = MU - LAME * np.log(np.linalg.det(F))
-        return (
-            MU * np.einsum("ik,jl->ijkl", eye, eye)
-            + LAME * np.einsum("qij,qkl->qijkl", back, back)
-            + rest[:, None, None, None, None] * np.einsum("qil,qkj->qijkl", back, back)
-        )
-
-
-def by_newton(ground: Ground, *, share: float = 1.0) -> np.ndarray:
-    """The markers' displacement, mm, of Bonet and Wood's flesh under this share of the loads, all frames."""
-    seen = ground.base.grasps[0]
-    solid = ground.base.solid_of(seen)
-    force = np.tensordot(seen.shares, seen.patterns, axes=1)
-    load = np.zeros((len(force), *solid.mesh.nodes_mm.shape))
-    load[:, solid.contact_nodes] = share * ground.compliance * seen.nodal_of(force)
-    newton = FiniteStrainSolid(solid=solid, law=BonetAndWood())
-    moved = newton.displacement(load).require_equilibrium().displacement
-    return seen.at_markers(moved[:, solid.contact_nodes])
-
-
-def neo_hookean_signature(ground: Ground) -> np.ndarray:
-    found = next(one for one in stiffening.EFFECT.signatures(ground) if one.label == "neo-hookean")
-    return found.columns[0].fields[0].markers
-
-
-def test_neo_hookean_signature_is_what_newtons_method_makes_of_the_law(monkeypatch):
-    monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
-    ground = ground_of()
-    beyond = by_newton(ground) - 1e3 * by_newton(ground, share=1e-3)
-    cosine, ratio = cosine_and_ratio(neo_hookean_signature(ground), beyond)
-    assert cosine > 0.999
-    assert ratio == pytest.approx(1.0, abs=0.03)
-
-
-def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
-    softer = replace(ground_of(), compliance=12.0)
-    seen = softer.base.grasps[0]
-    tracks = replace(seen.tracks, position_mm=seen.tracks.place_mm + by_newton(softer))
-    planted = replace(softer, base=replace(softer.base, grasps=(replace(seen, tracks=tracks),)))
-    recorded = [Recorded.of(planted, one) for one in planted.base.grasps]
-    linear = linear_round(planted, recorded, [stiffening.EFFECT])
-    shown = linear.best[0]
-    assert shown.kind == "stiffening neo-hookean"
-    assert shown.gain > 3
-    assert shown.amounts[0] == pytest.approx(1.0, abs=0.1)
-    again = refit(planted, linear, (shown,))
-    assert again.parameters[0]["b"] < 0.5 < stiffening.HARDLY
-    assert again.at_an_end == (False,)
-
-
-def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
-    def remark(value: float, sd: float) -> str:
-        return stiffening.EFFECT.remark({"b": Parameter(value=value, sd=sd, unit="1")})
-
-    assert "b = 0.9 ± 0.8 may as well be nothing" in remark(0.9, 0.8)
-    assert remark(2.0, 0.5) == remark(60.0, 3.0) == ""
-
-
-@pytest.mark.parametrize("compliance", [28.0, 60.0])
-def test_large_deformation_that_is_not_found_is_no_signature(compliance):
-    """Rounds that have not settled, and rounds that ran away."""
-    soft = replace(ground_of(), compliance=compliance)
-    assert [one.label for one in stiffening.EFFECT.signatures(soft)] == [""]
 
 
 def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
