@@ -1,0 +1,1 @@
+"""Photo scenes drawn at random with everything that is true of them known."""

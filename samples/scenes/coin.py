@@ -1,0 +1,76 @@
+"""A euro coin beside the fruit: 23.25 mm across, 2.33 mm thick, a brass ring round a silver centre."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int
+
+DIAMETER_MM = 23.25  # 1 euro: Council Regulation (EU) No 729/2014, annex I
+THICKNESS_MM = 2.33
+_CENTRE_MM = 8.3  # radius of the silver-coloured part, by eye
+_RELIEF_MM = 0.12
+_BRASS, _SILVER = (0.80, 0.62, 0.32), (0.78, 0.77, 0.74)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Coin:
+    """Where its centre lies on the ground (mm, z = 0 below it) and how it is turned."""
+
+    centre_mm: tuple[float, float]
+    turn_deg: float
+    diameter_mm: float = DIAMETER_MM
+
+
+def draw_coin(rng: np.random.Generator, *, fruit_radius_mm: float) -> Coin | None:
+    """In half of the draws, a coin whose rim is 15 to 40 mm from the fruit's side."""
+    if rng.uniform() < 0.5:
+        return None
+    away = fruit_radius_mm + float(rng.uniform(15, 40)) + DIAMETER_MM / 2
+    angle = float(rng.uniform(0, 2 * np.pi))
+    return Coin(
+        centre_mm=(away * np.cos(angle), away * np.sin(angle)), turn_deg=float(rng.uniform(0, 360))
+    )
+
+
+def coin_mesh(
+    coin: Coin,
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"], Float[np.ndarray, "n 3"]]:
+    """Vertices, outward triangles and linear RGB of the coin: top with its relief, and the edge."""
+    rim = coin.diameter_mm / 2
+    radii = np.concatenate([np.linspace(0.05, rim - 0.15, 90), [rim, rim]])
+    turn = 2 * np.pi * np.arange(240) / 240
+    r, t = np.meshgrid(radii, turn, indexing="ij")
+    x, y = r * np.cos(t), r * np.sin(t)
+    z = THICKNESS_MM - 0.15 + _RELIEF_MM * _relief(x, y, rim)
+    z[-2], z[-1] = THICKNESS_MM - 0.15, 0.0
+    colour = np.where((r < _CENTRE_MM)[..., None], _SILVER, _BRASS)
+    angle = np.radians(coin.turn_deg)
+    points = np.stack(
+        [
+            np.cos(angle) * x - np.sin(angle) * y + coin.centre_mm[0],
+            np.sin(angle) * x + np.cos(angle) * y + coin.centre_mm[1],
+            z,
+        ],
+        axis=-1,
+    )
+    index = np.arange(r.size).reshape(r.shape)
+    a, b = index[:-1], index[1:]
+    c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
+    sides = np.concatenate(
+        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
+    )
+    return points.reshape(-1, 3), sides, colour.reshape(-1, 3)
+
+
+def _relief(x: np.ndarray, y: np.ndarray, rim: float) -> np.ndarray:
+    side = 512
+    stamp = np.zeros((side, side), np.float32)
+    cv2.putText(stamp, "1", (90, 400), cv2.FONT_HERSHEY_TRIPLEX, 11.0, 1.0, 34, cv2.LINE_AA)
+    for k in range(12):
+        at = (int(256 + 205 * np.cos(k * np.pi / 6)), int(256 + 205 * np.sin(k * np.pi / 6)))
+        cv2.circle(stamp, at, 12, 1.0, -1, cv2.LINE_AA)
+    cv2.circle(stamp, (256, 256), 246, 1.0, 14, cv2.LINE_AA)
+    stamp = cv2.GaussianBlur(stamp, (0, 0), 2.5)
+    column, row = ((x / rim + 1) * side / 2).astype(np.float32), ((1 - y / rim) * side / 2).astype(np.float32)
+    return np.asarray(cv2.remap(stamp, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

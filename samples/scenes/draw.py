@@ -1,0 +1,131 @@
+"""A scene drawn from a seed: every factor by a stream of its own, so that none depends on another's draw."""
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from samples.fruit import SampleFruit, box_mm
+from samples.scenes.coin import Coin, draw_coin
+from samples.scenes.ground import GROUNDS, Ground, draw_ground
+from samples.scenes.light import Light, draw_light
+from samples.scenes.phone import PIPELINES, Pipeline, Shot, draw_pipeline
+from samples.scenes.shape import draw_fruit
+from samples.scenes.sheet import Sheet, draw_sheet
+from samples.scenes.skin import SkinLook, draw_skin
+from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, Camera, draw_camera, hand_held
+from samples.viewpoints import View
+
+FAMILIES = ("mat", "phone")
+FIRST_SEED = {"mat": 4000, "phone": 7000}
+_SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN = range(8)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Everything that is true of one set of photos. `half` is work (even index) or scored (odd: kept for a
+    final score, nobody tunes on it). Of the family phone `sheet` is None: no mat, at most a coin.
+    """
+
+    family: str
+    index: int
+    seed: int
+    half: str
+    fruit_kind: str
+    fruit: SampleFruit
+    skin: SkinLook
+    ground: Ground
+    sheet: Sheet | None
+    coin: Coin | None
+    light: Light
+    camera: Camera
+    pipeline: Pipeline
+    shots: tuple[Shot, ...]
+    views: tuple[View, ...]
+
+    @property
+    def name(self) -> str:
+        """The name of its folder."""
+        return f"{'set' if self.family == 'mat' else self.family}-{self.index:03d}"
+
+
+def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
+    """Scene number `index` of a family, the same for the same arguments; seed 4000 (7000) + index.
+
+    Raises KeyError for a family that is not one of FAMILIES.
+    """
+    seed = FIRST_SEED[family] + index
+    phone = family == "phone"
+
+    def stream(factor: int) -> np.random.Generator:
+        return np.random.default_rng([seed, factor])
+
+    kind, fruit = draw_fruit(stream(_SHAPE), fruit_id=f"{family}-{index:03d}", seed=seed)
+    low, high = box_mm(fruit.skin)
+    size = float((high - low).max())
+    sheet = None if phone else draw_sheet(stream(_SHEET), fruit_kind=kind)
+    coin = draw_coin(stream(_COIN), fruit_radius_mm=float(high[:2].max())) if phone else None
+    if phone:
+        field = (2.8 * size + (40 if coin else 0), 3.6 * size + (60 if coin else 0))
+    else:
+        field = (105.0, 150.0) if sheet is not None and sheet.size == "small" else (205.0, 270.0)
+    pipeline, shots = draw_pipeline(stream(_PIPELINE), photos=photos, kinds=("phone",) if phone else PIPELINES)
+    camera = draw_camera(stream(_CAMERA), photos=photos, field_mm=field, fewest_rings=1 if phone else 2)
+    views = hand_held(
+        camera,
+        aim_mm=(0.0, 0.0, 0.42 * float(high[2])),
+        focal_scales=np.array([shot.focal_scale for shot in shots]),
+    )
+    return Scene(
+        family=family,
+        index=index,
+        seed=seed,
+        half="scored" if index % 2 else "work",
+        fruit_kind=kind,
+        fruit=fruit,
+        skin=draw_skin(stream(_SKIN)),
+        ground=draw_ground(stream(_GROUND), kinds=("cloth", "wood") if phone else GROUNDS),
+        sheet=sheet,
+        coin=coin,
+        light=draw_light(stream(_LIGHT)),
+        camera=camera,
+        pipeline=pipeline,
+        shots=shots,
+        views=views,
+    )
+
+
+def scene_mapping(scene: Scene) -> dict[str, Any]:
+    """What scene.json holds: every drawn factor by its plain name, and per photo what differs."""
+    fruit = scene.fruit
+    low, high = box_mm(fruit.skin)
+    return {
+        "format": "drupe-photo-scene",
+        "version": 1,
+        "name": scene.name,
+        "family": scene.family,
+        "index": scene.index,
+        "seed": scene.seed,
+        "half": scene.half,
+        "height_mm": float(high[2] - low[2]),
+        "fruit": {
+            "kind": scene.fruit_kind,
+            "size_mm": (high - low).tolist(),
+            "E_MPa": fruit.E_MPa,
+            "poisson_ratio": fruit.poisson_ratio,
+            "ripeness": fruit.ripeness,
+            "shape": {**asdict(fruit.skin), "cubic": fruit.skin.cubic.tolist()},
+            "pit": asdict(fruit.pit),
+        },
+        "skin": asdict(scene.skin),
+        "ground": asdict(scene.ground),
+        "mat": asdict(scene.sheet) if scene.sheet is not None else None,
+        "coin": asdict(scene.coin) if scene.coin is not None else None,
+        "light": asdict(scene.light),
+        "camera": {**asdict(scene.camera), "width_px": WIDTH_PX, "height_px": HEIGHT_PX},
+        "pipeline": asdict(scene.pipeline),
+        "photos": [
+            {"name": f"{k:03d}.jpg", **asdict(shot), "focal_px": view.focal_px}
+            for k, (shot, view) in enumerate(zip(scene.shots, scene.views, strict=True))
+        ],
+    }

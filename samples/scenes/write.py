@@ -1,0 +1,105 @@
+"""A scene as a folder: photos/, mat.json, fruit_truth.ply, cameras_truth.json, scene.json."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.mat import mat_mapping
+from recon.mesh_file import write_mesh
+from samples.fruit import skin_mesh
+from samples.scenes.draw import Scene, scene_mapping
+from samples.scenes.jpeg import write_jpeg
+from samples.scenes.lens import distorted_picture, margin_px
+from samples.scenes.phone import developed, exposed
+from samples.scenes.render import RenderOptions, pictures
+from samples.scenes.sheet import sheet_mat
+
+# linear light that the metered part of a picture is brought to (by eye: paper is pale grey, not white)
+_PAPER_LEVEL = 0.62
+_SCENE_LEVEL = 0.16
+
+
+def complete(folder: Path, *, photos: int) -> bool:
+    """Whether a set is finished: scene.json is written last, and all photos are there."""
+    return (folder / "scene.json").is_file() and len(list((folder / "photos").glob("*.jpg"))) == photos
+
+
+def write_scene(
+    out: Path, scene: Scene, *, options: RenderOptions, progress: Callable[[str], None] | None = None
+) -> Path:
+    """Render a scene into out/<name>, which appears when all of it is written. Raises RendererMissing."""
+    folder, part = out / scene.name, out / f"{scene.name}.part"
+    shutil.rmtree(part, ignore_errors=True)
+    (part / "photos").mkdir(parents=True)
+    if scene.sheet is not None:
+        _write_json(part / "mat.json", mat_mapping(sheet_mat(scene.sheet)))
+    write_mesh(part / "fruit_truth.ply", *skin_mesh(scene.fruit.skin, cells=72))
+    _write_json(part / "cameras_truth.json", cameras_mapping(scene))
+    facts = scene_mapping(scene)
+    gain = 0.0
+    rng = np.random.default_rng([scene.seed, 20])
+    for k, pinhole in enumerate(pictures(scene, options=options)):
+        view, shot = scene.views[k], scene.shots[k]
+        margin = margin_px(view, k1=scene.pipeline.k1)
+        light = distorted_picture(pinhole, view, k1=scene.pipeline.k1, margin=margin)
+        if k == 0 or scene.pipeline.metered_each:
+            gain = metered_gain(light, with_mat=scene.sheet is not None) * 2**scene.camera.exposure_ev
+        counted = exposed(light, gain=gain, pipeline=scene.pipeline, shot=shot)
+        image = developed(counted, pipeline=scene.pipeline, rng=rng)
+        write_jpeg(
+            part / "photos" / f"{k:03d}.jpg", image, quality=scene.pipeline.jpeg_quality,
+            orientation=shot.orientation,
+        )  # fmt: skip
+        facts["photos"][k]["exposure_gain"] = gain
+        if progress is not None:
+            progress(f"{scene.name}: photo {k + 1} of {len(scene.views)}")
+    _write_json(part / "scene.json", facts)
+    shutil.rmtree(folder, ignore_errors=True)
+    part.rename(folder)
+    return folder
+
+
+def metered_gain(light: Float[np.ndarray, "h w 3"], *, with_mat: bool) -> float:
+    """The factor on linear light that exposes a picture: by its paper where there is a mat, else by its mean.
+
+    The 80th percentile of a picture of the mat is paper; without one the mean logarithm goes to a middle
+    grey, held back where it would burn the brightest twentieth.
+    """
+    luminance = np.maximum(light @ np.array([0.2126, 0.7152, 0.0722], dtype=light.dtype), 1e-6)
+    if with_mat:
+        return float(_PAPER_LEVEL / np.percentile(luminance, 80))
+    gain = _SCENE_LEVEL / np.exp(np.mean(np.log(luminance)))
+    return float(min(gain, 0.9 / np.percentile(luminance, 95)))
+
+
+def cameras_mapping(scene: Scene) -> dict[str, Any]:
+    """What cameras_truth.json holds: mean focal length (px), k1, and per photo pose and focal length.
+
+    R, t: camera (x right, y down, z ahead) from mat; pictures upright, principal point in the middle.
+    """
+    return {
+        "f": scene.camera.focal_px,
+        "k1": scene.pipeline.k1,
+        "width": scene.views[0].width_px,
+        "height": scene.views[0].height_px,
+        "cx_colmap": scene.views[0].width_px / 2,
+        "cy_colmap": scene.views[0].height_px / 2,
+        "views": [
+            {
+                "name": f"{k:03d}.jpg",
+                "f": view.focal_px,
+                "R": view.cam_from_world[:3, :3].tolist(),
+                "t": view.cam_from_world[:3, 3].tolist(),
+            }
+            for k, view in enumerate(scene.views)
+        ],
+    }
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
