@@ -27,17 +27,13 @@ class Block:
         """Centres of the filled cells."""
         return np.asarray(self.low_mm + (np.argwhere(self.filled) + 0.5) * self.cell_mm)
 
-    @property
-    def standing_points(self) -> Float[np.ndarray, "n 3"]:
-        """Centres of the filled cells, and of a foot that tapers from them to the ground at 45 degrees.
-
-        The lowest part of a fruit hides the ground in every view, so that a first look takes it for the
-        ground.
-        """
-        foot = self.filled.copy()
-        for layer in range(foot.shape[2] - 2, -1, -1):
-            foot[:, :, layer] |= ndimage.binary_erosion(foot[:, :, layer + 1])
-        return np.asarray(self.low_mm + (np.argwhere(foot) + 0.5) * self.cell_mm)
+    def with_column(self, *, reach: int) -> "Block":
+        """This block grown by `reach` cells, and everything straight below it, down to the box's floor."""
+        wide = np.pad(self.filled, ((reach, reach), (reach, reach), (0, reach)))
+        grown = ndimage.binary_dilation(wide, ndimage.generate_binary_structure(3, 1), iterations=reach)
+        grown = np.flip(np.logical_or.accumulate(np.flip(grown, axis=2), axis=2), axis=2)
+        low = self.low_mm - reach * self.cell_mm * np.array([1, 1, 0])
+        return Block(np.asarray(grown), low, self.cell_mm)
 
 
 def carve(

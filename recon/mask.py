@@ -1,6 +1,4 @@
-"""Which pixels are fruit: the odds of each pixel's colour under the fruit against the clean plate behind
-it.
-"""
+"""Which pixels are fruit: log odds of each pixel's colour under the fruit against the ground behind it."""
 
 from dataclasses import dataclass
 
@@ -15,7 +13,20 @@ from recon.plate import Plate, plate_seen_by
 LIGHTNESS_WEIGHT = 0.4
 BINS = 24
 MOST_LOG_ODDS = 6.0
-UNSEEN_DENSITY = 1e-6
+LEAST_NOISE_LAB = (1.5, 1.0)
+"""Least scale of lightness and of each chroma about the plate, Lab units, as JPEG and resampling leave."""
+DEGREES_OF_FREEDOM = 5.0
+DARKEST_SHADOW = 0.45
+"""Least factor of L* + 16 in a shadow: a tenth of the light."""
+LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
+"""Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
+STRANGE_SHARES = (0.005, 0.6)
+STRANGER = 10.0
+NEARBY = 0.08
+UNSEEN_DENSITY = 2.5e-8
+"""Of either: two percent of the pixels spread evenly over the 8e5 Lab units cubed of the sRGB gamut."""
+SPREAD_OF_QUANTILES = 2.07
+"""Standard deviations between the quantiles 0.15 and 0.85 of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -42,13 +53,28 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Palette:
-    """Colour densities (per Lab unit cubed) of the fruit and of what is no fruit, from sure pixels of all
-    views.
+class Behind:
+    """The ground as a photo's window would show it without the fruit: Lab colours, their range over the
+    eight neighbours (registration is not exact), how lightness and chroma scatter from view to view, and
+    where the plate is known; elsewhere the nearest known colour stands in.
     """
 
-    fruit: Float[np.ndarray, "b b b"]
-    other: Float[np.ndarray, "b b b"]
+    colours: Float[np.ndarray, "h w 3"]
+    lowest: Float[np.ndarray, "h w 3"]
+    highest: Float[np.ndarray, "h w 3"]
+    scatter: Float[np.ndarray, "h w 2"]
+    known: Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundNoise:
+    """How a photo's sure ground scatters about the plate: scales of lightness and chroma (Lab units), and the
+    share of pixels that a shadow has darkened since.
+    """
+
+    lightness: float
+    chroma: float
+    shadow_share: float
 
 
 def lab(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
@@ -78,75 +104,144 @@ def window_around(
     return Window(image[y0:y1, x0:x1], (x0, y0), shrink)
 
 
-def plate_difference(
-    colours: Float[np.ndarray, "h w 3"], window: Window, plate: Plate, camera: Camera
-) -> tuple[Float[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-    """Lab colour less the plate's behind it (lightness weighted down, against shadows), and where the plate
-    is known.
-
-    A pixel may differ from its own plate pixel for want of registration: the smallest difference to the
-    plate's range over the eight neighbours counts.
-    """
-    behind, known = plate_seen_by(
+def ground_behind(window: Window, plate: Plate, camera: Camera) -> Behind:
+    """The plate as the camera's window would show it."""
+    layers, known = plate_seen_by(
         plate, camera, corner_px=window.corner_px, size_px=window.small_size_px, shrink=window.shrink
     )
-    plate_lab = lab(cv2.GaussianBlur(behind, (3, 3), 0.7))
+    colours, dim, bright = (lab(cv2.GaussianBlur(layer, (3, 3), 0.7)) for layer in layers)
+    apart = np.abs(bright - dim) / SPREAD_OF_QUANTILES
+    scatter = np.stack([apart[..., 0], np.linalg.norm(apart[..., 1:], axis=2) / np.sqrt(2)], axis=2)
+    if known.any() and not known.all():
+        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+        colours, scatter = colours[tuple(nearest)], scatter[tuple(nearest)]
     cell = np.ones((3, 3), np.uint8)
-    low, high = cv2.erode(plate_lab, cell), cv2.dilate(plate_lab, cell)
-    difference = colours - np.clip(colours, low, high)
-    return difference * np.array([LIGHTNESS_WEIGHT, 1, 1], np.float32), known
+    return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), scatter, known)
 
 
-def first_odds(
-    difference: Float[np.ndarray, "h w 3"], known: Bool[np.ndarray, "h w"]
-) -> Float[np.ndarray, "h w"]:
-    """Log odds from the plate alone, before the fruit's colours are known; 0 where the plate is not known."""
-    distance = np.sqrt(np.sum(difference**2, axis=2))
-    quiet = float(np.median(distance[known])) if known.any() else 0.0
+def difference(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w 3"]:
+    """Lab colour less the nearest one in the plate's range."""
+    return np.asarray(colours - np.clip(colours, behind.lowest, behind.highest))
+
+
+def first_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
+    """Log odds from the plate alone, before the fruit's colours are known; 0 where the plate is not known.
+
+    Lightness is weighted down, against shadows that were cast in some photos only.
+    """
+    weight = np.array([LIGHTNESS_WEIGHT, 1, 1], np.float32)
+    distance = np.linalg.norm(difference(colours, behind) * weight, axis=2)
+    quiet = float(np.median(distance[behind.known])) if behind.known.any() else 0.0
     threshold = 9.0 + 2.0 * min(quiet, 5.0)
-    return np.where(known, np.clip((distance - threshold) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
+    return np.where(behind.known, np.clip((distance - threshold) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
 
 
-def learn_palette(fruit: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "m 3"]) -> Palette:
-    """Smoothed colour histograms of sure fruit and sure surroundings (Lab rows)."""
-    return Palette(_density(fruit), _density(other))
+def ground_noise(
+    colours: Float[np.ndarray, "h w 3"], behind: Behind, ground: Bool[np.ndarray, "h w"]
+) -> GroundNoise:
+    """Scales (1.48 median absolute deviations) over pixels that are surely ground."""
+    where = ground & behind.known
+    if where.sum() < 50:
+        return GroundNoise(lightness=4.0, chroma=3.0, shadow_share=0.1)
+    off = difference(colours, behind)[where]
+    lightness = max(LEAST_NOISE_LAB[0], 1.48 * float(np.median(np.abs(off[:, 0]))))
+    chroma = max(LEAST_NOISE_LAB[1], 1.05 * float(np.median(np.linalg.norm(off[:, 1:], axis=1))))
+    shadow = float((off[:, 0] < -4 * lightness).mean())
+    return GroundNoise(
+        lightness=min(lightness, 6.0), chroma=min(chroma, 5.0), shadow_share=max(shadow, LEAST_SHADOW_SHARE)
+    )
+
+
+def ground_density(
+    colours: Float[np.ndarray, "h w 3"], behind: Behind, noise: GroundNoise
+) -> Float[np.ndarray, "h w"]:
+    """Density (per Lab unit cubed) of a colour on the ground.
+
+    Lit as in the plate: Student's t about its colour. In a shadow cast since: L* + 16, a*, b* all scaled by
+    one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), every k alike. Where the plate is not known the
+    nearest known colour counts with three times the scatter and every second pixel in shadow, as next to
+    where a fruit stands.
+    """
+    unsure = np.where(behind.known, 1.0, 2.0)
+    shadow_share = np.where(behind.known, noise.shadow_share, UNKNOWN_SHADOW_SHARE)
+    lightness = np.hypot(noise.lightness, behind.scatter[..., 0]) * unsure
+    chroma = np.hypot(noise.chroma, behind.scatter[..., 1]) * unsure
+    off = difference(colours, behind)
+    lit = _student(off[..., 0], lightness) * _student_2(off[..., 1:], chroma)
+    k = (colours[..., 0] + 16) / (behind.colours[..., 0] + 16)
+    tint = colours[..., 1:] - k[..., None] * behind.colours[..., 1:]
+    range_L = (1 - DARKEST_SHADOW) * (behind.colours[..., 0] + 16)
+    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(tint, 1.5 * chroma) / range_L, 0.0)
+    return np.asarray((1 - shadow_share) * lit + shadow_share * dim)
+
+
+def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
+    """The cell of a BINS x BINS x BINS histogram over the Lab range that each colour falls in."""
+    step = np.array([BINS / 100, BINS / 200, BINS / 200], np.float32)
+    index = np.clip((colours + np.array([0, 100, 100], np.float32)) * step, 0, BINS - 1).astype(np.int32)
+    return np.asarray((index[..., 0] * BINS + index[..., 1]) * BINS + index[..., 2])
+
+
+def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
+    """Smoothed histogram of colours given by their cells, per Lab unit cubed."""
+    counts = np.bincount(cells, minlength=BINS**3).reshape(BINS, BINS, BINS).astype(float)
+    smooth = ndimage.gaussian_filter(counts, 0.8, mode="nearest")
+    cell = (100 / BINS) * (200 / BINS) ** 2
+    return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
+
+
+def density_at(density: Float[np.ndarray, " c"], cells: Int[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """A histogram's density at cells."""
+    return np.asarray(density[cells])
 
 
 def looks_like(
     colours: Float[np.ndarray, "h w 3"], sample: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, "h w"]:
     """Where a colour is as common in a sample as nine tenths of the sample's own colours are."""
-    density = _density(sample)
-    return np.asarray(density[_cells(colours)] >= np.percentile(density[_cells(sample)], 10))
+    cells = cells_of(sample)
+    density = colour_density(cells)
+    return np.asarray(density_at(density, cells_of(colours)) >= np.percentile(density_at(density, cells), 10))
+
+
+def strange_share(
+    ground: Float[np.ndarray, "h w"],
+    other: Float[np.ndarray, "h w"],
+    sure: Bool[np.ndarray, "h w"],
+) -> Float[np.ndarray, "h w"]:
+    """How often sure ground nearby is better told by the photo's own surroundings than by the plate.
+
+    `ground` and `other` are the densities of each pixel's colour under the plate and under the palette of
+    the surroundings. Rises where the ground shines or is not flat; carried into what is no sure ground by
+    normalised convolution over NEARBY of the window's side.
+    """
+    odd = (STRANGER * ground < other) & sure
+    width = NEARBY * len(sure)
+    size = (max(1, sure.shape[1] // 8), max(1, sure.shape[0] // 8))
+    count, of = (
+        cv2.GaussianBlur(
+            cv2.resize(m.astype(np.float32), size, interpolation=cv2.INTER_AREA), (0, 0), width / 8
+        )
+        for m in (odd, sure)
+    )
+    share = cv2.resize((count + 1e-6) / (of + 1e-4), sure.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.clip(share, *STRANGE_SHARES))
 
 
 def colour_odds(
-    colours: Float[np.ndarray, "h w 3"],
-    difference: Float[np.ndarray, "h w 3"],
-    known: Bool[np.ndarray, "h w"],
-    palette: Palette,
-    *,
-    noise: float,
+    inside: Float[np.ndarray, "h w"],
+    ground: Float[np.ndarray, "h w"],
+    other: Float[np.ndarray, "h w"],
+    strange: Float[np.ndarray, "h w"],
 ) -> Float[np.ndarray, "h w"]:
-    """log p(colour | fruit) - log p(colour | behind), clipped to +-6.
+    """log p(colour | fruit) - log p(colour | ground), clipped to +-6, from the colour's densities.
 
-    Behind a pixel is the plate where it is known: Student's t with 7 degrees of freedom and scale `noise`
-    about its colour, and hardly ever (0.2 %) the surroundings' palette; that palette alone where the plate is
-    not known. The fruit's palette has a floor for colours that were not among its sure pixels.
+    The ground is as the plate tells but for the share `strange`, which is as the surroundings are. Either has
+    a floor for colours that were not among its sure pixels.
     """
-    cells = _cells(colours)
-    fruit, other = palette.fruit[cells] + UNSEEN_DENSITY, palette.other[cells] + UNSEEN_DENSITY
-    square = np.sum(difference**2, axis=2) / noise**2
-    near = LIGHTNESS_WEIGHT * 0.3 / noise**3 * (1 + square / 7) ** -5
-    behind = np.where(known, near + 0.002 * other, other)
-    return np.asarray(np.clip(np.log(fruit) - np.log(behind), -MOST_LOG_ODDS, MOST_LOG_ODDS))
-
-
-def difference_noise(difference: Float[np.ndarray, "h w 3"], where: Bool[np.ndarray, "h w"]) -> float:
-    """Scale of the difference to the plate where there is no fruit, Lab units."""
-    if where.sum() < 50:
-        return 4.0
-    return float(np.clip(1.5 * np.median(np.sqrt(np.sum(difference[where] ** 2, axis=1))), 1.5, 6.0))
+    outside = (1 - strange) * ground + strange * other
+    odds = np.log(inside + UNSEEN_DENSITY) - np.log(outside + UNSEEN_DENSITY)
+    return np.asarray(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
 
 
 def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.ndarray, "h w"]:
@@ -158,15 +253,14 @@ def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.nd
     return np.asarray(ndimage.binary_fill_holes(found))
 
 
-def _cells(colours: Float[np.ndarray, "*n 3"]) -> tuple[Int[np.ndarray, "*n"], ...]:
-    step = np.array([100 / BINS, 200 / BINS, 200 / BINS])
-    index = np.clip(((colours + np.array([0, 100, 100])) / step).astype(int), 0, BINS - 1)
-    return index[..., 0], index[..., 1], index[..., 2]
+def _student(off: Float[np.ndarray, "h w"], scale: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Student's t density in one dimension, DEGREES_OF_FREEDOM = 5."""
+    nu = DEGREES_OF_FREEDOM
+    return np.asarray(0.3796 / scale * (1 + (off / scale) ** 2 / nu) ** (-(nu + 1) / 2))
 
 
-def _density(colours: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "b b b"]:
-    counts = np.zeros((BINS, BINS, BINS))
-    np.add.at(counts, _cells(colours), 1.0)
-    smooth = ndimage.gaussian_filter(counts, 0.8, mode="nearest")
-    cell = (100 / BINS) * (200 / BINS) ** 2
-    return np.asarray(smooth / max(len(colours), 1) / cell)
+def _student_2(off: Float[np.ndarray, "h w 2"], scale: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
+    """Student's t density in two dimensions."""
+    nu = DEGREES_OF_FREEDOM
+    square = np.sum(off**2, axis=-1) / scale**2
+    return np.asarray(1 / (2 * np.pi * scale**2) * (1 + square / nu) ** (-(nu + 2) / 2))

@@ -2,6 +2,7 @@
 itself.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -13,6 +14,7 @@ from scipy.spatial import KDTree
 from recon.camera import Camera
 from recon.hull import Silhouette
 from recon.mask import Window
+from recon.ring_path import best_rings
 
 SAMPLES = 1024
 LEASH = 4.0
@@ -22,6 +24,7 @@ EDGE_PX = 2.0
 BAND_PX = 12.0
 EDGE_BANDS_PX = ((3.0, 7.0), (1.5, 3.5))
 CLEAR_STEP = 0.05
+EDGE_SHARE = 0.36
 
 
 @dataclass(frozen=True)
@@ -47,24 +50,42 @@ def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
 
 
 def snapped(
-    outline: Outline,
-    odds: Float[np.ndarray, "h w"],
-    colours: Float[np.ndarray, "h w 3"],
+    outlines: Sequence[Outline],
+    odds: Sequence[Float[np.ndarray, "h w"]],
+    colours: Sequence[Float[np.ndarray, "h w 3"]],
     *,
     reach_px: float,
     most_odds: float,
     step_px: float = 0.5,
     bend: float = 2.0,
-) -> Outline:
-    """The closed path within `reach_px` of an outline that parts the odds best along a step of colour.
+) -> list[Outline]:
+    """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
 
     Sample i may shift by d along its normal; its gain is the sum of odds (each at most `most_odds`, so that a
     likeness of colours does not outweigh a plain edge) inside d less those outside, plus
     the colour step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole
-    reach. Neighbours may differ by one step, at a cost of `bend`: maximised exactly by dynamic programming
-    over the ring (started and ended at the same shift, found by a first run).
+    reach. Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the
+    ring.
     """
     shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
+    gains = [
+        _gain(outline, odd, colour, shifts, most_odds)
+        for outline, odd, colour in zip(outlines, odds, colours, strict=True)
+    ]
+    paths = best_rings(np.array(gains, np.float32), bend=bend, steepest=1)
+    moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
+    return [_even(points, smooth=1.5) for points in moved]
+
+
+def _gain(
+    outline: Outline,
+    odds: Float[np.ndarray, "h w"],
+    colours: Float[np.ndarray, "h w 3"],
+    shifts: Float[np.ndarray, " k"],
+    most_odds: float,
+) -> Float[np.ndarray, "n k"]:
+    step_px = float(shifts[1] - shifts[0])
+    reach_px = float(shifts[-1])
     wide = round(EDGE_PX / step_px)
     longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
     at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
@@ -76,35 +97,10 @@ def snapped(
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
     k = np.arange(len(shifts)) + wide
-    inside, outside = sums[:, k] - sums[:, k - wide], sums[:, k + 1 + wide] - sums[:, k + 1]
-    step = np.linalg.norm((outside - inside) / wide, axis=2)
+    apart = (sums[:, k + 1 + wide] - sums[:, k + 1] - sums[:, k] + sums[:, k - wide]) / wide
+    step = np.sqrt(np.einsum("nkc,nkc->nk", apart, apart))
     gain = 2 * total - values - total[:, -1:] + EDGE_GAIN * np.minimum(step / EDGE_LAB, 1.0)
-    gain -= LEASH * (shifts / reach_px) ** 2
-    middle = len(gain) // 2
-    path = _best_path(np.roll(gain, middle, axis=0), bend, None)
-    path = _best_path(gain, bend, int(path[middle]))
-    moved = outline.points + shifts[path][:, None] * outline.normals
-    return _even(moved, smooth=1.5)
-
-
-def _best_path(gain: Float[np.ndarray, "n k"], bend: float, fixed: int | None) -> np.ndarray:
-    count, width = gain.shape
-    best = gain[0].copy()
-    if fixed is not None:
-        best[:] = -np.inf
-        best[fixed] = gain[0, fixed]
-    back = np.zeros((count, width), np.int8)
-    for i in range(1, count):
-        left = np.concatenate([[-np.inf], best[:-1]]) - bend
-        right = np.concatenate([best[1:], [-np.inf]]) - bend
-        choices = np.stack([left, best, right])
-        back[i] = choices.argmax(0) - 1
-        best = choices.max(0) + gain[i]
-    path = np.zeros(count, int)
-    path[-1] = int(best.argmax()) if fixed is None else fixed
-    for i in range(count - 1, 0, -1):
-        path[i - 1] = path[i] + back[i, path[i]]
-    return path
+    return np.asarray(gain - LEASH * (shifts / reach_px) ** 2)
 
 
 def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
@@ -140,8 +136,8 @@ def _on_step(
     share = ndimage.gaussian_filter1d(share, 1.5, axis=0, mode="wrap")
     near = np.abs(shifts) <= nearest_px
     inner, outer = share[:, :-1][:, near[:-1]], share[:, 1:][:, near[:-1]]
-    crossing = (inner >= 0.5) & (outer < 0.5)
-    where = shifts[:-1][near[:-1]] + 0.5 * (inner - 0.5) / np.maximum(inner - outer, 1e-6)
+    crossing = (inner >= EDGE_SHARE) & (outer < EDGE_SHARE)
+    where = shifts[:-1][near[:-1]] + 0.5 * (inner - EDGE_SHARE) / np.maximum(inner - outer, 1e-6)
     where = np.where(crossing, where, np.inf)
     pick = np.abs(where).argmin(1)
     shift = where[np.arange(len(where)), pick]

@@ -1,126 +1,93 @@
-"""Which cells and pixels are fruit: the clean plate, the odds of each pixel, and a block carved by vote,
-thrice.
-"""
+"""Which cells and pixels are fruit: a clean plate, each pixel's odds, each photo's cut, a block by vote."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
-from scipy import ndimage
+from jaxtyping import Bool, Float, Int, UInt8
 
 from recon import mask as colour
 from recon.camera import Camera
 from recon.carve import Block, carve
 from recon.failure import ReconFailure, ReconProblem
-from recon.mask import Palette, Window
+from recon.mask import Behind, Window
 from recon.plate import Plate, clean_plate
+from recon.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
-FINE_SIDE_PX = 480
-PRIOR_ODDS = 4.0
+SURE_ODDS = 2.0
 FEWEST_CELLS = 60
 CORE_SHARE = 0.4
-SURE_ODDS = 2.0
 FEWEST_SURE_PIXELS = 500
+PRIOR_ODDS, PRIOR_SHARE = 8.0, 0.03
+LEARNT = 2
 
 
 @dataclass(frozen=True)
 class View:
-    """A photo's window around the fruit: Lab colours, their difference to the plate, and where that is
-    known.
-    """
+    """A photo's window around the fruit: Lab colours, their cells in a histogram, and the ground behind."""
 
     index: int
     window: Window
     camera: Camera
     colours: Float[np.ndarray, "h w 3"]
-    difference: Float[np.ndarray, "h w 3"]
-    known: Bool[np.ndarray, "h w"]
+    cells: Int[np.ndarray, "h w"]
+    behind: Behind
 
 
 @dataclass(frozen=True)
-class Segmented:
-    """Views, the log odds and the mask of each, and the block of cells that nearly all masks agree on."""
+class Bounds:
+    """What is known of the fruit in a view's shrunk window: surely fruit, and perhaps fruit."""
 
-    views: list[View]
-    odds: list[Float[np.ndarray, "h w"]]
-    masks: list[Bool[np.ndarray, "h w"]]
-    block: Block
-
-    def only(self, which: Sequence[int]) -> "Segmented":
-        """Some of the views."""
-        return Segmented(
-            [self.views[i] for i in which],
-            [self.odds[i] for i in which],
-            [self.masks[i] for i in which],
-            self.block,
-        )
+    sure: Bool[np.ndarray, "h w"]
+    perhaps: Bool[np.ndarray, "h w"]
 
 
-def segmented(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
-    cameras: Sequence[Camera],
-    *,
-    low_mm: Float[np.ndarray, "3"],
-    high_mm: Float[np.ndarray, "3"],
-) -> Segmented:
-    """The thing that stands on z = 0 inside a box, pixel by pixel.
+@dataclass(frozen=True)
+class Scene:
+    """Undistorted photos of one fruit on the plane z = 0, and the box (mm) that it stands in."""
 
-    A first plate (the fruit outvoted) gives a first block; from it come the fruit's colours and a plate
-    without the fruit, from these a better block, and once more. Raises ReconFailure (no-fruit) where nothing
-    stands there.
+    images: Sequence[UInt8[np.ndarray, "h w 3"]]
+    cameras: Sequence[Camera]
+    low_mm: Float[np.ndarray, "3"]
+    high_mm: Float[np.ndarray, "3"]
+
+    def plate(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> Plate:
+        """The ground without the fruit, which hides what `covered` marks in the photos."""
+        reach = float(np.abs(np.stack([self.low_mm, self.high_mm])[:, :2]).max())
+        half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
+        return clean_plate(self.images, self.cameras, half_width_mm=half_width, covered=covered)
+
+    def views(
+        self, plate: Plate, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int
+    ) -> list[View]:
+        """The photos' windows around some points, about `side_px` wide once shrunk."""
+        views = []
+        for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
+            window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
+            if window is not None:
+                behind = colour.ground_behind(window, plate, camera)
+                colours = window.small_lab()
+                views.append(View(i, window, camera, colours, colour.cells_of(colours), behind))
+        return views
+
+
+def first_block(scene: Scene) -> Block:
+    """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
+
+    The plate is the median over the photos, which must outvote the fruit. Raises ReconFailure (no-fruit)
+    where nothing stands there.
     """
-    reach = float(np.abs(np.stack([low_mm, high_mm])[:, :2]).max())
-    half_width = reach + min(2.5 * float(high_mm[2]), 4 * reach)
-    plate = clean_plate(images, cameras, half_width_mm=half_width)
-    views = _views(images, cameras, _corners(low_mm, high_mm), plate, margin=0.02, side=COARSE_SIDE_PX)
-    odds = [colour.first_odds(v.difference, v.known) for v in views]
-    masks = [colour.tidy(o) | ~v.known for o, v in zip(odds, views, strict=True)]
+    corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
+    views = scene.views(scene.plate(None), corners, margin=0.02, side_px=COARSE_SIDE_PX)
+    odds = [colour.first_odds(v.colours, v.behind) for v in views]
+    masks = [colour.tidy(o) | ~v.behind.known for o, v in zip(odds, views, strict=True)]
     try:
-        block = _carved(masks, views, low_mm, high_mm)
+        return _carved(masks, views, scene)
     except ReconFailure:
-        alike = _alike(views, odds, low_mm, high_mm)
-        block = _carved([m | a for m, a in zip(masks, alike, strict=True)], views, low_mm, high_mm)
-    for first in (True, False):
-        cells = block.standing_points if first else block.points
-        palettes = _palettes(views, odds, block, first=first)
-        covered = _covered(cells, block.cell_mm, images, cameras)
-        plate = clean_plate(images, cameras, half_width_mm=half_width, covered=covered)
-        low, high = block.points.min(0) - 4 * block.cell_mm, block.points.max(0) + 4 * block.cell_mm
-        low[2] = max(low[2], low_mm[2])
-        views = _views(images, cameras, _corners(low, high), plate, margin=0.12, side=FINE_SIDE_PX)
-        odds = _odds(views, palettes, cells, block.cell_mm)
-        masks = [colour.tidy(o) for o in odds]
-        block = _carved(masks, views, low, high)
-    return Segmented(views, odds, masks, block)
-
-
-def block_pixels(block: Block, view: View) -> Bool[np.ndarray, "h w"]:
-    """The block's shadow in a view's shrunk window."""
-    return _pixels(block.points, block.cell_mm, view)
-
-
-def _views(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
-    cameras: Sequence[Camera],
-    box: Float[np.ndarray, "8 3"],
-    plate: Plate,
-    *,
-    margin: float,
-    side: int,
-) -> list[View]:
-    views = []
-    for i, (image, camera) in enumerate(zip(images, cameras, strict=True)):
-        window = colour.window_around(image, camera, box, margin=margin, small_side_px=side)
-        if window is None:
-            continue
-        colours = window.small_lab()
-        views.append(
-            View(i, window, camera, colours, *colour.plate_difference(colours, window, plate, camera))
-        )
-    return views
+        alike = _alike(views, odds, scene.low_mm, scene.high_mm)
+        return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene)
 
 
 def _alike(
@@ -145,107 +112,96 @@ def _alike(
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & view.known])
+        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & view.behind.known])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
-        return [np.zeros_like(v.known) for v in views]
-    return [colour.looks_like(v.colours, pixels) & v.known for v in views]
+        return [np.zeros_like(v.behind.known) for v in views]
+    return [colour.looks_like(v.colours, pixels) & v.behind.known for v in views]
 
 
-def _carved(
-    masks: list[Bool[np.ndarray, "h w"]],
-    views: list[View],
-    low: Float[np.ndarray, "3"],
-    high: Float[np.ndarray, "3"],
-) -> Block:
+def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene) -> Block:
     """The coarse fruit that the masks agree on, or the failure that there is none."""
-    block = carve(masks, [v.window for v in views], [v.camera for v in views], low_mm=low, high_mm=high)
+    windows, cameras = [v.window for v in views], [v.camera for v in views]
+    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show nothing but the support")
     return block
 
 
-def _covered(
-    points: Float[np.ndarray, "n 3"],
-    cell_mm: float,
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
-    cameras: Sequence[Camera],
-) -> list[Bool[np.ndarray, "h w"]]:
-    """Pixels of whole photos that cells at the points may hide."""
-    out = []
-    for image, camera in zip(images, cameras, strict=True):
-        size = cell_mm * camera.focal_px / float(np.median(camera.into(points)[:, 2]))
-        at = np.rint(camera.project(points)).astype(int)
-        at = at[(at >= 0).all(1) & (at < [camera.width_px, camera.height_px]).all(1)]
-        hidden = np.zeros(image.shape[:2], np.uint8)
-        hidden[at[:, 1], at[:, 0]] = 1
-        reach = 2 * int(1.1 * size + 2) + 1
-        out.append(cv2.dilate(hidden, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
-    return out
+def learned_odds(
+    views: Sequence[View], bounds: Sequence[Bounds], centre_mm: Float[np.ndarray, "3"]
+) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """Log odds of fruit against ground in every view, and the mask that they make.
+
+    The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
+    ground's on what is surely not; then the fruit's once more, inside the first masks. Outside of what may
+    be fruit the odds are against it. `centre_mm` is about the fruit's middle.
+    """
+    ground = [
+        cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0
+        for b in bounds
+    ]
+    around = [v.cells[m] for v, m in zip(views, ground, strict=True)]
+    other_of_all = colour.colour_density(np.concatenate([c[::5] for c in around]))
+    told = []
+    for view, own, out, bound in zip(views, around, ground, bounds, strict=True):
+        on_plate = colour.ground_density(
+            view.colours, view.behind, colour.ground_noise(view.colours, view.behind, out)
+        )
+        palette = 0.1 * other_of_all + 0.9 * colour.colour_density(own[::2])
+        other = colour.density_at(palette, view.cells)
+        strange = colour.strange_share(on_plate, other, out)
+        strange = np.where(view.behind.known, strange, np.maximum(strange, 0.5))
+        prior = _prior(bound)
+        told.append((on_plate, other, strange, prior))
+    centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
+    sure = [b.sure for b in bounds]
+    odds: list[Float[np.ndarray, "h w"]] = []
+    masks: list[Bool[np.ndarray, "h w"]] = []
+    for _ in range(LEARNT):
+        inside = [v.cells[m] for v, m in zip(views, sure, strict=True)]
+        fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
+        odds = []
+        for view, own, (on_plate, other, strange, prior) in zip(views, inside, told, strict=True):
+            fruit = colour.density_at((fruit_of_all + colour.colour_density(own)) / 2, view.cells)
+            odds.append(colour.colour_odds(fruit, on_plate, other, strange) + prior)
+        masks = star_cuts(odds, [v.colours for v in views], centres)
+        sure = [eroded(m, 0.015 * len(m)) for m in masks]
+    return odds, masks
 
 
-def _pixels(points: Float[np.ndarray, "n 3"], cell_mm: float, view: View) -> Bool[np.ndarray, "h w"]:
-    columns, rows = view.window.small_size_px
-    at = np.rint(view.window.into_small(view.camera.project(points))).astype(int)
+def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
+    """Log odds for what is surely fruit, against what cannot be; each grows over PRIOR_SHARE of the side."""
+    width = PRIOR_SHARE * len(bound.sure)
+    outside = cv2.distanceTransform((~bound.perhaps).astype(np.uint8), cv2.DIST_L2, 3)
+    inside = cv2.distanceTransform(bound.sure.astype(np.uint8), cv2.DIST_L2, 3)
+    return np.asarray(PRIOR_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1)))
+
+
+def pixels_of(block: Block, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
+    """The cells' shadow in a camera's shrunk window."""
+    columns, rows = window.small_size_px
+    points = block.points
+    at = np.rint(window.into_small(camera.project(points))).astype(int)
     ok = (at >= 0).all(1) & (at[:, 0] < columns) & (at[:, 1] < rows)
     hit = np.zeros((rows, columns), np.uint8)
     hit[at[ok, 1], at[ok, 0]] = 1
-    depth = float(view.camera.into(points.mean(0)[None])[0, 2])
-    size = int(cell_mm * view.camera.focal_px / depth / view.window.shrink) + 2
+    depth = float(camera.into(points.mean(0)[None])[0, 2])
+    size = int(block.cell_mm * camera.focal_px / depth / window.shrink) + 2
     return np.asarray(
         cv2.morphologyEx(hit, cv2.MORPH_CLOSE, np.ones((2 * size + 1, 2 * size + 1), np.uint8)) > 0
     )
 
 
-def _palettes(
-    views: list[View],
-    odds: list[Float[np.ndarray, "h w"]],
-    block: Block,
-    *,
-    first: bool,
-) -> dict[int, Palette]:
-    """Per view: the fruit's colours in all views, and what lies around it, here as much as elsewhere."""
-    fruit, other = [], []
-    for view, odd in zip(views, odds, strict=True):
-        shadow, standing = (
-            _pixels(block.points, block.cell_mm, view),
-            _pixels(block.standing_points, block.cell_mm, view),
-        )
-        side = shadow.shape[0]
-        inner = ndimage.binary_erosion(
-            shadow, iterations=max(2, round((0.025 if first else 0.008) * side))
-        ) & (odd > (1 if first else -2))
-        outer = ~ndimage.binary_dilation(standing, iterations=max(3, round(0.04 * side)))
-        fruit.append(view.colours[inner][::3])
-        other.append(view.colours[outer][::5])
-    common = colour.learn_palette(np.concatenate(fruit), np.concatenate(other))
-    own = [colour.learn_palette(common_rows, common_rows).other for common_rows in other]
-    return {
-        v.index: Palette(common.fruit, (common.other + mine) / 2) for v, mine in zip(views, own, strict=True)
-    }
+def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w"]:
+    """What lies deeper inside than so many pixels, two at least."""
+    inside = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    return np.asarray(inside > max(2.0, by_px))
 
 
-def _odds(
-    views: list[View], palettes: dict[int, Palette], cells: Float[np.ndarray, "n 3"], cell_mm: float
-) -> list[Float[np.ndarray, "h w"]]:
-    """Colour odds, and up to +-PRIOR_ODDS for lying well inside or outside the cells carved before."""
-    out = []
-    for view in views:
-        shadow = _pixels(cells, cell_mm, view)
-        noise = colour.difference_noise(
-            view.difference, view.known & ~ndimage.binary_dilation(shadow, iterations=10)
-        )
-        odds = colour.colour_odds(
-            view.colours, view.difference, view.known, palettes[view.index], noise=noise
-        )
-        depth = cv2.distanceTransform(shadow.astype(np.uint8), cv2.DIST_L2, 5)
-        depth -= cv2.distanceTransform((~shadow).astype(np.uint8), cv2.DIST_L2, 5)
-        out.append(odds + PRIOR_ODDS * np.clip(depth / (0.05 * shadow.shape[0]), -1, 1))
-    return out
-
-
-def _corners(low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> Float[np.ndarray, "8 3"]:
-    return np.stack(np.meshgrid(*zip(low, high, strict=True)), axis=-1).reshape(-1, 3)
+def _disc(radius_px: int) -> UInt8[np.ndarray, "k k"]:
+    size = 2 * radius_px + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
 
 
 def no_fruit(fault: str) -> ReconFailure:

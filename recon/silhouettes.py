@@ -1,17 +1,30 @@
-"""All photos' outlines of the fruit together: masks made sharp in rounds of carving and projecting back."""
+"""All photos' outlines of the fruit together: cut from the outside in, then made sharp in rounds of carving
+and projecting back.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
-from scipy import ndimage
 
 from recon.camera import Camera
+from recon.carve import Block
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
+from recon.mask import Window
 from recon.outline import enlarged, kept_near, outline_of, sharpened, silhouette_of_outline, snapped
-from recon.segmentation import Segmented, block_pixels, no_fruit, segmented
+from recon.segmentation import (
+    Bounds,
+    Scene,
+    View,
+    eroded,
+    first_block,
+    learned_odds,
+    no_fruit,
+    pixels_of,
+)  # fmt: skip
 from recon.tangent import settled
 
 LOWEST_AGREEMENT = 0.85
@@ -19,29 +32,40 @@ FEWEST_VIEWS = 3
 MOST_INWARD_PX = 3.5
 DOUBT = 0.03
 SETTLED_LEVEL = 5
+SIDES_PX = (320, 420)
+COVER_SHRINK = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cover:
+    """What may hide the ground while the plate is made: the hull grown by a share of the fruit's size, and a
+    foot under it, a disc on the ground as wide as a share of the hull.
+    """
+
+    grown: float
+    foot: float
+
+
+COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
     """How far an outline may move, which share of views may be wrong, how much a pixel's odds may count
-    against a step of colour, whether the hull is settled on the outlines before, and what is done with the
-    outline found.
+    against a step of colour, and what is done with the outline found.
     """
 
     reach_px: float
     doubt: float
     most_odds: float
-    settle: bool
     keep: bool
     sharpen: bool
 
 
 ROUNDS = (
-    Round(reach_px=10.0, doubt=0.15, most_odds=2.5, settle=False, keep=False, sharpen=False),
-    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, settle=True, keep=False, sharpen=False),
-    Round(reach_px=5.0, doubt=0.08, most_odds=1.5, settle=True, keep=True, sharpen=False),
-    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, settle=True, keep=True, sharpen=True),
-    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, settle=True, keep=True, sharpen=True),
+    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, keep=False, sharpen=False),
+    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, keep=True, sharpen=True),
+    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True),
 )
 
 
@@ -60,6 +84,14 @@ class FoundFruit:
     clear_share: float
 
 
+@dataclass(frozen=True)
+class _Hull:
+    """The coarse hull of some outlines, settled on them."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+
+
 def find_fruit(
     images: Sequence[UInt8[np.ndarray, "h w 3"]],
     cameras: Sequence[Camera],
@@ -70,27 +102,33 @@ def find_fruit(
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
+    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown
+    in the plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the next.
     Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
     whole).
     """
-    found = _whole_views(segmented(images, cameras, low_mm=low_mm, high_mm=high_mm), len(images))
-    centre = found.block.points.mean(0)
-    longest = 2.0 * float(np.linalg.norm(found.block.points - centre, axis=1).max())
+    scene = Scene(images, cameras, low_mm, high_mm)
+    block = first_block(scene)
+    scene, names = _whole(scene, block)
+    centre = block.points.mean(0)
+    longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
 
-    def hull(
-        silhouettes: Sequence[Silhouette], level: int, doubt: float
-    ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
-        return visual_hull(
+    def hull(silhouettes: Sequence[Silhouette], level: int, doubt: float, *, settle: bool = True) -> _Hull:
+        vertices, faces = visual_hull(
             silhouettes, centre_mm=centre, longest_mm=longest, floor_mm=0.0, level=level, doubt=doubt
         )
+        if settle:
+            vertices = settled(vertices, faces, silhouettes, floor_mm=0.0).vertices
+        return _Hull(vertices, faces)
 
-    silhouettes = [
-        silhouette_of_mask(_near(m, found, i), v.window, v.camera)
-        for i, (m, v) in enumerate(zip(found.masks, found.views, strict=True))
-    ]
-    mesh = hull(silhouettes, 4, ROUNDS[0].doubt)
+    views, odds, masks = _cut_block(scene, block)
+    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, 0.15, settle=False)
+    for cover, side_px in zip(COVERS, SIDES_PX, strict=True):
+        views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
+        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, 0.15)
     agreement = [
-        _overlap(drawn(*mesh, v.window, v.camera), m) for v, m in zip(found.views, found.masks, strict=True)
+        _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
+        for v, m in zip(views, masks, strict=True)
     ]
     kept = [i for i, a in enumerate(agreement) if a >= LOWEST_AGREEMENT]
     if len(kept) < FEWEST_VIEWS:
@@ -98,67 +136,127 @@ def find_fruit(
             f"the outlines of {len(agreement)} photos do not fit one body (mean overlap "
             f"{np.mean(agreement):.2f})"
         )
-    found, silhouettes = found.only(kept), [silhouettes[i] for i in kept]
-    clear = 0.0
+    views, odds = [views[i] for i in kept], [odds[i] for i in kept]
+    silhouettes, clear = [], 0.0
     for step in ROUNDS:
-        vertices, faces = hull(silhouettes, 4, step.doubt)
-        if step.settle:
-            vertices = settled(vertices, faces, silhouettes, floor_mm=0.0).vertices
-        silhouettes, clear = _refined(found, vertices, faces, step)
+        silhouettes, clear = _refined(views, odds, mesh, step)
+        mesh = hull(silhouettes, 4, step.doubt)
     coarse = min(level, SETTLED_LEVEL)
-    vertices, faces = hull(silhouettes, coarse, DOUBT)
-    found_surface = settled(vertices, faces, silhouettes, floor_mm=0.0)
-    vertices, faces = split(found_surface.vertices, coarse, level), ball(level)[1]
-    support = split(found_surface.support[:, None], coarse, level)[:, 0]
-    overlap = [_overlap(drawn(vertices, faces, s.window, s.camera), s.distance_px > 0) for s in silhouettes]
+    rough = hull(silhouettes, coarse, DOUBT, settle=False)
+    surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+    overlap = [
+        _overlap(drawn(surface.vertices, rough.faces, s.window, s.camera), s.distance_px > 0)
+        for s in silhouettes
+    ]
     return FoundFruit(
         silhouettes=tuple(silhouettes),
-        used=np.array([v.index for v in found.views], int),
-        vertices=vertices,
-        faces=faces,
-        support=support,
+        used=names[[v.index for v in views]],
+        vertices=split(surface.vertices, coarse, level),
+        faces=ball(level)[1],
+        support=split(surface.support[:, None], coarse, level)[:, 0],
         agreement=float(np.mean(overlap)),
         clear_share=clear,
     )
 
 
+def _cut_block(
+    scene: Scene, block: Block
+) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """Views, odds and masks, with the block and everything under it as what may be fruit."""
+    column = block.with_column(reach=2)
+    covered = []
+    for image, camera in zip(scene.images, scene.cameras, strict=True):
+        covered.append(_enlarged(pixels_of(column, Window(image, (0, 0), COVER_SHRINK), camera), image))
+    views = scene.views(scene.plate(covered), column.points, margin=0.12, side_px=SIDES_PX[0])
+    bounds = []
+    for view in views:
+        inner = pixels_of(block, view.window, view.camera)
+        bounds.append(Bounds(eroded(inner, 0.03 * len(inner)), pixels_of(column, view.window, view.camera)))
+    return views, *learned_odds(views, bounds, block.points.mean(0))
+
+
+def _cut_hull(
+    scene: Scene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
+) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """The same with a hull, grown, and a foot under it."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    half = np.ptp(mesh.vertices, axis=0) / 2
+    foot = np.stack(
+        [
+            middle[0] + cover.foot * half[0] * np.cos(turn),
+            middle[1] + cover.foot * half[1] * np.sin(turn),
+            np.zeros_like(turn),
+        ],
+        axis=1,
+    )
+    both = np.concatenate([mesh.vertices, foot])
+
+    def perhaps(window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
+        columns, rows = window.small_size_px
+        out = np.zeros((rows, columns), np.uint8)
+        outer = cv2.convexHull(window.into_small(camera.project(both)).astype(np.float32))
+        cv2.fillConvexPoly(out, np.rint(outer).astype(np.int32), 1)
+        depth = float(camera.into(middle[None])[0, 2])
+        reach = 2 * round(cover.grown * size * camera.focal_px / depth / window.shrink) + 1
+        return np.asarray(cv2.dilate(out, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
+
+    covered = [
+        _enlarged(perhaps(Window(image, (0, 0), COVER_SHRINK), camera), image)
+        for image, camera in zip(scene.images, scene.cameras, strict=True)
+    ]
+    views = scene.views(scene.plate(covered), both, margin=0.15, side_px=side_px)
+    bounds = []
+    for view in views:
+        inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
+        bounds.append(Bounds(eroded(inner, 0.025 * len(inner)), perhaps(view.window, view.camera)))
+    return views, *learned_odds(views, bounds, centre_mm)
+
+
+def _enlarged(mask: Bool[np.ndarray, "h w"], image: UInt8[np.ndarray, "H W 3"]) -> Bool[np.ndarray, "H W"]:
+    return np.asarray(
+        cv2.resize(mask.astype(np.uint8), image.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
+    )
+
+
+def _of_mask(mask: Bool[np.ndarray, "h w"], view: View) -> Silhouette:
+    return silhouette_of_mask(mask, view.window, view.camera)
+
+
 def _refined(
-    found: Segmented, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], step: Round
+    views: list[View], odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
 ) -> tuple[list[Silhouette], float]:
     """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
+    drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
+    expected = [outline for outline in drawings if outline is not None]
+    if len(expected) < len(views):
+        raise no_fruit("its outline was lost while it was refined")
+    found = snapped(
+        expected, odds, [v.colours for v in views], reach_px=step.reach_px, most_odds=step.most_odds
+    )
     silhouettes, clear = [], []
-    for view, odd in zip(found.views, found.odds, strict=True):
-        expected = outline_of(drawn(vertices, faces, view.window, view.camera))
-        if expected is None:
-            raise no_fruit("its outline was lost while it was refined")
-        outline, window = (
-            snapped(expected, odd, view.colours, reach_px=step.reach_px, most_odds=step.most_odds),
-            view.window,
-        )
+    for view, outline, near in zip(views, found, expected, strict=True):
+        window = view.window
         if step.sharpen:
             outline, window = sharpened(outline, window)
-            expected = enlarged(expected, view.window.shrink)
+            near = enlarged(near, view.window.shrink)
         if step.keep:
-            outline = kept_near(outline, expected, inward_px=MOST_INWARD_PX)
+            outline = kept_near(outline, near, inward_px=MOST_INWARD_PX)
         clear.append(outline.clear_share)
         silhouettes.append(silhouette_of_outline(outline, window, view.camera))
     return silhouettes, float(np.mean(clear))
 
 
-def _near(mask: Bool[np.ndarray, "h w"], found: Segmented, index: int) -> Bool[np.ndarray, "h w"]:
-    """The part of a mask that the block stands for."""
-    shadow = block_pixels(found.block, found.views[index])
-    return mask & ndimage.binary_dilation(shadow, iterations=max(4, shadow.shape[0] // 20))
-
-
-def _whole_views(found: Segmented, given: int) -> Segmented:
-    """The views whose picture holds the whole block."""
+def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
+    """The photos that hold the whole block, and which they are."""
     whole = []
-    for i, view in enumerate(found.views):
-        pixels = view.camera.project(found.block.points)
-        inside = (pixels > 3) & (pixels < [view.camera.width_px - 4, view.camera.height_px - 4])
+    for i, camera in enumerate(scene.cameras):
+        pixels = camera.project(block.points)
+        inside = (pixels > 3) & (pixels < [camera.width_px - 4, camera.height_px - 4])
         if inside.all():
             whole.append(i)
+    given = len(scene.cameras)
     if len(whole) < FEWEST_VIEWS:
         raise ReconFailure(
             ReconProblem.FRUIT_CUT_OFF,
@@ -166,7 +264,10 @@ def _whole_views(found: Segmented, given: int) -> Segmented:
             "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
             "top open: take photos from two or three heights.",
         )
-    return found.only(whole)
+    kept = Scene(
+        [scene.images[i] for i in whole], [scene.cameras[i] for i in whole], scene.low_mm, scene.high_mm
+    )
+    return kept, np.array(whole, int)
 
 
 def _overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
