@@ -86,7 +86,9 @@ def _sheet(options: argparse.Namespace) -> None:
         paths = sorted((facts.parent / "photos").glob("*.jpg"))
         chosen = [paths[round(i)] for i in np.linspace(0, len(paths) - 1, options.each)]
         row = [cv2.resize(cv2.imread(str(p)), (400, 300), interpolation=cv2.INTER_AREA) for p in chosen]
-        kind = "-".join(str(scene[a][b]) for a, b in (("fruit", "kind"), ("skin", "colour"), ("skin", "gloss")))
+        kind = "-".join(
+            str(scene[a][b]) for a, b in (("fruit", "kind"), ("skin", "colour"), ("skin", "gloss"))
+        )
         where = f"{scene['ground']['kind']} {scene['light']['kind']} {scene['pipeline']['kind']}"
         state = scene["mat"]["state"] if scene["mat"] else "no mat"
         for line, text in enumerate((f"{scene['name']} {kind}", f"{where} {state}")):

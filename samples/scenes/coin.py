@@ -28,9 +28,7 @@ def draw_coin(rng: np.random.Generator, *, fruit_radius_mm: float) -> Coin | Non
         return None
     away = fruit_radius_mm + float(rng.uniform(15, 40)) + DIAMETER_MM / 2
     angle = float(rng.uniform(0, 2 * np.pi))
-    return Coin(
-        centre_mm=(away * np.cos(angle), away * np.sin(angle)), turn_deg=float(rng.uniform(0, 360))
-    )
+    return Coin(centre_mm=(away * np.cos(angle), away * np.sin(angle)), turn_deg=float(rng.uniform(0, 360)))
 
 
 def coin_mesh(
@@ -57,20 +55,18 @@ def coin_mesh(
     index = np.arange(r.size).reshape(r.shape)
     a, b = index[:-1], index[1:]
     c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
-    sides = np.concatenate(
-        [np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)]
-    )
+    sides = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
     return points.reshape(-1, 3), sides, colour.reshape(-1, 3)
 
 
 def _relief(x: np.ndarray, y: np.ndarray, rim: float) -> np.ndarray:
     side = 512
-    stamp = np.zeros((side, side), np.float32)
-    cv2.putText(stamp, "1", (90, 400), cv2.FONT_HERSHEY_TRIPLEX, 11.0, 1.0, 34, cv2.LINE_AA)
+    drawn = np.zeros((side, side), np.uint8)
+    cv2.putText(drawn, "1", (150, 370), cv2.FONT_HERSHEY_SIMPLEX, 9.0, 255, 40, cv2.LINE_AA)
     for k in range(12):
         at = (int(256 + 205 * np.cos(k * np.pi / 6)), int(256 + 205 * np.sin(k * np.pi / 6)))
-        cv2.circle(stamp, at, 12, 1.0, -1, cv2.LINE_AA)
-    cv2.circle(stamp, (256, 256), 246, 1.0, 14, cv2.LINE_AA)
-    stamp = cv2.GaussianBlur(stamp, (0, 0), 2.5)
+        cv2.circle(drawn, at, 12, 255, -1, cv2.LINE_AA)
+    cv2.circle(drawn, (256, 256), 246, 255, 14, cv2.LINE_AA)
+    stamp = cv2.GaussianBlur(drawn.astype(np.float32) / 255, (0, 0), 2.5)
     column, row = ((x / rim + 1) * side / 2).astype(np.float32), ((1 - y / rim) * side / 2).astype(np.float32)
     return np.asarray(cv2.remap(stamp, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))

@@ -69,7 +69,9 @@ def draw_scene(index: int, *, photos: int, family: str = "mat") -> Scene:
         field = (2.8 * size + (40 if coin else 0), 3.6 * size + (60 if coin else 0))
     else:
         field = (105.0, 150.0) if sheet is not None and sheet.size == "small" else (205.0, 270.0)
-    pipeline, shots = draw_pipeline(stream(_PIPELINE), photos=photos, kinds=("phone",) if phone else PIPELINES)
+    pipeline, shots = draw_pipeline(
+        stream(_PIPELINE), photos=photos, kinds=("phone",) if phone else PIPELINES
+    )
     camera = draw_camera(stream(_CAMERA), photos=photos, field_mm=field, fewest_rings=1 if phone else 2)
     views = hand_held(
         camera,

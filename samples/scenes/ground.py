@@ -94,7 +94,11 @@ def ground_texture(ground: Ground, *, side_px: int = TILE_PX) -> Float[np.ndarra
 
 def _wood(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
     # the grain runs along the columns of the picture
-    tone = 0.09 * _noise(rng, side, 5, 60) + 0.07 * _noise(rng, side, 14, 300) + 0.04 * _noise(rng, side, 40, 900)
+    tone = (
+        0.09 * _noise(rng, side, 5, 100)
+        + 0.07 * _noise(rng, side, 14, 400)
+        + 0.04 * _noise(rng, side, 40, 900)
+    )
     tone += 0.05 * _noise(rng, side, 3, 4)
     pores = _noise(rng, side, 120, 1400) > 2.0
     tone = np.where(pores, tone - 0.18, tone)
@@ -111,11 +115,11 @@ def _cloth(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
     threads = int(TILE_MM / rng.uniform(0.9, 1.8))
     along = np.arange(side) * threads / side
     which = along.astype(int)
-    warp = (0.10 * rng.normal(size=threads + 1))[which][None, :]
-    weft = (0.10 * rng.normal(size=threads + 1))[which][:, None]
+    warp = (0.08 * rng.normal(size=threads + 1))[which][None, :]
+    weft = (0.08 * rng.normal(size=threads + 1))[which][:, None]
     profile = np.abs(np.sin(np.pi * along))
     over = (which[:, None] + which[None, :]) % 2 == 0
-    tone = np.where(over, warp + 0.35 * profile[None, :], weft + 0.35 * profile[:, None]) - 0.25
+    tone = np.where(over, warp + 0.22 * profile[None, :], weft + 0.22 * profile[:, None]) - 0.15
     tone = tone + 0.06 * _noise(rng, side, 300, 300) + 0.05 * _noise(rng, side, 8, 8)
     base = np.broadcast_to(np.array(ground.srgb), (side, side, 3))
     if ground.pattern != "plain":
@@ -130,12 +134,18 @@ def _cloth(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
 
 
 def _steel(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
-    tone = 0.05 * _noise(rng, side, 6, 1600) + 0.04 * _noise(rng, side, 20, 700) + 0.03 * _noise(rng, side, 3, 3)
+    tone = (
+        0.05 * _noise(rng, side, 6, 1600) + 0.04 * _noise(rng, side, 20, 700) + 0.03 * _noise(rng, side, 3, 3)
+    )
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
 def _stone(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
-    tone = 0.10 * _noise(rng, side, 6, 6) + 0.10 * _noise(rng, side, 180, 180) + 0.08 * _noise(rng, side, 600, 600)
+    tone = (
+        0.10 * _noise(rng, side, 6, 6)
+        + 0.10 * _noise(rng, side, 180, 180)
+        + 0.08 * _noise(rng, side, 600, 600)
+    )
     dark, pale = _noise(rng, side, 320, 320) > 1.5, _noise(rng, side, 260, 260) > 1.7
     tone = np.where(dark, tone - 0.45, np.where(pale, tone + 0.35, tone))
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))

@@ -1,5 +1,7 @@
 """Mild radial lens distortion: x_d = x_u (1 + k1 |x_u|^2) in units of the focal length, about the centre."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 from jaxtyping import Float
@@ -7,9 +9,7 @@ from jaxtyping import Float
 from samples.viewpoints import View
 
 
-def distorted_pixels(
-    pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float
-) -> Float[np.ndarray, "n 2"]:
+def distorted_pixels(pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float) -> Float[np.ndarray, "n 2"]:
     """Where the lens puts what a pinhole would put at `pixels` (centre of the first pixel (0, 0))."""
     middle = _middle(view)
     x = (pixels - middle) / view.focal_px
@@ -26,11 +26,12 @@ def pinhole_pixels(pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float) -
     return np.asarray(middle + view.focal_px * x)
 
 
-def margin_px(view: View, *, k1: float) -> int:
-    """How many pixels more a pinhole picture needs on every side to fill the distorted one."""
-    corners = np.array([(0.0, 0.0), (view.width_px - 1.0, 0.0), (0.0, (view.height_px - 1) / 2)])
-    reach = pinhole_pixels(corners, view, k1=k1)
-    return int(max(0.0, np.ceil(-reach.min()))) + (2 if k1 else 0)
+def margin_px(views: Sequence[View], *, k1: float) -> int:
+    """How many pixels more a pinhole picture needs on every side to fill the distorted one, in every view."""
+    reach = [
+        pinhole_pixels(np.array([(0.0, 0.0), (0.0, (v.height_px - 1) / 2)]), v, k1=k1).min() for v in views
+    ]
+    return int(max(0.0, np.ceil(-min(reach)))) + (2 if k1 else 0)
 
 
 def distorted_picture(

@@ -143,7 +143,9 @@ def photographer_mesh(view: View) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndar
     eye = -view.cam_from_world[:3, :3].T @ view.cam_from_world[:3, 3]
     out = eye[:2] / max(float(np.linalg.norm(eye[:2])), 1e-6)
     body = sphere.directions * [110.0, 210.0, 430.0]
-    turned = np.stack([out[0] * body[:, 0] - out[1] * body[:, 1], out[1] * body[:, 0] + out[0] * body[:, 1]], 1)
+    turned = np.stack(
+        [out[0] * body[:, 0] - out[1] * body[:, 1], out[1] * body[:, 0] + out[0] * body[:, 1]], 1
+    )
     centre = np.array([*(eye[:2] + 240.0 * out), eye[2] + 120.0])
     body = np.column_stack([turned, body[:, 2]]) + centre
     phone = np.array([(-75, -38, -6), (75, -38, -6), (75, 38, -6), (-75, 38, -6)], float)

@@ -49,10 +49,10 @@ class Shot:
 def draw_pipeline(
     rng: np.random.Generator, *, photos: int, kinds: tuple[str, ...] = PIPELINES
 ) -> tuple[Pipeline, tuple[Shot, ...]]:
-    """A pipeline of one of `kinds`, and its shots. A phone does each of its edits in four sets of five;
-    distortion in two, rotated storage in one of three.
+    """A pipeline of one of `kinds`, and its shots. Two of three are phones. A phone does each of its edits in
+    four sets of five, distortion in two of five, rotated storage in one of three.
     """
-    kind = str(rng.choice(sorted(kinds)))
+    kind = "phone" if rng.uniform() < 0.66 or "none" not in kinds else "none"
     plain = Pipeline(kind=kind)
     if kind == "none":
         return plain, (Shot(),) * photos
@@ -66,7 +66,7 @@ def draw_pipeline(
         tone_clip=float(on[2] * rng.uniform(1.2, 3.0)),
         tone_share=float(on[2] * rng.uniform(0.25, 0.75)),
         vignetting=float(on[3] * rng.uniform(0.08, 0.4)),
-        k1=float((rng.uniform() < 0.4) * rng.uniform(-0.05, 0.03)),
+        k1=float(rng.uniform(-0.05, 0.03)) if rng.uniform() < 0.4 else 0.0,
         gamma=float(rng.uniform(0.8, 1.25)),
         sensor_noise=float(rng.uniform(1.0, 4.0)),
         metered_each=bool(on[4]),
@@ -96,9 +96,9 @@ def exposed(
     """Linear light as the sensor counts it: vignetting, exposure, white balance, blur. Channels R, G, B."""
     height, width = light.shape[:2]
     y, x = np.ogrid[:height, :width]
-    square = (((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / ((width**2 + height**2) / 4)).astype(
-        np.float32
-    )
+    square = (
+        ((x - (width - 1) / 2) ** 2 + (y - (height - 1) / 2) ** 2) / ((width**2 + height**2) / 4)
+    ).astype(np.float32)
     counted = light * (gain * (1 - pipeline.vignetting * square))[..., None]
     counted = counted * np.asarray(shot.gains, dtype=np.float32)
     if shot.blur_px:
@@ -139,5 +139,7 @@ def _phone_edits(
         brighter = pipeline.tone_share * (after.astype(np.float32) - before)
         levels = levels * (1 + brighter / np.maximum(before, 12.0))[..., None]
     if pipeline.sharpening:
-        levels = levels + pipeline.sharpening * (levels - cv2.GaussianBlur(levels, (0, 0), pipeline.sharpening_px))
+        levels = levels + pipeline.sharpening * (
+            levels - cv2.GaussianBlur(levels, (0, 0), pipeline.sharpening_px)
+        )
     return np.asarray(levels)

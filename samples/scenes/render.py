@@ -1,14 +1,17 @@
 """Path-traced pictures of a scene: the whole frame with few light samples, the fruit's crop with more."""
 
-from collections.abc import Callable, Iterator
+import importlib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
 from samples.cubed_sphere import even_sphere
-from samples.photos import _denoiser, _mitsuba, _normals, _sensor
+from samples.failure import RendererMissing
+from samples.photos import _mitsuba, _normals, _sensor
 from samples.scenes.coin import coin_mesh
 from samples.scenes.draw import Scene
 from samples.scenes.ground import ground_shape
@@ -20,65 +23,82 @@ from samples.viewpoints import View
 
 _PAPER_BELOW_MM = 0.02
 _TABLE_BELOW_MM = 0.3
-_CROP_SHARE = 0.25  # of the projected box, added on every side... half of it on each
+_WINDOW_OVER_BOX = 1.25
 _FEATHER_PX = 8
+_LEAST_ALBEDO = 0.05  # what is seen by reflection alone has light, too
 
 
 @dataclass(frozen=True, kw_only=True)
 class RenderOptions:
-    """Light samples per pixel of the frame and, in addition, of the fruit's crop; path depth; skin cells."""
+    """Light samples per pixel of the halved frame and of the fruit's window, surface samples per pixel of the
+    frame, path depth, skin cells.
+    """
 
     frame_samples: int = 4
+    print_samples: int = 9
     crop_samples: int = 6
     depth: int = 4
     skin_cells: int = 200
 
 
-def pictures(
-    scene: Scene, *, options: RenderOptions, first: int = 0
-) -> Iterator[Float[np.ndarray, "h w 3"]]:
+def pictures(scene: Scene, *, options: RenderOptions, first: int = 0) -> Iterator[Float[np.ndarray, "h w 3"]]:
     """Linear RGB light of each view as a pinhole sees it, `margin_px` pixels larger on every side.
 
-    Raises RendererMissing.
+    The frame's light is path-traced at half the resolution, divided by the surfaces' albedo, denoised, enlarged
+    and multiplied by the albedo at full resolution: print stays sharp, and a frame costs a quarter. The
+    fruit's window is path-traced at full resolution. Raises RendererMissing.
     """
     mi = _mitsuba()
-    denoise = _denoiser()
+    oidn = _denoiser()
     world = load_world(mi, scene, options=options)
-    integrator = mi.load_dict(
-        {"type": "aov", "aovs": "a:albedo,n:sh_normal", "path": {"type": "path", "max_depth": options.depth}}
-    )
+    surfaces = {"type": "aov", "aovs": "a:albedo,n:sh_normal"}
+    sees = mi.load_dict(surfaces)
+    lit = mi.load_dict({**surfaces, "path": {"type": "path", "max_depth": options.depth}})
     box = scene.fruit.skin.points_mm(even_sphere(12).directions)
-    for k, view in enumerate(scene.views):
-        if k < first:
-            continue
-        wide = widened(view, margin_px(view, k1=scene.pipeline.k1))
-        world.stand(view)
+    margin = margin_px(scene.views, k1=scene.pipeline.k1)
+    wides = [widened(view, margin) for view in scene.views]
+    windows = _windows(wides, box)
 
-        def shoot(
-            samples: int, crop: tuple[int, int, int, int], seed: int, wide: View = wide
-        ) -> Float[np.ndarray, "h w 9"]:
-            sensor = _sensor(mi, wide)
-            sensor["film"] |= dict(
-                zip(("crop_offset_x", "crop_offset_y", "crop_width", "crop_height"), crop, strict=True)
-            )
-            sensor["sampler"] = {"type": "multijitter", "sample_count": samples}
-            return np.array(
-                mi.render(
-                    world.scene, sensor=mi.load_dict(sensor), integrator=integrator, spp=samples, seed=seed
-                )
-            )
+    def shot(sensor: dict[str, Any], integrator: Any, samples: int, seed: int) -> Float[np.ndarray, "h w c"]:
+        made = mi.render(
+            world.scene, sensor=mi.load_dict(sensor), integrator=integrator, spp=samples, seed=seed
+        )
+        return np.array(made)
 
-        frame = shoot(options.frame_samples, (0, 0, wide.width_px, wide.height_px), 2 * k)
-        picture = _denoised(denoise, frame)
-        left, top, width, height = crop = _crop(wide, box)
-        window = np.s_[top : top + height, left : left + width]
-        if options.crop_samples:
-            more = shoot(options.crop_samples, crop, 2 * k + 1)
-            share = options.crop_samples / (options.crop_samples + options.frame_samples)
-            fine = _denoised(denoise, share * more + (1 - share) * frame[window])
-            edge = _feather(height, width)
-            picture[window] = edge * fine + (1 - edge) * picture[window]
+    for k in range(first, len(wides)):
+        wide = wides[k]
+        world.stand(wide)
+        coarse = shot(_sensor(mi, halved(wide)), lit, options.frame_samples, 3 * k)
+        clean = shot(_sensor(mi, wide), sees, options.print_samples, 3 * k + 1)
+        falling = coarse[..., :3] / _colour(coarse[..., 3:])
+        falling = oidn(falling, *_layers(coarse[..., 3:]), "high")
+        falling = cv2.resize(falling, (wide.width_px, wide.height_px), interpolation=cv2.INTER_LINEAR)
+        picture = falling * _colour(clean)
+        left, top, width, height = windows[k]
+        fine = shot(_window_sensor(mi, wide, windows[k]), lit, options.crop_samples, 3 * k + 2)
+        part = picture[top : top + height, left : left + width]
+        edge = _feather(height, width)
+        part[:] = edge * oidn(*_layers(fine), "high") + (1 - edge) * part
         yield picture
+
+
+def halved(view: View) -> View:
+    """The same view at half the resolution. Raises ValueError when a side is odd."""
+    if view.width_px % 2 or view.height_px % 2:
+        raise ValueError(f"a picture of {view.width_px} x {view.height_px} px cannot be halved")
+    return replace(
+        view, focal_px=view.focal_px / 2, width_px=view.width_px // 2, height_px=view.height_px // 2
+    )
+
+
+def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
+    """What light is multiplied by, from albedo and normal; one for the room behind, which has neither."""
+    room = np.clip(1 - np.linalg.norm(surfaces[..., 3:], axis=-1, keepdims=True), 0, 1)
+    return np.asarray(surfaces[..., :3] + room + _LEAST_ALBEDO)
+
+
+def _layers(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "h w 3"]]:
+    return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
 
 
 def fruit_mask(scene: Scene, k: int, *, options: RenderOptions) -> Bool[np.ndarray, "h w"]:
@@ -198,21 +218,48 @@ def _mesh(
     return mesh
 
 
-def _denoised(
-    denoise: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray], layers: Float[np.ndarray, "h w 9"]
-) -> Float[np.ndarray, "h w 3"]:
-    colour, albedo, normal = (np.ascontiguousarray(layers[..., c : c + 3]) for c in (0, 3, 6))
-    return np.array(denoise(colour, albedo, normal))
+def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray, str], np.ndarray]:
+    try:
+        pyoidn = importlib.import_module("pyoidn")
+    except ImportError as missing:
+        raise RendererMissing(
+            "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
+            "run in drupe's folder: pip install '.[samples]'"
+        ) from missing
+
+    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray, quality: str) -> np.ndarray:
+        return np.array(pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True, quality=quality))
+
+    return denoise
 
 
-def _crop(view: View, points_mm: Float[np.ndarray, "n 3"]) -> tuple[int, int, int, int]:
-    """Left, top, width and height of the points' box, a quarter larger, inside the picture."""
-    seen = view.pixels(points_mm)
-    low, high = seen.min(axis=0), seen.max(axis=0)
-    more = 0.5 * _CROP_SHARE * (high - low) + _FEATHER_PX
-    low = np.clip(np.floor(low - more), 0, [view.width_px - 32, view.height_px - 32]).astype(int)
-    high = np.clip(np.ceil(high + more), low + 32, [view.width_px, view.height_px]).astype(int)
-    return int(low[0]), int(low[1]), int(high[0] - low[0]), int(high[1] - low[1])
+def _windows(
+    views: Sequence[View], points_mm: Float[np.ndarray, "n 3"]
+) -> tuple[tuple[int, int, int, int], ...]:
+    """Left, top, width and height of a window round the points in each view: their box and a quarter more.
+
+    All are of one size, for another size costs the renderer a second of compilation.
+    """
+    lows, highs = [], []
+    for view in views:
+        seen = view.pixels(points_mm)
+        lows.append(seen.min(axis=0))
+        highs.append(seen.max(axis=0))
+    low, high = np.array(lows), np.array(highs)
+    size = np.ceil((high - low).max(axis=0) * _WINDOW_OVER_BOX).astype(int) + 2 * _FEATHER_PX
+    full = np.array([[view.width_px, view.height_px] for view in views])
+    size = np.minimum(size, full.min(axis=0))
+    corner = np.clip(np.rint((low + high) / 2 - size / 2).astype(int), 0, full - size)
+    return tuple((int(x), int(y), int(size[0]), int(size[1])) for x, y in corner)
+
+
+def _window_sensor(mi: Any, view: View, window: tuple[int, int, int, int]) -> dict[str, Any]:
+    """The sensor of a part of the picture."""
+    left, top, width, height = window
+    sensor = _sensor(mi, replace(view, width_px=width, height_px=height))
+    sensor["principal_point_offset_x"] = 0.5 - (view.width_px / 2 - left) / width
+    sensor["principal_point_offset_y"] = 0.5 - (view.height_px / 2 - top) / height
+    return sensor
 
 
 def _feather(height: int, width: int) -> Float[np.ndarray, "h w 1"]:

@@ -34,8 +34,8 @@ def draw_sheet(rng: np.random.Generator, *, fruit_kind: str) -> Sheet:
     small = bool(rng.uniform() < 0.67) and fruit_kind == "cherry"
     state = str(rng.choice(STATES))
     dirty, creased = state == "dirty", state == "creased"
-    stains, crumbs, folds = (int(rng.integers(low, high)) for low, high in ((3, 10), (5, 40), (1, 4)))
-    fold_mm, wave_mm = float(rng.uniform(0.15, 0.45)), float(rng.uniform(0.1, 0.3))
+    stains, crumbs, folds = (int(rng.integers(low, high)) for low, high in ((4, 13), (10, 60), (1, 4)))
+    fold_mm, wave_mm = float(rng.uniform(0.25, 0.55)), float(rng.uniform(0.1, 0.3))
     return Sheet(
         size="small" if small else "big",
         state=state,
@@ -65,7 +65,7 @@ def sheet_texture(sheet: Sheet, mat: Mat) -> Float[np.ndarray, "h w 3"]:
     )
     for angle, offset, _ in _folds(sheet, mat):
         from_fold = np.cos(angle) * x + np.sin(angle) * y - offset
-        worn = 0.10 * np.exp(-((from_fold / 0.35) ** 2))[..., None]
+        worn = 0.20 * np.exp(-((from_fold / 0.4) ** 2))[..., None]
         print_rgb = print_rgb * (1 - worn) + 0.55 * worn
     for _ in range(sheet.stains):
         print_rgb = _stained(print_rgb, x, y, mat, rng)
@@ -75,7 +75,9 @@ def sheet_texture(sheet: Sheet, mat: Mat) -> Float[np.ndarray, "h w 3"]:
         axes = (int(per_mm * rng.uniform(0.25, 1.1)), int(per_mm * rng.uniform(0.25, 0.8)))
         colour = np.array([0.30, 0.16, 0.06]) * rng.uniform(0.5, 1.6)
         print_rgb = np.ascontiguousarray(print_rgb, dtype=np.float32)
-        cv2.ellipse(print_rgb, centre, axes, float(rng.uniform(0, 180)), 0, 360, colour.tolist(), -1, cv2.LINE_AA)
+        cv2.ellipse(
+            print_rgb, centre, axes, float(rng.uniform(0, 180)), 0, 360, colour.tolist(), -1, cv2.LINE_AA
+        )
     return np.asarray(print_rgb, dtype=np.float32)
 
 
@@ -118,7 +120,7 @@ def _folds(sheet: Sheet, mat: Mat) -> list[tuple[float, float, float]]:
     turns = (0.0, np.pi / 2, rng.uniform(0, np.pi))
     offsets = (0.0, 0.0, 0.3 * mat.width_mm * rng.uniform(-1, 1))
     return [
-        (turn + rng.normal(0, 0.02), offset + rng.normal(0, 1.5), float(rng.uniform(2.5, 6.0)))
+        (turn + rng.normal(0, 0.02), offset + rng.normal(0, 1.5), float(rng.uniform(1.2, 3.0)))
         for turn, offset, _ in zip(turns, offsets, range(sheet.folds), strict=False)
     ]
 
@@ -127,7 +129,7 @@ def _stained(
     print_rgb: np.ndarray, x: np.ndarray, y: np.ndarray, mat: Mat, rng: np.random.Generator
 ) -> np.ndarray:
     at = rng.uniform(-0.5, 0.5, 2) * (mat.width_mm, mat.height_mm)
-    radius = mat.width_mm * rng.uniform(0.012, 0.075)
+    radius = mat.width_mm * rng.uniform(0.015, 0.09)
     angle = np.arctan2(y - at[1], x - at[0])
     rim = 1 + sum(
         rng.normal(0, 0.12 / k) * np.cos(k * angle + rng.uniform(0, 2 * np.pi)) for k in range(1, 7)
@@ -135,6 +137,8 @@ def _stained(
     inside = radius * rim - np.hypot(x - at[0], y - at[1])
     cover = 1 / (1 + np.exp(-np.clip(inside / 0.25, -30, 30)))
     dried_edge = np.exp(-((inside / (0.06 * radius + 0.2)) ** 2))
-    tint = np.array(((0.80, 0.35, 0.22), (0.85, 0.68, 0.35), (0.45, 0.32, 0.22), (0.55, 0.15, 0.25))[rng.integers(4)])
-    strength = rng.uniform(0.25, 0.9) * (0.6 * cover + 0.4 * dried_edge)[..., None]
+    tint = np.array(
+        ((0.80, 0.35, 0.22), (0.85, 0.68, 0.35), (0.45, 0.32, 0.22), (0.55, 0.15, 0.25))[rng.integers(4)]
+    )
+    strength = rng.uniform(0.35, 1.0) * (0.6 * cover + 0.4 * dried_edge)[..., None]
     return np.asarray(print_rgb * (1 - strength * (1 - tint)))

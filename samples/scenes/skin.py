@@ -104,8 +104,8 @@ def skin_attributes(
     srgb = srgb * (1 - stem) + np.array([0.45, 0.40, 0.18]) * stem
     roughness = np.full(len(directions), look.roughness)
     if look.bloom:
-        rubbed = random_field(directions, 4.0, rng) + 0.6 * random_field(directions, 14.0, rng)
-        layer = np.clip(look.bloom + 0.25 * rubbed, 0.02, 0.85)
+        rubbed = random_field(directions, 3.0, rng) + 0.5 * random_field(directions, 16.0, rng)
+        layer = np.clip(look.bloom + 0.15 * rubbed, 0.02, 0.85)
         srgb = srgb * (1 - layer[:, None]) + np.array(_BLOOM) * layer[:, None]
         roughness += np.sqrt(layer) * (_BLOOM_ROUGHNESS - roughness)
     return linear_rgb(srgb), np.clip(roughness, 0.05, 1.0)

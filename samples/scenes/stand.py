@@ -49,14 +49,16 @@ def draw_camera(
     else:
         heights, sizes = [float(rng.uniform(25, 42))], [photos]
     several = rng.uniform() < LIKELY_ODD and photos >= 6
-    odd = tuple(sorted(rng.choice(photos, int(rng.integers(2, 5)), replace=False).tolist())) if several else ()
+    odd = (
+        tuple(sorted(rng.choice(photos, int(rng.integers(2, 5)), replace=False).tolist())) if several else ()
+    )
     return Camera(
         focal_px=focal * WIDTH_PX,
         distance_mm=focal * field,
         field_mm=field,
         rings=tuple(Ring(elevation_deg=h, photos=n) for h, n in zip(heights, sizes, strict=True)),
         odd_photos=odd,
-        exposure_ev=float(rng.uniform(-0.7, 0.35)),
+        exposure_ev=float(rng.uniform(-0.5, 0.35)),
         hand_seed=int(rng.integers(1 << 30)),
     )
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from recon.mat import mat_mapping
+from recon.mat import Mat, mat_mapping
 from recon.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.scenes.draw import Scene, scene_mapping
@@ -18,6 +18,7 @@ from samples.scenes.lens import distorted_picture, margin_px
 from samples.scenes.phone import developed, exposed
 from samples.scenes.render import RenderOptions, pictures
 from samples.scenes.sheet import sheet_mat
+from samples.viewpoints import View
 
 # linear light that the metered part of a picture is brought to (by eye: paper is pale grey, not white)
 _PAPER_LEVEL = 0.62
@@ -36,45 +37,54 @@ def write_scene(
     folder, part = out / scene.name, out / f"{scene.name}.part"
     shutil.rmtree(part, ignore_errors=True)
     (part / "photos").mkdir(parents=True)
-    if scene.sheet is not None:
-        _write_json(part / "mat.json", mat_mapping(sheet_mat(scene.sheet)))
+    mat = sheet_mat(scene.sheet) if scene.sheet is not None else None
+    if mat is not None:
+        _write_json(part / "mat.json", mat_mapping(mat))
     write_mesh(part / "fruit_truth.ply", *skin_mesh(scene.fruit.skin, cells=72))
     _write_json(part / "cameras_truth.json", cameras_mapping(scene))
     facts = scene_mapping(scene)
-    gain = 0.0
-    rng = np.random.default_rng([scene.seed, 20])
+    margin = margin_px(scene.views, k1=scene.pipeline.k1)
+    lights, gains = [], []
     for k, pinhole in enumerate(pictures(scene, options=options)):
-        view, shot = scene.views[k], scene.shots[k]
-        margin = margin_px(view, k1=scene.pipeline.k1)
-        light = distorted_picture(pinhole, view, k1=scene.pipeline.k1, margin=margin)
-        if k == 0 or scene.pipeline.metered_each:
-            gain = metered_gain(light, with_mat=scene.sheet is not None) * 2**scene.camera.exposure_ev
-        counted = exposed(light, gain=gain, pipeline=scene.pipeline, shot=shot)
+        light = distorted_picture(pinhole, scene.views[k], k1=scene.pipeline.k1, margin=margin)
+        lights.append(light.astype(np.float16))
+        gains.append(metered_gain(light, mat=mat, view=scene.views[k]) * 2**scene.camera.exposure_ev)
+        if progress is not None:
+            progress(f"{scene.name}: photo {k + 1} of {len(scene.views)}")
+    if not scene.pipeline.metered_each:
+        gains = [float(np.percentile(gains, 40))] * len(gains)
+    rng = np.random.default_rng([scene.seed, 20])
+    for k, (light, shot) in enumerate(zip(lights, scene.shots, strict=True)):
+        counted = exposed(light.astype(np.float32), gain=gains[k], pipeline=scene.pipeline, shot=shot)
         image = developed(counted, pipeline=scene.pipeline, rng=rng)
         write_jpeg(
             part / "photos" / f"{k:03d}.jpg", image, quality=scene.pipeline.jpeg_quality,
             orientation=shot.orientation,
         )  # fmt: skip
-        facts["photos"][k]["exposure_gain"] = gain
-        if progress is not None:
-            progress(f"{scene.name}: photo {k + 1} of {len(scene.views)}")
+        facts["photos"][k]["exposure_gain"] = gains[k]
     _write_json(part / "scene.json", facts)
     shutil.rmtree(folder, ignore_errors=True)
     part.rename(folder)
     return folder
 
 
-def metered_gain(light: Float[np.ndarray, "h w 3"], *, with_mat: bool) -> float:
+def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: View) -> float:
     """The factor on linear light that exposes a picture: by its paper where there is a mat, else by its mean.
 
-    The 80th percentile of a picture of the mat is paper; without one the mean logarithm goes to a middle
-    grey, held back where it would burn the brightest twentieth.
+    Of points spread over the mat the 70th percentile is paper; without a mat the mean logarithm goes to a
+    middle grey, held back where it would burn more than a fiftieth of the picture.
     """
     luminance = np.maximum(light @ np.array([0.2126, 0.7152, 0.0722], dtype=light.dtype), 1e-6)
-    if with_mat:
-        return float(_PAPER_LEVEL / np.percentile(luminance, 80))
+    if mat is not None:
+        x, y = np.meshgrid(*(np.linspace(-0.48, 0.48, 60) * side for side in (mat.width_mm, mat.height_mm)))
+        points = np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+        ahead = points @ view.cam_from_world[2, :3] + view.cam_from_world[2, 3] > 10.0
+        seen = np.rint(view.pixels(points[ahead])).astype(int)
+        inside = np.all((seen >= 0) & (seen < [view.width_px, view.height_px]), axis=1)
+        column, row = seen[inside].T
+        return float(_PAPER_LEVEL / np.percentile(luminance[row, column], 70))
     gain = _SCENE_LEVEL / np.exp(np.mean(np.log(luminance)))
-    return float(min(gain, 0.9 / np.percentile(luminance, 95)))
+    return float(min(gain, 0.85 / np.percentile(luminance, 98)))
 
 
 def cameras_mapping(scene: Scene) -> dict[str, Any]:
