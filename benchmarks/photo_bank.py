@@ -4,10 +4,11 @@
         [--half work|scored] [--share 1/2] [--one-thread]
     python benchmarks/photo_bank.py sheet OUT PICTURE [--half work]
 
-draw: every set gets OUT/<set>/ with photos/, mat.json, fruit_truth.ply (mm), cameras_truth.json, scene.json.
-Sets that are complete are skipped, so a run that was broken off goes on. Even sets (half work) come first,
-then odd ones (half scored: kept for the final score, nobody tunes on them). --share 1/2 and --share 2/2 in two
-processes divide the sets between them. sheet: a contact sheet of the sets' photos. Needs the extra `samples`.
+draw: every set gets OUT/<set>/ with photos/, mat.json, fruit_truth.ply (mm), cameras_truth.json and
+scene.json. Sets that are complete are skipped, so a run that was broken off goes on. Even sets (half work)
+come first, then odd ones (half scored: kept for the final score, nobody tunes on them). --share 1/2 and
+--share 2/2 in two processes divide the sets between them. sheet: a contact sheet of the sets' photos. Needs
+the extra `samples`.
 """
 
 import argparse
@@ -61,18 +62,18 @@ def _draw(options: argparse.Namespace) -> None:
     if options.half is not None:
         order = [k for k in order if k % 2 == (options.half == "scored")]
     part, parts = (int(number) for number in options.share.split("/"))
-    start, processor = time.monotonic(), time.process_time()
-    for done, k in enumerate(order[part - 1 :: parts], start=1):
+    mine = order[part - 1 :: parts]
+    start = time.monotonic()
+    for done, k in enumerate(mine, start=1):
         scene = draw_scene(k, photos=options.photos, family=options.family)
         if complete(options.out / scene.name, photos=options.photos):
             continue
         before = time.process_time()
         write_scene(options.out, scene, options=RenderOptions())
-        spent = time.process_time() - before
+        each = (time.process_time() - before) / options.photos
         print(
-            f"{scene.name} ({done} of {len(order[part - 1 :: parts])}): {spent / options.photos:.2f} processor s"
-            f" a photo, {time.monotonic() - start:.0f} s since the start,"
-            f" {time.process_time() - processor:.0f} processor s",
+            f"{scene.name} ({done} of {len(mine)}): {each:.2f} processor s a photo,"
+            f" {time.monotonic() - start:.0f} s since the start",
             flush=True,
         )
 

@@ -128,7 +128,8 @@ def flash_mesh(
     turn = 2 * np.pi * np.arange(parts) / parts
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(parts)], axis=1)
     right, up = light.flash_offset_mm
-    ring = np.concatenate([max(inner, 0.01) * circle, outer * circle]) + [right, -up, -3.0]
+    ring = np.concatenate([max(inner, 0.01) * circle, outer * circle])
+    ring += np.array([right, -up, -3.0])
     k, following = np.arange(parts), (np.arange(parts) + 1) % parts
     # outward normals along the camera's +z
     triangles = np.concatenate(

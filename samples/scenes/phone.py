@@ -1,4 +1,4 @@
-"""What the camera makes of the light: none of it (a plain camera), or a phone's processing, as image edits."""
+"""What the camera makes of the light: a plain picture, or a phone's processing, as image edits."""
 
 from dataclasses import dataclass, replace
 

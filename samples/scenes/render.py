@@ -35,18 +35,18 @@ class RenderOptions:
     """
 
     frame_samples: int = 4
-    print_samples: int = 9
-    crop_samples: int = 6
+    print_samples: int = 8
+    crop_samples: int = 4
     depth: int = 4
     skin_cells: int = 200
 
 
-def pictures(scene: Scene, *, options: RenderOptions, first: int = 0) -> Iterator[Float[np.ndarray, "h w 3"]]:
+def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarray, "h w 3"]]:
     """Linear RGB light of each view as a pinhole sees it, `margin_px` pixels larger on every side.
 
-    The frame's light is path-traced at half the resolution, divided by the surfaces' albedo, denoised, enlarged
-    and multiplied by the albedo at full resolution: print stays sharp, and a frame costs a quarter. The
-    fruit's window is path-traced at full resolution. Raises RendererMissing.
+    The frame's light is path-traced at half the resolution, divided by the surfaces' albedo, denoised,
+    enlarged and multiplied by the albedo at full resolution: print stays sharp, and a frame costs a quarter.
+    The fruit's window is path-traced at full resolution. Raises RendererMissing.
     """
     mi = _mitsuba()
     oidn = _denoiser()
@@ -65,20 +65,19 @@ def pictures(scene: Scene, *, options: RenderOptions, first: int = 0) -> Iterato
         )
         return np.array(made)
 
-    for k in range(first, len(wides)):
-        wide = wides[k]
+    for k, wide in enumerate(wides):
         world.stand(wide)
         coarse = shot(_sensor(mi, halved(wide)), lit, options.frame_samples, 3 * k)
         clean = shot(_sensor(mi, wide), sees, options.print_samples, 3 * k + 1)
         falling = coarse[..., :3] / _colour(coarse[..., 3:])
-        falling = oidn(falling, *_layers(coarse[..., 3:]), "high")
+        falling = oidn(falling, *_layers(coarse[..., 3:]))
         falling = cv2.resize(falling, (wide.width_px, wide.height_px), interpolation=cv2.INTER_LINEAR)
         picture = falling * _colour(clean)
         left, top, width, height = windows[k]
         fine = shot(_window_sensor(mi, wide, windows[k]), lit, options.crop_samples, 3 * k + 2)
         part = picture[top : top + height, left : left + width]
         edge = _feather(height, width)
-        part[:] = edge * oidn(*_layers(fine), "high") + (1 - edge) * part
+        part[:] = edge * oidn(*_layers(fine)) + (1 - edge) * part
         yield picture
 
 
@@ -101,18 +100,20 @@ def _layers(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "h w 3
     return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
 
 
-def fruit_mask(scene: Scene, k: int, *, options: RenderOptions) -> Bool[np.ndarray, "h w"]:
-    """Where the renderer's ray through a pixel's centre meets the fruit first, in view k, without distortion."""
+def fruit_mask(scene: Scene, k: int, *, options: RenderOptions, finer: int = 4) -> Bool[np.ndarray, "h w"]:
+    """Which pixels of view k the fruit covers by more than half, seen by a pinhole; `finer`^2 rays each."""
     mi = _mitsuba()
     world = load_world(mi, scene, options=options)
     view = scene.views[k]
-    sensor = mi.load_dict(_sensor(mi, view))
-    y, x = np.mgrid[: view.height_px, : view.width_px].astype(np.float32)
-    at = mi.Point2f(((x + 0.5) / view.width_px).ravel(), ((y + 0.5) / view.height_px).ravel())
-    rays, _ = sensor.sample_ray(0.0, 0.5, at, mi.Point2f(0.5, 0.5))
-    met = world.scene.ray_intersect_preliminary(rays)
-    fruit = next(shape for shape in world.scene.shapes() if shape.id() == "fruit")
-    return np.array(met.is_valid() & (met.shape == mi.ShapePtr(fruit))).reshape(y.shape)
+    fine = replace(
+        view, focal_px=view.focal_px * finer, width_px=view.width_px * finer, height_px=view.height_px * finer
+    )
+    which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
+    met = mi.render(world.scene, sensor=mi.load_dict(_sensor(mi, fine)), integrator=which, spp=1)
+    fruit = next(i for i, shape in enumerate(world.scene.shapes()) if shape.id() == "fruit")
+    on_fruit = (np.array(met)[..., 0] == fruit).astype(np.float32)
+    covered = cv2.resize(on_fruit, (view.width_px, view.height_px), interpolation=cv2.INTER_AREA)
+    return np.asarray(covered > 0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -218,7 +219,7 @@ def _mesh(
     return mesh
 
 
-def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray, str], np.ndarray]:
+def _denoiser() -> Callable[..., np.ndarray]:
     try:
         pyoidn = importlib.import_module("pyoidn")
     except ImportError as missing:
@@ -227,8 +228,8 @@ def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray, str], np.ndarra
             "run in drupe's folder: pip install '.[samples]'"
         ) from missing
 
-    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray, quality: str) -> np.ndarray:
-        return np.array(pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True, quality=quality))
+    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        return np.array(pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True))
 
     return denoise
 

@@ -67,7 +67,7 @@ def draw_skin(rng: np.random.Generator) -> SkinLook:
         other_srgb=_rgb(other),
         mottle=float(rng.uniform(0.0, 0.35)),
         fine=float(rng.uniform(0.0, 0.06)),
-        specks=int(rng.choice([0, rng.integers(40, 700)])),
+        specks=int(rng.integers(40, 700) * rng.integers(2)),
         bloom=float(rng.uniform(0.25, 0.6)) if gloss == "bloom" else 0.0,
         roughness=float(roughness * rng.uniform(0.85, 1.15)),
         specular=specular,

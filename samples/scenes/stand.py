@@ -71,7 +71,7 @@ def hand_held(
 ) -> tuple[View, ...]:
     """One view per photo; photo k has the focal length focal_px times focal_scales[k]."""
     rng = np.random.default_rng([camera.hand_seed, 0])
-    views = []
+    views: list[View] = []
     for ring in camera.rings:
         start = rng.uniform(0, 360.0)
         for k in range(ring.photos):
