@@ -66,20 +66,33 @@ def quarter_disc(contact_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
 
 
 def solved(
-    path: Path, nodes: np.ndarray, elements: np.ndarray, on: np.ndarray, moves: list[np.ndarray]
+    path: Path,
+    nodes: np.ndarray,
+    elements: np.ndarray,
+    on: np.ndarray,
+    moves: list[np.ndarray],
+    *,
+    element: str = "CAX6",
+    held: np.ndarray | tuple[int, ...] = (),
+    E_MPa: float = E_MPA,
+    poisson_ratio: float = POISSON_RATIO,
 ) -> list:
-    """Displacement and reaction (r, z) of the nodes `on` for each prescribed motion along z of them."""
+    """Displacement and reaction (r, z) of the nodes `on` for each prescribed motion along z of them.
+
+    The nodes `held` do not move.
+    """
     with path.open("w") as deck:
         deck.write("*NODE, NSET=NALL\n")
         deck.writelines(f"{n}, {r:.10g}, {z:.10g}, 0.\n" for n, (r, z) in enumerate(nodes, start=1))
-        deck.write("*ELEMENT, TYPE=CAX6, ELSET=FLESH\n")
+        deck.write(f"*ELEMENT, TYPE={element}, ELSET=FLESH\n")
         deck.writelines(f"{n}, " + ", ".join(map(str, e)) + "\n" for n, e in enumerate(elements + 1, start=1))
-        deck.write(f"*MATERIAL, NAME=FLESH\n*ELASTIC\n{E_MPA}, {POISSON_RATIO}\n")
+        deck.write(f"*MATERIAL, NAME=FLESH\n*ELASTIC\n{E_MPa}, {poisson_ratio}\n")
         deck.write("*SOLID SECTION, ELSET=FLESH, MATERIAL=FLESH\n*NSET, NSET=PAD\n")
         deck.writelines(f"{n + 1}\n" for n in on)
         deck.write("*BOUNDARY\n")
         deck.writelines(f"{n + 1},2,2\n" for n in np.flatnonzero(np.abs(nodes[:, 1]) < 1e-9))
         deck.writelines(f"{n + 1},1,1\n" for n in np.flatnonzero(np.abs(nodes[:, 0]) < 1e-9))
+        deck.writelines(f"{n + 1},1,2\n" for n in held)
         for move in moves:
             deck.write("*STEP\n*STATIC\n*BOUNDARY\n")
             deck.writelines(f"{n + 1},2,2,{u:.12g}\n" for n, u in zip(on, move, strict=True))

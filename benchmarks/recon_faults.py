@@ -44,7 +44,7 @@ from recon.failure import ReconFailure
 from recon.mat import parse_mat
 from recon.mesh_file import Mesh, read_mesh
 from recon.photos import read_photos
-from recon.priors import load_prior
+from recon.priors import STONE_FRUIT, load_prior
 from recon.similarity import fitted_similarity
 from recon.surface import distances_mm, open3d
 
@@ -160,6 +160,8 @@ def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"
                 results=FruitResults(root / "out"),
                 settings=Settings(category="nectarine", recon=Recon(max_faces=3000)),
                 mat=mat,
+                category="nectarine",
+                body=STONE_FRUIT,
                 prior=load_prior("nectarine"),
                 given=Given(
                     height_mm=spoiled.height_mm, diameter_mm=spoiled.diameter_mm, mass_g=spoiled.mass_g

@@ -2,12 +2,12 @@
 
 import difflib
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pipeline.config import Settings, read_settings
+from pipeline.config import NO_PIT, Settings, read_settings
 from pipeline.fruits_table import FruitRow, read_fruits
 from pipeline.layout import BatchFolder
 from pipeline.problem import BatchRefused, Problem
@@ -15,25 +15,35 @@ from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
 from recon.measured_pit import load_pit
 from recon.mesh_file import SUFFIXES
-from recon.priors import PitPrior, known_categories
+from recon.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
 
 T = TypeVar("T")
 _NO_POISSON_RATIO = (
     'Poisson\'s ratio of the flesh is not known for the category "{}"; add the key poisson_ratio, '
     "for example poisson_ratio = 0.45."
 )
+_NO_PITS = (
+    'the category "{}" has no pit of its own, and {} no pit.ply; add it beside fruit.ply, or name a pit for '
+    'all under [pit]: prior = "core.toml" (or an STL, PLY or OBJ of it, mm), or prior = "none" where there '
+    "is none."
+)
+_OF_A_PIT = frozenset({"pit_offset", "pit_size", "loose_pit"})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What grading starts from; `prior` is None only where every fruit brings its own pit
-    and the settings hold Poisson's ratio.
+    """What grading starts from; `prior` is None only where no fruit needs its pit and the settings hold
+    Poisson's ratio.
+
+    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like.
     """
 
     folder: BatchFolder
     settings: Settings
     rows: tuple[FruitRow, ...]
     mat: Mat | None
+    category: str
+    body: Body
     prior: PitPrior | None
 
 
@@ -45,6 +55,7 @@ class Survey:
     settings: Settings | None
     rows: tuple[FruitRow, ...] | None
     mat: Mat | None
+    category: PitPrior | None
     prior: PitPrior | None
     problems: tuple[Problem, ...]
 
@@ -54,8 +65,15 @@ def open_batch(root: Path) -> Batch:
     found = survey(root)
     if found.problems or found.settings is None or found.rows is None:
         raise BatchRefused(found.problems)
+    known = found.category
     return Batch(
-        folder=found.folder, settings=found.settings, rows=found.rows, mat=found.mat, prior=found.prior
+        folder=found.folder,
+        settings=found.settings,
+        rows=found.rows,
+        mat=found.mat,
+        category=found.settings.category if known is None else known.category,
+        body=STONE_FRUIT if known is None else known.body,
+        prior=found.prior,
     )
 
 
@@ -63,7 +81,7 @@ def survey(root: Path) -> Survey:
     """Reads what can be read of the batch at `root`."""
     folder = BatchFolder(root)
     problems: list[Problem] = []
-    rows = mat = prior = None
+    rows = mat = category = prior = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
         told = _gather(problems, lambda: read_fruits(folder.table))
@@ -74,15 +92,20 @@ def survey(root: Path) -> Survey:
     if rows and not folder.mat.is_file():
         problems += _without_scale(folder, rows)
     if settings is not None:
-        missing: list[Problem] = []
-        prior = _gather(missing, lambda: read_prior(folder, settings))
-        if not _all_bring_pits(folder, rows):
-            problems += missing
-        elif prior is None and settings.poisson_ratio is None:
-            problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(settings.category)))
+        category, prior, wrong = _read_priors(folder, settings, rows)
+        problems += wrong
         problems += _without_model(folder, settings)
         problems += _effects_of_strangers(folder, settings, rows)
-    return Survey(folder=folder, settings=settings, rows=rows, mat=mat, prior=prior, problems=tuple(problems))
+        problems += _effects_without_pit(folder, settings, rows)
+    return Survey(
+        folder=folder,
+        settings=settings,
+        rows=rows,
+        mat=mat,
+        category=category,
+        prior=prior,
+        problems=tuple(problems),
+    )
 
 
 def read_mat(path: Path) -> Mat:
@@ -99,21 +122,96 @@ def read_mat(path: Path) -> Mat:
         raise BatchRefused([Problem(str(path), failure.detail)]) from None
 
 
+def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
+    """What the settings' category says, a shipped one or the batch's own file; raises BatchRefused."""
+    try:
+        return load_prior(as_named(folder.root, settings.category))
+    except ReconFailure as failure:
+        raise _refused(folder, "category", settings.category, failure, known_categories()) from None
+
+
 def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
     """The pit prior that the settings ask for; raises BatchRefused where there is none."""
-    named = settings.pit.prior or settings.category
+    named = settings.pit.prior
+    if named is None or settings.pit.none:
+        return read_category(folder, settings)
     try:
-        is_file = Path(named).suffix.lower() in (".toml", *SUFFIXES)
-        return load_pit(folder.root / named if is_file else named, category=settings.category)
+        return load_pit(as_named(folder.root, named), category=as_named(folder.root, settings.category))
     except ReconFailure as failure:
-        near = difflib.get_close_matches(named.lower(), known_categories(), n=1, cutoff=0.75)
-        sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
-        key = "pit.prior" if settings.pit.prior else "category"
-        raise BatchRefused([Problem(str(folder.settings), f'"{key}": {sentence}')]) from None
+        raise _refused(folder, "pit.prior", named, failure, (*known_categories(), NO_PIT)) from None
 
 
-def _all_bring_pits(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> bool:
-    return bool(rows) and all(folder.fruit(row.fruit_id).pit_ply.is_file() for row in rows or ())
+def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """The files of category and pit that the settings name, those inside the batch."""
+    named = [
+        folder.root / name for name in (settings.category, settings.pit.prior) if name and _is_file(name)
+    ]
+    return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
+
+
+def _is_file(named: str) -> bool:
+    return Path(named).suffix.lower() in (".toml", *SUFFIXES)
+
+
+def as_named(root: Path, named: str) -> str:
+    """A category's name as it is; a file's path, which is relative to `root`."""
+    return str(root / named) if _is_file(named) else named
+
+
+def _refused(
+    folder: BatchFolder, key: str, named: str, failure: ReconFailure, known: Sequence[str]
+) -> BatchRefused:
+    near = [] if _is_file(named) else difflib.get_close_matches(named.lower(), known, n=1, cutoff=0.75)
+    sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
+    return BatchRefused([Problem(str(folder.settings), f'"{key}": {sentence}')])
+
+
+def _read_priors(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
+    """What the category says, the pit prior in force, and what is wrong with the two or not said by either.
+
+    A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
+    """
+    unknown: list[Problem] = []
+    missing: list[Problem] = []
+    category = _gather(unknown, lambda: read_category(folder, settings))
+    prior = _gather(missing, lambda: read_prior(folder, settings))
+    bare = _without_pit(folder, rows)
+    problems = unknown if _is_file(settings.category) else []
+    if prior is None and (bare or not rows) and not settings.pit.none:
+        problems = list(dict.fromkeys([*problems, *missing]))
+    elif settings.poisson_ratio is None and (prior is None or prior.poisson_ratio is None) and not problems:
+        name = settings.category if category is None else category.category
+        problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
+    if prior is not None and not prior.has_pit and bare and not settings.pit.none:
+        shown = ", ".join(bare[:6]) + (", ..." if len(bare) > 6 else "")
+        lack = f"{shown} {'has' if len(bare) == 1 else 'have'}"
+        problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
+    return category, prior, problems
+
+
+def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
+    """Fruit that bring no pit of their own."""
+    return [row.fruit_id for row in rows or () if not folder.fruit(row.fruit_id).pit_ply.is_file()]
+
+
+def _effects_without_pit(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> list[Problem]:
+    """A confirmed effect of the pit must not be of fruit that have none."""
+    bare = _without_pit(folder, rows) if settings.pit.none else []
+    return [
+        Problem(
+            str(folder.settings),
+            f'"mismatch": {one.effect} is of the pit, and {fruit_id} has none (pit.prior is "none"); name '
+            "other fruit in its fruits, or take it out.",
+        )
+        for one in settings.mismatch
+        if one.effect in _OF_A_PIT
+        for fruit_id in bare
+        if one.fruits is None or fruit_id in one.fruits
+    ]
 
 
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:

@@ -8,14 +8,14 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 from fem.assembly import LARGEST_POISSON_RATIO
-from pipeline.batch import Batch, open_batch
+from pipeline.batch import Batch, as_named, open_batch
 from pipeline.config import Pit, Positive, Settings, read_toml
 from pipeline.layout import CaseFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
 from pipeline.records import Given
 from pipeline.task import FruitTask, fruit_task
 from recon.failure import ReconFailure
-from recon.priors import PitPrior, known_categories, load_prior
+from recon.priors import STONE_FRUIT, PitPrior, known_categories, load_prior
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
@@ -113,6 +113,8 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         results=FruitResults(work),
         settings=settings,
         mat=None,
+        category=said.category if prior is None else prior.category,
+        body=STONE_FRUIT if prior is None else prior.body,
         prior=prior,
         given=Given(),
         key="",
@@ -143,30 +145,27 @@ def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
 
 def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
     """The category's prior: needed where the case lacks a pit or Poisson's ratio, else of use only."""
+    prior, why = None, ""
     try:
-        return load_prior(said.category)
-    except ReconFailure:
-        missing = [
-            what
-            for what, given in (
-                ("pit.ply", folder.pit_ply.is_file()),
-                ("the key poisson_ratio", said.poisson_ratio is not None),
-            )
-            if not given
-        ]
-        if not missing or said.thickness_mm is not None:
-            return None
+        prior = load_prior(as_named(folder.root, said.category))
+    except ReconFailure as failure:
+        if said.category.endswith(".toml"):
+            raise BatchRefused([Problem(str(folder.settings), f'"category": {failure.detail}')]) from None
         near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
         hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
-        raise BatchRefused(
-            [
-                Problem(
-                    str(folder.settings),
-                    f'"category": there is no prior for "{said.category}"; add {" and ".join(missing)}, or '
-                    f"name a known category: {hint}",
-                )
-            ]
-        ) from None
+        why = f", or name a known category: {hint}"
+    indented = said.thickness_mm is not None
+    pit = indented or folder.pit_ply.is_file() or (prior is not None and prior.has_pit)
+    ratio = said.poisson_ratio is not None or (prior is not None and prior.poisson_ratio is not None)
+    missing = [what for what, there in (("pit.ply", pit), ("the key poisson_ratio", ratio)) if not there]
+    if missing:
+        lacks = f'there is no prior for "{said.category}"' if prior is None else _LEFT.format(prior.category)
+        sentence = f'"category": {lacks}; add {" and ".join(missing)}{why or "."}'
+        raise BatchRefused([Problem(str(folder.settings), sentence)])
+    return prior
+
+
+_LEFT = 'the category "{}" leaves that to the case'
 
 
 def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:

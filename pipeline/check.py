@@ -62,7 +62,9 @@ def _pit_fits(batch: Survey, folder: FruitFolder) -> None:
     fruit = read_mesh(folder.fruit_ply)
     if folder.pit_ply.is_file():
         embed_pit(*fruit, *read_mesh(folder.pit_ply))
-    elif batch.prior is not None:
+    elif batch.settings is not None and batch.settings.pit.none:
+        return
+    elif batch.prior is not None and batch.prior.has_pit:
         embed_pit(*fruit, *place_pit(*fruit, batch.prior))
 
 

@@ -51,12 +51,24 @@ class Grading(_Strict):
         return self
 
 
+NO_PIT = "none"
+"""The pit prior of fruit without a pit."""
+
+
 class Pit(_Strict):
-    """Which pit prior is embedded, and how far the true pit may be from it (standard deviations)."""
+    """Which pit prior is embedded, and how far the true pit may be from it (standard deviations).
+
+    Of prior "none", a fruit that brings no pit.ply has no pit.
+    """
 
     prior: str | None = None
     offset_sd_mm: Positive | None = None
     size_sd: Positive | None = None
+
+    @property
+    def none(self) -> bool:
+        """Whether fruit without a pit.ply have no pit."""
+        return self.prior == NO_PIT
 
 
 class Recon(_Strict):

@@ -97,7 +97,7 @@ def _explained(
         facts={
             "seconds": seconds,
             "case": case.name,
-            "category": case.task.settings.category,
+            "category": case.task.category,
             "grasps": found.grasps,
             "applied": done or None,
             "inputs": inputs,
@@ -114,7 +114,7 @@ def _explained(
     entry = explain_entry(
         explanation,
         name=case.name,
-        category=case.task.settings.category,
+        category=case.task.category,
         grasps=found.grasps,
         contacts_mm=found.contacts_mm,
         made=made,

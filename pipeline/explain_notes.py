@@ -71,7 +71,7 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
         *(warning for warning in warnings if warning not in foreign),
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
         *([FEW_RECORDINGS.format(count=len(fruit.placed))] if 1 < len(fruit.placed) <= FEW else []),
-        *([] if case.task.folder.pit_ply.is_file() else [CATEGORY_PIT]),
+        *([CATEGORY_PIT] if fruit.pit.record and not case.task.folder.pit_ply.is_file() else []),
         *case.notes,
         *(note for grasp in fruit.placed for note in _air(grasp)),
         *_swapped(fruit.placed),

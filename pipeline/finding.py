@@ -112,7 +112,8 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
     notes = dict.fromkeys(
         [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, diary.warnings)]
     )
-    budget, pit = handed.budget, fruit.pit.record.source
+    budget, pit = handed.budget, fruit.pit.record
+    off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
     return Finding(
         explanation=replace(found, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
@@ -120,8 +121,8 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
         facts=(
             ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
             ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),
-            ("Pit", pit),
-            ("Pit's place and size", f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"),
+            ("Pit", "none" if pit is None else pit.source),
+            *([] if pit is None else [("Pit's place and size", off)]),
             ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
         ),
     )

@@ -26,7 +26,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
             return one.number("nu"), one.spread("nu"), "found by drupe explain"
     if settings.poisson_ratio is not None:
         return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"
-    if prior is not None:
+    if prior is not None and prior.poisson_ratio is not None:
         sd = settings.poisson_ratio_sd
         return (
             prior.poisson_ratio,
@@ -37,7 +37,10 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
 
 
 def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
-    """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change."""
+    """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change.
+
+    Solid where there is no pit.
+    """
     sizes = task.settings.mesh
     arrays = (*pit.skin, pit.vertices, pit.faces, touched_mm)
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
@@ -46,8 +49,7 @@ def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) 
     def compute() -> Artifact:
         mesh = tetrahedralise(
             *pit.skin,
-            pit.vertices,
-            pit.faces,
+            *((pit.vertices, pit.faces) if len(pit.faces) else (None, None)),
             edge_mm=sizes.edge_mm,
             refine_at_mm=touched_mm,
             refine_edge_mm=sizes.pad_edge_mm,

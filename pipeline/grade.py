@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.alone import alone
-from pipeline.batch import Batch, open_batch
+from pipeline.batch import Batch, open_batch, own_files
 from pipeline.layout import Results, write_whole
 from pipeline.outcome import Outcome
 from pipeline.progress import BatchProgress
@@ -17,6 +17,7 @@ from pipeline.records import FruitRecord, read_record, write_record
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.stages import grade_fruit
+from pipeline.summary import decimals
 from pipeline.task import FruitTask, fruit_task
 from reports.entries import BatchEntry
 from reports.page import report_html
@@ -156,7 +157,8 @@ def _way_of_dying(exit_code: int | None) -> str:
 def _in_a_line(record: FruitRecord) -> str:
     if record.modulus is None:
         return f"{record.outcome}: {record.reason}"
-    return f"E = {record.modulus.E_MPa:.3f} ± {record.modulus.E_sd_MPa:.3f} MPa"
+    E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
+    return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa"
 
 
 def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
@@ -174,7 +176,7 @@ def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
 
 
 def _inputs(batch: Batch) -> list[Path]:
-    own = [batch.folder.settings, batch.folder.table]
+    own = [batch.folder.settings, batch.folder.table, *own_files(batch.folder, batch.settings)]
     if batch.mat is not None:
         own.append(batch.folder.mat)
     return own + [path for row in batch.rows for path in batch.folder.fruit(row.fruit_id).input_files()]

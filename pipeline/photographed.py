@@ -56,7 +56,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
                 *checked.warnings,
                 *whole.warnings,
                 *_photo_doubts(checked.photos, made),
-                *shape_doubts(vertices, whole.faces),
+                *shape_doubts(vertices, whole.faces, body=task.body),
             ],
         },
     )

@@ -11,6 +11,7 @@ from pipeline.layout import FruitResults, Results
 from pipeline.provenance import versions
 from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
 from pipeline.ripeness import Standing, agreement, standings
+from pipeline.summary import decimals
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
 
 RANKING_SEED = 20260814
@@ -42,7 +43,7 @@ def batch_entry(
     settings = batch.settings
     return BatchEntry(
         name=batch.folder.root.resolve().name,
-        category=settings.category,
+        category=batch.category,
         cultivar=settings.cultivar,
         lot=settings.lot,
         harvest_date=settings.harvest_date,
@@ -162,10 +163,11 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
             )
         )
     if record.modulus is not None:
+        places = decimals(record.modulus.E_sd_MPa)
         facts += [
-            (f"Error bar: {name}", f"± {value:.3f} MPa")
+            (f"Error bar: {name}", f"± {value:.{places}f} MPa")
             for name, value in record.modulus.parts_sd_MPa.items()
-            if value >= 0.0005
+            if value >= 0.5 * 10.0**-places
         ]
         if (found := record.modulus.pit_found) is not None:
             facts += _pit_found(found)

@@ -39,12 +39,15 @@ class Shape:
 
 @dataclass(frozen=True, kw_only=True)
 class Pit:
-    """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm."""
+    """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm.
+
+    Without a pit there is a skin alone, and no record.
+    """
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
     skin: Mesh
-    record: PitRecord
+    record: PitRecord | None
 
 
 def fruit_shape(task: FruitTask) -> Shape:
@@ -53,16 +56,16 @@ def fruit_shape(task: FruitTask) -> Shape:
     Its warnings say where photos, size and stance are doubtful.
     """
     shape = _fruit_shape(task)
-    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=task.mat is not None)
-    stance = stance_of(shape.vertices, shape.faces)
-    said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
-    if not task.folder.pit_ply.is_file():
-        doubts = [*doubts, *stance_doubts(stance)]
-    return replace(
-        shape,
-        warnings=(*shape.warnings, *doubts),
-        record=shape.record.model_copy(update={"stance": StanceRecord(**said)}),
-    )
+    on_mat = task.mat is not None
+    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=on_mat, body=task.body)
+    record = shape.record
+    if task.body.stem_and_suture:
+        stance = stance_of(shape.vertices, shape.faces)
+        said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
+        record = record.model_copy(update={"stance": StanceRecord(**said)})
+        if not task.folder.pit_ply.is_file():
+            doubts = [*doubts, *stance_doubts(stance)]
+    return replace(shape, warnings=(*shape.warnings, *doubts), record=record)
 
 
 def _fruit_shape(task: FruitTask) -> Shape:
@@ -87,7 +90,11 @@ def _fruit_shape(task: FruitTask) -> Shape:
             *mat_file,
             *([model_path] if model_path else []),
         ],
-        settings=[task.settings.recon.model_dump(), None if task.mat else task.given.height_mm],
+        settings=[
+            task.settings.recon.model_dump(),
+            None if task.mat else task.given.height_mm,
+            repr(task.body),
+        ],
         rooms=("pipeline", "recon", "reports"),
     )
     made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path))
@@ -133,11 +140,18 @@ def _shape(
 
 
 def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
-    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit; raises ReconFailure."""
+    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
     if task.folder.pit_ply.is_file():
         vertices, faces = read_mesh(task.folder.pit_ply)
         require_closed(vertices, faces, what="pit.ply")
         source = "pit.ply"
+    elif task.settings.pit.none:
+        return Pit(
+            vertices=np.empty((0, 3)),
+            faces=np.empty((0, 3), dtype=np.int64),
+            skin=(shape.vertices, shape.faces),
+            record=None,
+        )
     elif task.prior is not None:
         vertices, faces = place_pit(shape.vertices, shape.faces, task.prior)
         measured = task.prior.measured is not None
@@ -168,7 +182,9 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
 
 
 def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
-    """fruit.ply and pit.ply in the frame that the mesh was made in (with a mat: the mat's)."""
+    """fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the mat's)."""
     for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
+        if not len(part.faces):
+            continue
         placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
         write_whole(path, mesh_bytes(placed, part.faces, views=views))

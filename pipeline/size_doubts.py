@@ -5,24 +5,23 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.records import Given, MeshRecord
-from recon.priors import PitPrior
+from recon.priors import STONE_FRUIT, Body, PitPrior
 
 CALLIPER_SD_MM = 0.2
 LEAST_APART_MM = 0.7
 LEAST_APART = 0.02
 """Below these a calliper laid on soft skin, a stem or a leaning fruit explains the difference (estimate)."""
-DENSITY_G_PER_MM3 = (0.8e-3, 1.3e-3)
-"""Whole stone fruit: 0.94 for apricots (Ahmadi et al. 2009, Pakistan Journal of Nutrition 8:264), 1.24 for
-peaches (Emadi et al. 2011, World Applied Sciences Journal 12(1):119); the margin is an estimate."""
 
 
-def size_doubts(given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_mat: bool) -> list[str]:
+def size_doubts(
+    given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_mat: bool, body: Body = STONE_FRUIT
+) -> list[str]:
     """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
 
     A length is contradicted where it differs by more than three standard deviations of calliper, surface and
     scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
     """
-    wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh), *_kind(mesh, prior)]
+    wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh, body), *_kind(mesh, prior)]
     check = _what_to_check(given, mesh, on_mat=on_mat)
     return [
         *(f"{doubt}: {check}" for doubt in wrong),
@@ -71,15 +70,15 @@ def tolerance_mm(measured_mm: float, mesh: MeshRecord) -> float:
     return float(max(3 * sd, LEAST_APART_MM, LEAST_APART * measured_mm))
 
 
-def _mass(given: Given, mesh: MeshRecord) -> Iterator[str]:
+def _mass(given: Given, mesh: MeshRecord, body: Body) -> Iterator[str]:
     if given.mass_g is None:
         return
-    density = given.mass_g / mesh.volume_mm3
-    if not DENSITY_G_PER_MM3[0] <= density <= DENSITY_G_PER_MM3[1]:
+    density = 1000 * given.mass_g / mesh.volume_mm3
+    least, most = body.density_g_per_cm3
+    if not least <= density <= most:
         yield (
             f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g {given.mass_g:g}, "
-            f"so that the fruit would weigh {1000 * density:.2f} g/cm³, expected "
-            f"{1000 * DENSITY_G_PER_MM3[0]:.2f} to {1000 * DENSITY_G_PER_MM3[1]:.2f}"
+            f"so that the fruit would weigh {density:.2f} g/cm³, expected {least:.2f} to {most:.2f}"
         )
 
 

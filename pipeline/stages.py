@@ -103,6 +103,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 pit_vertices=pit.vertices,
                 pit_faces=pit.faces,
                 contacts_mm=touched_by_pad(placed),
+                axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
             ),
         )
 

@@ -1,5 +1,6 @@
 """What a run says on the terminal when it ends."""
 
+import math
 from pathlib import Path
 
 from rich.console import Console
@@ -8,6 +9,15 @@ from rich.table import Table
 
 from reports.entries import BatchEntry, ranked
 from reports.words import remarks
+
+
+def decimals(sd_MPa: float) -> int:
+    """How many a modulus is printed with: three, and more for what is known to less than a kPa.
+
+    >>> decimals(0.014), decimals(0.001), decimals(0.0004)
+    (3, 3, 4)
+    """
+    return max(3, math.ceil(-math.log10(sd_MPa))) if 0 < sd_MPa < 1 else 3
 
 
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
@@ -24,8 +34,8 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         table.add_row(
             str(fruit.rank),
             escape(fruit.fruit_id),
-            f"{fruit.E_MPa:.3f}",
-            f"{fruit.E_sd_MPa:.3f}",
+            f"{fruit.E_MPa:.{decimals(fruit.E_sd_MPa)}f}",
+            f"{fruit.E_sd_MPa:.{decimals(fruit.E_sd_MPa)}f}",
             escape(f"{fruit.maturity or ''}{sure}"),
             escape(remarks(fruit)),
         )

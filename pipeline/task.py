@@ -10,7 +10,7 @@ from pipeline.confirmed import effects_on, keyed
 from pipeline.layout import FruitFolder, FruitResults, Results
 from pipeline.records import Given
 from recon.mat import Mat
-from recon.priors import PitPrior
+from recon.priors import Body, PitPrior
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes"}
 """Settings that change no fruit's result."""
@@ -18,7 +18,10 @@ IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes"}
 
 @dataclass(frozen=True, kw_only=True)
 class FruitTask:
-    """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone."""
+    """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone.
+
+    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like.
+    """
 
     fruit_id: str
     folder: FruitFolder
@@ -26,6 +29,8 @@ class FruitTask:
     results: FruitResults
     settings: Settings
     mat: Mat | None
+    category: str
+    body: Body
     prior: PitPrior | None
     given: Given
     key: str
@@ -49,6 +54,8 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
             settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
             keyed(own),
             row.height_mm,
+            batch.category,
+            repr(batch.body),
             repr(batch.prior),
         ],
         rooms=ROOMS,
@@ -61,6 +68,8 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
         results=results.fruit(fruit_id),
         settings=settings,
         mat=batch.mat,
+        category=batch.category,
+        body=batch.body,
         prior=batch.prior,
         given=given,
         key=key,

@@ -11,15 +11,13 @@ from recon.mesh_file import SUFFIXES, read_mesh
 from recon.pit import require_closed
 from recon.priors import MeasuredPit, PitPrior, load_prior
 
-SIZE_MM = (4.0, 60.0)
-"""From less than a small cherry's to more than a large peach's stone (estimate)."""
-
 
 def load_pit(named: str | Path, *, category: str) -> PitPrior:
     """The pit prior of a category, of a TOML file, or the category's with a measured pit's mesh.
 
     The mesh is in mm with z to the stem end and x to the suture; wherever it lies, its box's centre is put
-    where the category's pits have theirs, in its own size. Spreads and Poisson's ratio stay the category's.
+    where the category's pits have theirs (in the middle, if it leaves them to the batch), in its own size.
+    Spreads and Poisson's ratio stay the category's.
     Raises ReconFailure: no-prior, bad-prior (not of a pit's size), unreadable-mesh, not-watertight.
     """
     path = Path(named)
@@ -34,12 +32,11 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
     vertices, faces = read_mesh(path)
     require_closed(vertices, faces, what=path.name)
     low, high = vertices.min(axis=0), vertices.max(axis=0)
-    longest = float((high - low).max())
-    if not SIZE_MM[0] <= longest <= SIZE_MM[1]:
+    longest, (least, most) = float((high - low).max()), prior.body.pit_mm
+    if not least <= longest <= most:
         raise ReconFailure(
             ReconProblem.BAD_PRIOR,
-            f"{path}: the pit is {longest:.3g} long; expected {SIZE_MM[0]:g} to {SIZE_MM[1]:g} mm: export "
-            f"it in mm.",
+            f"{path}: the pit is {longest:.3g} long; expected {least:g} to {most:g} mm: export it in mm.",
         )
     digest = hashlib.sha256(np.ascontiguousarray(vertices).tobytes())
     digest.update(faces.astype(np.int64).tobytes())

@@ -57,7 +57,8 @@ def place_pit(
 
     In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
     by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises
-    ReconFailure (not-watertight) for an open fruit mesh.
+    ReconFailure: not-watertight for an open fruit mesh, no-prior where the category leaves its pits to the
+    batch.
     """
     require_closed(fruit_vertices, fruit_faces, what="fruit")
     low, high = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
@@ -65,6 +66,12 @@ def place_pit(
     centre = (low + high) / 2 + np.array(prior.raised) * half
     if prior.measured is not None:
         return centre + prior.measured.vertices, prior.measured.faces
+    if prior.axis_ratios is None:
+        raise ReconFailure(
+            ReconProblem.NO_PRIOR,
+            f'The category "{prior.category}" has no pit of its own; add pit.ply beside fruit.ply, or name a '
+            "pit prior in batch.toml.",
+        )
     semi = np.array(prior.axis_ratios) * half
     directions, faces = ball(LEVEL)
     shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (

@@ -8,12 +8,11 @@ from scipy.spatial import ConvexHull
 
 from recon.closed import volume_mm3
 from recon.failure import ReconFailure, ReconProblem
+from recon.priors import STONE_FRUIT, Body
 from recon.quality import ReconQuality
 
 FEWEST_VIEWS = 6
 WIDEST_GAP_DEG = 120.0
-LEAST_CONVEX = 0.93
-LONGEST = 1.45
 
 
 def require_seen(quality: ReconQuality, *, left_out: Sequence[str] = ()) -> None:
@@ -48,25 +47,23 @@ def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
     )
 
 
-def shape_doubts(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> tuple[str, ...]:
-    """Sentences where the mesh is no single stone fruit: long, or hollow between lumps.
-
-    Stone fruit fill 0.95 to 0.99 of their convex hull and are at most 1.35 times as long as wide (estimates).
-    """
+def shape_doubts(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, body: Body = STONE_FRUIT
+) -> tuple[str, ...]:
+    """Sentences where the mesh is no single body of its category: too long, or hollow between lumps."""
     out = []
     box = np.ptp(vertices, axis=0)
-    if box.max() > LONGEST * box.min():
+    if box.max() > body.longest_over_shortest * box.min():
         out.append(
-            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, longer than stone fruit are: two "
-            f"fruits may "
-            "stand in view, or a hand or leaf beside the fruit; photograph one fruit alone."
+            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, {box.max() / box.min():.2f} times "
+            f"as long as wide, expected at most {body.longest_over_shortest:g}: two fruits may stand in "
+            "view, or a hand or leaf beside the fruit; photograph one fruit alone."
         )
     share = volume_mm3(vertices, faces) / float(ConvexHull(vertices).volume)
-    if share < LEAST_CONVEX:
+    if share < body.least_convex:
         out.append(
-            f"The mesh fills {100 * share:.0f} % of its convex hull only, one stone fruit at least "
-            f"{100 * LEAST_CONVEX:.0f} %: two fruits may stand in view, or something beside the fruit; "
-            f"photograph one "
-            "fruit alone."
+            f"The mesh fills {100 * share:.0f} % of its convex hull only, expected at least "
+            f"{100 * body.least_convex:.0f} %: two fruits may stand in view, or something beside the fruit; "
+            "photograph one fruit alone."
         )
     return tuple(out)

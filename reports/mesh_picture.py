@@ -31,13 +31,15 @@ def mesh_picture(
     pit_vertices: Float[np.ndarray, "k 3"] | None = None,
     pit_faces: Int[np.ndarray, "j 3"] | None = None,
     contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] | None = None,
+    axis_words: tuple[str, str] = ("stem", "suture"),
     view_px: int = 440,
     samples: int = 2,
 ) -> bytes:
     """PNG of the fruit from two opposite sides, ``2 view_px`` wide; arrays in the fruit frame, mm.
 
     ``contacts_mm`` holds points where each pad touches (first touches of its markers, say); the skin
-    around them, seen in patches, is painted. ``samples`` squared rays are averaged per pixel.
+    around them, seen in patches, is painted. ``axis_words`` name z and x. ``samples`` squared rays are
+    averaged per pixel.
     The pit is blended into the flesh by how deep it lies behind the skin: its place is to be seen, the
     picture does not claim how clear flesh is.
     """
@@ -63,7 +65,7 @@ def mesh_picture(
         axes = figure.add_axes((0.5 * k, 0.0, 0.5, 1.0))
         axes.imshow(image, extent=(-half, half, -half, half), interpolation="nearest")
         axes.set_axis_off()
-        _directions(axes, view, half)
+        _directions(axes, view, half, axis_words)
         if k == 0:
             _legend(axes, tuple(touched), half, with_pit=pit is not None)
         else:
@@ -164,10 +166,10 @@ def _ground(fruit: Surface, view: View, *, pixels: int, floor_mm: float) -> Floa
     return np.repeat(1.0 - 0.42 * fine[..., None] ** 1.3, 3, axis=2)
 
 
-def _directions(axes: Axes, view: View, half: float) -> None:
-    """The stem and suture axes as two arrows in the lower left corner."""
+def _directions(axes: Axes, view: View, half: float, words_zx: tuple[str, str]) -> None:
+    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner."""
     foot = np.array([-0.66 * half, -0.80 * half])
-    for axis, words in ((np.array([0.0, 0.0, 1.0]), "stem"), (np.array([1.0, 0.0, 0.0]), "suture")):
+    for axis, words in zip(np.eye(3)[[2, 0]], words_zx, strict=True):
         tip = foot + 0.22 * half * (view.axes[:2] @ axis)
         arrow = {"arrowstyle": "-|>", "color": "#16191d", "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
         axes.annotate("", xy=tuple(tip), xytext=tuple(foot), arrowprops=arrow)

@@ -1,0 +1,140 @@
+"""Cast specimens of PDMS with rigid cores and without, pressed and grasped, are graded as fruit are.
+
+The truth is CalculiX's (phantom_batches). The paper reports means within 3.5 % of a tensile reference for
+such specimens (Table I); 2 % is asked for here.
+"""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+import trimesh
+from phantom_batches import (
+    BALL_MM,
+    CORE_MM,
+    CUBE_CORE_MM,
+    CUBE_MM,
+    E_MPA,
+    HEADER,
+    ball,
+    box,
+    glued_pads,
+    grasped_ball,
+    phantom_batch,
+)  # fmt: skip
+from sample_batches import drupe
+
+from recon.mesh_file import read_mesh
+
+
+def cube(rng):
+    return box(*3 * [CUBE_MM], edge_mm=3.0), box(*3 * [CUBE_CORE_MM]), glued_pads("press-100mm2", rng=rng)
+
+
+@pytest.fixture(scope="module")
+def graded(tmp_path_factory):
+    """Balls with and without a core and a cuboid in a grasp, a cube under a press."""
+    rng = np.random.default_rng(20261121)
+    batch = phantom_batch(
+        tmp_path_factory.mktemp("phantoms") / "batch",
+        HEADER + '[pit]\nprior = "none"\n',
+        {
+            "ball": (ball(BALL_MM), ball(CORE_MM), grasped_ball(core=True, rng=rng)),
+            "cube": cube(rng),
+            "cuboid": (box(40.0, 30.0, 30.0, edge_mm=3.0), ball(10.0), glued_pads("grasp", rng=rng)),
+            "solid": (ball(BALL_MM), None, grasped_ball(core=False, rng=rng)),
+        },
+    )
+    ran = drupe("grade", batch, "--jobs", 1)
+    assert ran.status == 0, ran.err
+    return batch / "results", ran
+
+
+def record(results, name):
+    return json.loads((results / "fruits" / name / "record.json").read_text())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
+def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name):
+    found = record(graded[0], name)["modulus"]
+    assert found["E_MPa"] == pytest.approx(E_MPA, rel=0.02)
+    assert abs(found["E_MPa"] - E_MPA) < 3 * found["E_sd_MPa"]
+    assert found["E_sd_MPa"] < 0.05 * E_MPA
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
+def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
+    """No stem, no suture, no doubt about shape or size, and Poisson's ratio as the batch says."""
+    found = record(graded[0], name)
+    assert found["warnings"] == []
+    assert found["mesh"]["stance"] is None
+    assert (found["flesh"]["poisson_ratio"], found["flesh"]["poisson_ratio_source"]) == (0.45, "batch.toml")
+
+
+@pytest.mark.slow
+def test_a_specimen_without_a_core_has_none_in_its_results(graded):
+    results, _ = graded
+    assert record(results, "solid")["pit"] is None
+    assert not (results / "fruits" / "solid" / "pit.ply").exists()
+    assert record(results, "cube")["pit"]["volume_mm3"] == pytest.approx(CUBE_CORE_MM**3, rel=1e-6)
+    assert "pit size" not in record(results, "solid")["modulus"]["parts_sd_MPa"]
+
+
+@pytest.mark.slow
+def test_soft_bodies_are_printed_with_digits_enough(graded):
+    results, ran = graded
+    table = pd.read_csv(results / "ranking.csv").set_index("fruit_id")
+    assert f"{table.E_MPa['ball']:.4f}" in ran.out
+    assert "± 0.000 MPa" not in ran.out + ran.err + (results / "report.html").read_text()
+
+
+@pytest.fixture
+def one_cube(tmp_path):
+    """A batch of one cube, its recording a press; the settings are the test's own."""
+
+    def make(settings, *, core=True):
+        skin, inner, recording = cube(np.random.default_rng(1))
+        return phantom_batch(
+            tmp_path / "batch", settings, {"cube": (skin, inner if core else None, recording)}
+        )
+
+    return make
+
+
+def refused(batch):
+    ran = drupe("grade", batch)
+    assert ran.status == 2
+    assert not (batch / "results").exists()
+    return ran.one_line_error()
+
+
+def test_a_phantom_without_poissons_ratio_is_refused(one_cube):
+    line = refused(one_cube('category = "phantom"\n'))
+    assert 'not known for the category "phantom"; add the key poisson_ratio' in line
+
+
+def test_a_phantom_without_a_pit_is_refused(one_cube):
+    line = refused(one_cube(HEADER, core=False))
+    assert 'batch.toml: the category "phantom" has no pit of its own, and cube has no pit.ply' in line
+    assert 'prior = "none"' in line
+
+
+def test_an_own_category_that_lacks_a_field_is_refused(one_cube):
+    batch = one_cube('category = "kaki.toml"\n')
+    (batch / "kaki.toml").write_text('axis_ratios = { value = [0.4, 0.4, 0.4], source = "own" }\n')
+    line = refused(batch)
+    assert 'batch.toml: "category": ' in line
+    assert "kaki.toml: raised is None; expected { value = 3 numbers from -0.5 to 0.5" in line
+    assert "Add it" in line
+
+
+@pytest.mark.parametrize("prior", ["core.stl", "none"])
+def test_check_finds_a_measured_core_for_all_and_none_at_all_in_order(one_cube, prior):
+    batch = one_cube(HEADER + f'[pit]\nprior = "{prior}"\n', core=False)
+    trimesh.creation.box(3 * [CUBE_CORE_MM]).export(batch / "core.stl")
+    assert read_mesh(batch / "core.stl")[1].shape == (12, 3)
+    ran = drupe("check", batch)
+    assert ran.status == 0, ran.out
