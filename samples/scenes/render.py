@@ -11,6 +11,7 @@ from jaxtyping import Bool, Float
 
 from samples.cubed_sphere import even_sphere
 from samples.failure import RendererMissing
+from samples.fruit import box_mm
 from samples.photos import _mitsuba, _normals, _sensor
 from samples.scenes.coin import coin_mesh
 from samples.scenes.draw import Scene
@@ -110,8 +111,11 @@ def fruit_mask(scene: Scene, k: int, *, options: RenderOptions, finer: int = 4) 
     )
     which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
     met = mi.render(world.scene, sensor=mi.load_dict(_sensor(mi, fine)), integrator=which, spp=1)
-    fruit = next(i for i, shape in enumerate(world.scene.shapes()) if shape.id() == "fruit")
-    on_fruit = (np.array(met)[..., 0] == fruit).astype(np.float32)
+    shape = np.array(met)[..., 0]
+    column, row = np.rint(
+        fine.pixels(np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]]))[0]
+    ).astype(int)
+    on_fruit = (shape == shape[row, column]).astype(np.float32)  # nothing hides the fruit's middle
     covered = cv2.resize(on_fruit, (view.width_px, view.height_px), interpolation=cv2.INTER_AREA)
     return np.asarray(covered > 0.5)
 
