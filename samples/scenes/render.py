@@ -1,6 +1,5 @@
 """Path-traced pictures of a scene: the whole frame with few light samples, the fruit's crop with more."""
 
-import importlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,9 +9,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from samples.cubed_sphere import even_sphere
-from samples.failure import RendererMissing
 from samples.fruit import box_mm
-from samples.photos import _mitsuba, _normals, _sensor
+from samples.photos import _denoiser, _mitsuba, _normals, _sensor
 from samples.scenes.coin import coin_mesh
 from samples.scenes.draw import Scene
 from samples.scenes.ground import ground_shape
@@ -221,21 +219,6 @@ def _mesh(
         parts["vertex_texcoords"] = uv.astype(np.float32).ravel()
     parts.update()
     return mesh
-
-
-def _denoiser() -> Callable[..., np.ndarray]:
-    try:
-        pyoidn = importlib.import_module("pyoidn")
-    except ImportError as missing:
-        raise RendererMissing(
-            "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
-            "run in drupe's folder: pip install '.[samples]'"
-        ) from missing
-
-    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        return np.array(pyoidn.denoise(colour, albedo=albedo, normal=normal, hdr=True))
-
-    return denoise
 
 
 def _windows(
