@@ -181,7 +181,7 @@ def _read_priors(
     problems = unknown if _is_file(settings.category) else []
     if prior is None and (bare or not rows) and not settings.pit.none:
         problems = list(dict.fromkeys([*problems, *missing]))
-    elif settings.poisson_ratio is None and (prior is None or prior.poisson_ratio is None) and not problems:
+    elif settings.poisson_ratio is None and not problems and not _know_the_ratio(prior, category):
         name = settings.category if category is None else category.category
         problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
     if prior is not None and not prior.has_pit and bare and not settings.pit.none:
@@ -189,6 +189,12 @@ def _read_priors(
         lack = f"{shown} {'has' if len(bare) == 1 else 'have'}"
         problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
     return category, prior, problems
+
+
+def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
+    """The prior in force says it, and the category does not leave it to the batch: a core knows no flesh."""
+    left = category is not None and category.poisson_ratio is None
+    return prior is not None and prior.poisson_ratio is not None and not left
 
 
 def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:

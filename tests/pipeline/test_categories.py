@@ -132,6 +132,9 @@ def test_limits_are_the_categorys_where_the_pit_is_another_files(made):
     _, second = tasks(root)
     pit = embedded_pit(second, fruit_shape(second))
     assert pit.record.box_mm == pytest.approx([12, 12, 12], rel=0.01)
+    (root / "batch.toml").write_text('category = "phantom"\n[pit]\nprior = "core.toml"\n')
+    (line,) = problems(root)
+    assert 'not known for the category "phantom"; add the key poisson_ratio' in line
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,9 @@ from recon.hull import ball
 from recon.measured_pit import load_pit
 from recon.mesh_file import write_mesh
 from recon.pit import embed_pit, place_pit
-from recon.priors import known_categories, load_prior
+from recon.priors import STONE_FRUIT, known_categories, load_prior
+
+FRUIT = [category for category in known_categories() if category != "phantom"]
 
 
 @pytest.fixture
@@ -91,9 +93,10 @@ def test_open_and_inside_out_meshes_are_refused(fruit):
 
 
 def test_every_shipped_prior_loads_with_sources_and_fits_a_fruit(fruit):
-    assert known_categories() == ("apricot", "cherry", "nectarine", "peach", "plum")
-    for category in known_categories():
+    assert known_categories() == ("apricot", "cherry", "nectarine", "peach", "phantom", "plum")
+    for category in FRUIT:
         prior = load_prior(category)
+        assert prior.body == STONE_FRUIT
         assert set(prior.sources) >= {
             "axis_ratios",
             "poisson_ratio",
@@ -184,8 +187,18 @@ def test_a_measured_pit_of_no_use_says_what_is_wrong(tmp_path, scale, keep, word
 
 
 def test_every_number_of_a_shipped_prior_has_its_source():
-    for category in known_categories():
+    for category in FRUIT:
         prior = load_prior(category)
         assert prior.fruit_mm is not None
-        fields = {f.name for f in dataclasses.fields(prior)} - {"category", "sources", "measured"}
+        fields = {f.name for f in dataclasses.fields(prior)} - {"category", "sources", "measured", "body"}
         assert fields == set(prior.sources)
+    phantom = load_prior("phantom")
+    assert set(phantom.sources) >= {f.name for f in dataclasses.fields(phantom.body)}
+
+
+def test_a_phantom_says_nothing_of_pit_and_flesh(fruit):
+    phantom = load_prior("phantom")
+    assert (phantom.has_pit, phantom.poisson_ratio) == (False, None)
+    with pytest.raises(ReconFailure, match=r'"phantom" has no pit of its own; add pit\.ply') as caught:
+        place_pit(*fruit, phantom)
+    assert caught.value.problem is ReconProblem.NO_PRIOR

@@ -8,6 +8,7 @@ import pytest
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import ball
+from recon.priors import load_prior
 from recon.quality import NOTHING_KNOWN
 from recon.verdict import require_seen, shape_doubts
 from samples.fruit import fruit_of_seed, scanned_mesh
@@ -52,3 +53,13 @@ def test_two_fruits_that_touch_are_doubted(apart_mm):
     doubts = shape_doubts(np.asarray(both.vert_properties)[:, :3], np.asarray(both.tri_verts, int))
     assert doubts
     assert all("two fruits may stand in view" in d for d in doubts)
+
+
+def test_a_bar_and_a_cross_are_phantoms_and_no_fruit():
+    bar = manifold3d.Manifold.cube([60.0, 15.0, 15.0], True)
+    cross = bar + bar.rotate([0.0, 0.0, 90.0])
+    for body, words in ((bar, "4.00 times as long as wide, expected at most 1.45"), (cross, "convex hull")):
+        mesh = body.to_mesh64()
+        surface = np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts, int)
+        assert any(words in doubt for doubt in shape_doubts(*surface))
+        assert shape_doubts(*surface, body=load_prior("phantom").body) == ()
