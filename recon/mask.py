@@ -12,12 +12,17 @@ from recon.plate import Plate, plate_seen_by
 
 LIGHTNESS_WEIGHT = 0.4
 BINS = 24
+SMOOTHING = ((0.8, 0.8), (0.2, 2.5))
+"""Shares and widths (bins) of a palette's smoothing: what was sampled, and what is near to it."""
 MOST_LOG_ODDS = 6.0
 LEAST_NOISE_LAB = (1.5, 1.0)
 """Least scale of lightness and of each chroma about the plate, Lab units, as JPEG and resampling leave."""
+CALM_SHARE, CALM_DEVIATIONS = 0.3, (0.385, 0.845)
+"""The 30 % quantiles of a deviation in one and in two dimensions, in standard deviations of one."""
 DEGREES_OF_FREEDOM = 5.0
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
+SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
 """Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
 STRANGE_SHARES = (0.005, 0.6)
@@ -68,13 +73,15 @@ class Behind:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundNoise:
-    """How a photo's sure ground scatters about the plate: scales of lightness and chroma (Lab units), and the
-    share of pixels that a shadow has darkened since.
+    """How a photo's sure ground scatters about the plate: scales of lightness and chroma (Lab units), the
+    share of pixels that a shadow has darkened since, and how dark: the density of k (`ground_density`) over
+    SHADOW_BINS even bins of DARKEST_SHADOW..1.
     """
 
     lightness: float
     chroma: float
     shadow_share: float
+    shadow_density: Float[np.ndarray, " b"]
 
 
 def lab(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
@@ -139,16 +146,30 @@ def first_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.
 def ground_noise(
     colours: Float[np.ndarray, "h w 3"], behind: Behind, ground: Bool[np.ndarray, "h w"]
 ) -> GroundNoise:
-    """Scales (1.48 median absolute deviations) over pixels that are surely ground."""
+    """Scales and shadows over pixels that are surely ground.
+
+    The scales are those of a normal distribution whose CALM_SHARE of smallest deviations are the ones seen: a
+    shadow over half of the ground does not widen them.
+    """
     where = ground & behind.known
+    even = np.full(SHADOW_BINS, 1 / (1 - DARKEST_SHADOW))
     if where.sum() < 50:
-        return GroundNoise(lightness=4.0, chroma=3.0, shadow_share=0.1)
+        return GroundNoise(lightness=4.0, chroma=3.0, shadow_share=0.1, shadow_density=even)
     off = difference(colours, behind)[where]
-    lightness = max(LEAST_NOISE_LAB[0], 1.48 * float(np.median(np.abs(off[:, 0]))))
-    chroma = max(LEAST_NOISE_LAB[1], 1.05 * float(np.median(np.linalg.norm(off[:, 1:], axis=1))))
-    shadow = float((off[:, 0] < -4 * lightness).mean())
+    calm_L, calm_ab = CALM_DEVIATIONS
+    lightness = max(LEAST_NOISE_LAB[0], float(np.quantile(np.abs(off[:, 0]), CALM_SHARE)) / calm_L)
+    apart = np.linalg.norm(off[:, 1:], axis=1)
+    chroma = max(LEAST_NOISE_LAB[1], float(np.quantile(apart, CALM_SHARE)) / calm_ab)
+    darker = off[:, 0] < -4 * lightness
+    k = (colours[where][darker, 0] + 16) / (behind.colours[where][darker, 0] + 16)
+    count, _ = np.histogram(k, bins=SHADOW_BINS, range=(DARKEST_SHADOW, 1.0))
+    count = ndimage.gaussian_filter1d(count.astype(float), 1.0, mode="nearest")
+    seen = count / max(float(count.mean()), 1e-9) if count.any() else np.ones(SHADOW_BINS)
     return GroundNoise(
-        lightness=min(lightness, 6.0), chroma=min(chroma, 5.0), shadow_share=max(shadow, LEAST_SHADOW_SHARE)
+        lightness=min(lightness, 6.0),
+        chroma=min(chroma, 5.0),
+        shadow_share=max(float(darker.mean()), LEAST_SHADOW_SHARE),
+        shadow_density=even * ((1 - UNSEEN_SHADOWS) * seen + UNSEEN_SHADOWS),
     )
 
 
@@ -158,9 +179,8 @@ def ground_density(
     """Density (per Lab unit cubed) of a colour on the ground.
 
     Lit as in the plate: Student's t about its colour. In a shadow cast since: L* + 16, a*, b* all scaled by
-    one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), every k alike. Where the plate is not known the
-    nearest known colour counts with three times the scatter and every second pixel in shadow, as next to
-    where a fruit stands.
+    one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), as often as on sure ground. Where the plate is
+    not known the nearest known colour counts, with twice the scatter.
     """
     unsure = np.where(behind.known, 1.0, 2.0)
     shadow_share = np.where(behind.known, noise.shadow_share, UNKNOWN_SHADOW_SHARE)
@@ -170,8 +190,9 @@ def ground_density(
     lit = _student(off[..., 0], lightness) * _student_2(off[..., 1:], chroma)
     k = (colours[..., 0] + 16) / (behind.colours[..., 0] + 16)
     tint = colours[..., 1:] - k[..., None] * behind.colours[..., 1:]
-    range_L = (1 - DARKEST_SHADOW) * (behind.colours[..., 0] + 16)
-    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(tint, 1.5 * chroma) / range_L, 0.0)
+    bins = np.clip((k - DARKEST_SHADOW) / (1 - DARKEST_SHADOW) * SHADOW_BINS, 0, SHADOW_BINS - 1)
+    depth = noise.shadow_density[bins.astype(np.int32)] / (behind.colours[..., 0] + 16)
+    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(tint, 1.5 * chroma) * depth, 0.0)
     return np.asarray((1 - shadow_share) * lit + shadow_share * dim)
 
 
@@ -185,7 +206,7 @@ def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
 def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     """Smoothed histogram of colours given by their cells, per Lab unit cubed."""
     counts = np.bincount(cells, minlength=BINS**3).reshape(BINS, BINS, BINS).astype(float)
-    smooth = ndimage.gaussian_filter(counts, 0.8, mode="nearest")
+    smooth = sum(share * ndimage.gaussian_filter(counts, width, mode="nearest") for share, width in SMOOTHING)
     cell = (100 / BINS) * (200 / BINS) ** 2
     return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
 

@@ -22,9 +22,9 @@ EDGE_GAIN = 15.0
 EDGE_LAB = 40.0
 EDGE_PX = 2.0
 BAND_PX = 12.0
-EDGE_BANDS_PX = ((3.0, 7.0), (1.5, 3.5))
+STEEPEST_REACH_PX = 3.0
+STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 CLEAR_STEP = 0.05
-EDGE_SHARE = 0.36
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _gain(
     return np.asarray(gain - LEASH * (shifts / reach_px) ** 2)
 
 
-def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
+def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outline, Window]:
     """The outline on the colour step of the whole-resolution window, which is returned unshrunk.
 
     Along each normal, with F and B the mean colours inside and outside, the pixel's share of fruit is
@@ -116,13 +116,33 @@ def sharpened(outline: Outline, window: Window) -> tuple[Outline, Window]:
     whole = Window(window.image, window.corner_px, 1)
     colours = (window.image.astype(np.float32) / 255) ** 2.2
     fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
-    for nearest, furthest in EDGE_BANDS_PX:
-        fine = _on_step(fine, colours, nearest, furthest)
-    return fine, whole
+    if search:
+        fine = _on_steepest(fine, colours, STEEPEST_REACH_PX)
+    return _on_step(fine, colours, *STEP_BAND_PX, STEP_SHARE), whole
+
+
+def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: float) -> Outline:
+    """A curve moved to the steepest change of colour within `reach_px`; nearer ones count for more."""
+    shifts = np.arange(-reach_px - 1, reach_px + 1.25, 0.5)
+    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = ndimage.gaussian_filter1d(profile[:, 4:] - profile[:, :-4], 1.5, axis=0, mode="wrap")
+    inner = shifts[2:-2]
+    slope = np.linalg.norm(apart, axis=2) * (1 - 0.3 * (inner / reach_px) ** 2)
+    best = slope.argmax(axis=1)
+    clear = slope.max(axis=1) > CLEAR_STEP
+    if clear.sum() < 0.2 * len(clear):
+        return curve
+    shift = _fill_ring(np.where(clear, inner[best], 0.0), clear)
+    return _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
 
 
 def _on_step(
-    curve: Outline, colours: Float[np.ndarray, "h w 3"], nearest_px: float, furthest_px: float
+    curve: Outline,
+    colours: Float[np.ndarray, "h w 3"],
+    nearest_px: float,
+    furthest_px: float,
+    at_share: float,
 ) -> Outline:
     """A curve moved to where the colour lies halfway between those of two bands beside it."""
     shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
@@ -136,8 +156,8 @@ def _on_step(
     share = ndimage.gaussian_filter1d(share, 1.5, axis=0, mode="wrap")
     near = np.abs(shifts) <= nearest_px
     inner, outer = share[:, :-1][:, near[:-1]], share[:, 1:][:, near[:-1]]
-    crossing = (inner >= EDGE_SHARE) & (outer < EDGE_SHARE)
-    where = shifts[:-1][near[:-1]] + 0.5 * (inner - EDGE_SHARE) / np.maximum(inner - outer, 1e-6)
+    crossing = (inner >= at_share) & (outer < at_share)
+    where = shifts[:-1][near[:-1]] + 0.5 * (inner - at_share) / np.maximum(inner - outer, 1e-6)
     where = np.where(crossing, where, np.inf)
     pick = np.abs(where).argmin(1)
     shift = where[np.arange(len(where)), pick]

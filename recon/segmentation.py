@@ -21,6 +21,8 @@ FEWEST_CELLS = 60
 CORE_SHARE = 0.4
 FEWEST_SURE_PIXELS = 500
 PRIOR_ODDS, PRIOR_SHARE = 8.0, 0.03
+UNKNOWN_ODDS = (-0.3, 0.5)
+"""Where the plate is not known, colour says little: steps of colour decide."""
 LEARNT = 2
 
 
@@ -164,9 +166,11 @@ def learned_odds(
         odds = []
         for view, own, (on_plate, other, strange, prior) in zip(views, inside, told, strict=True):
             fruit = colour.density_at((fruit_of_all + colour.colour_density(own)) / 2, view.cells)
-            odds.append(colour.colour_odds(fruit, on_plate, other, strange) + prior)
+            found = colour.colour_odds(fruit, on_plate, other, strange)
+            unknown = np.clip(found, *UNKNOWN_ODDS)
+            odds.append(np.where(view.behind.known, found, unknown) + prior)
         masks = star_cuts(odds, [v.colours for v in views], centres)
-        sure = [eroded(m, 0.015 * len(m)) for m in masks]
+        sure = [eroded(m, 0.015 * len(m)) & v.behind.known for m, v in zip(masks, views, strict=True)]
     return odds, masks
 
 

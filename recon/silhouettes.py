@@ -34,6 +34,8 @@ DOUBT = 0.03
 SETTLED_LEVEL = 5
 SIDES_PX = (320, 420)
 COVER_SHRINK = 4
+SURE_SHARE = 0.06
+"""So deep inside a hull, as a share of the window, pixels are surely fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +54,8 @@ COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
 @dataclass(frozen=True, kw_only=True)
 class Round:
     """How far an outline may move, which share of views may be wrong, how much a pixel's odds may count
-    against a step of colour, and what is done with the outline found.
+    against a step of colour, and what is done with the outline found: kept near the hull's, sharpened on the
+    photo's own pixels, and before that moved to the steepest step nearby.
     """
 
     reach_px: float
@@ -60,12 +63,14 @@ class Round:
     most_odds: float
     keep: bool
     sharpen: bool
+    search: bool
 
 
 ROUNDS = (
-    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, keep=False, sharpen=False),
-    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, keep=True, sharpen=True),
-    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True),
+    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, keep=False, sharpen=False, search=False),
+    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, keep=True, sharpen=True, search=True),
+    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
+    Round(reach_px=2.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
 )
 
 
@@ -137,7 +142,8 @@ def find_fruit(
             f"{np.mean(agreement):.2f})"
         )
     views, odds = [views[i] for i in kept], [odds[i] for i in kept]
-    silhouettes, clear = [], 0.0
+    silhouettes: list[Silhouette] = []
+    clear = 0.0
     for step in ROUNDS:
         silhouettes, clear = _refined(views, odds, mesh, step)
         mesh = hull(silhouettes, 4, step.doubt)
@@ -171,7 +177,9 @@ def _cut_block(
     bounds = []
     for view in views:
         inner = pixels_of(block, view.window, view.camera)
-        bounds.append(Bounds(eroded(inner, 0.03 * len(inner)), pixels_of(column, view.window, view.camera)))
+        bounds.append(
+            Bounds(eroded(inner, 0.5 * SURE_SHARE * len(inner)), pixels_of(column, view.window, view.camera))
+        )
     return views, *learned_odds(views, bounds, block.points.mean(0))
 
 
@@ -210,7 +218,7 @@ def _cut_hull(
     bounds = []
     for view in views:
         inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
-        bounds.append(Bounds(eroded(inner, 0.025 * len(inner)), perhaps(view.window, view.camera)))
+        bounds.append(Bounds(eroded(inner, SURE_SHARE * len(inner)), perhaps(view.window, view.camera)))
     return views, *learned_odds(views, bounds, centre_mm)
 
 
@@ -239,7 +247,7 @@ def _refined(
     for view, outline, near in zip(views, found, expected, strict=True):
         window = view.window
         if step.sharpen:
-            outline, window = sharpened(outline, window)
+            outline, window = sharpened(outline, window, search=step.search)
             near = enlarged(near, view.window.shrink)
         if step.keep:
             outline = kept_near(outline, near, inward_px=MOST_INWARD_PX)

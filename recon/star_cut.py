@@ -10,12 +10,12 @@ from recon.ring_path import best_rings
 
 RAYS = 384
 STEP_PX = 1.0
-MOST_ODDS = 3.0
-EDGE_GAIN = 12.0
+MOST_ODDS = 1.5
+EDGE_GAIN = 18.0
 EDGE_LAB = 25.0
 EDGE_PX = 2
-BEND = 1.0
-STEEPEST = 2
+BEND = 3.0
+STEEPEST = 5
 
 
 def star_cuts(

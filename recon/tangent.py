@@ -54,9 +54,10 @@ def settled(
         min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
 
     with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
-    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one. Rims that look
-    down at it have the fruit's own shadow behind them: in the first rounds those beyond 53 degrees do not
-    count at all, and what the rest say of the bottom tells afterwards which of them are wrong.
+    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and none lies
+    below it. Rims that look down at it have the fruit's own shadow behind them: in the first rounds those
+    beyond 53 degrees do not count at all, and what the rest say of the bottom tells afterwards which of them
+    are wrong.
     """
     i, j = _edges(faces)
     L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))
@@ -99,6 +100,8 @@ def settled(
         ).solve(right)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
+        if floor_mm is not None:
+            x[:, 2] = np.maximum(x[:, 2], floor_mm)
         misses, held = miss, np.asarray(A.T @ weight).ravel()
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
