@@ -31,6 +31,8 @@ LOWEST_AGREEMENT = 0.85
 FEWEST_VIEWS = 3
 MOST_INWARD_PX = 3.5
 DOUBT = 0.03
+HULL_DOUBT = (0.25, 0.25, 0.15)
+"""Shares of the views that may cut away too much: in the block, and under each cover."""
 SETTLED_LEVEL = 5
 SIDES_PX = (320, 420)
 COVER_SHRINK = 4
@@ -127,10 +129,10 @@ def find_fruit(
         return _Hull(vertices, faces)
 
     views, odds, masks = _cut_block(scene, block)
-    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, 0.15, settle=False)
-    for cover, side_px in zip(COVERS, SIDES_PX, strict=True):
+    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, HULL_DOUBT[0], settle=False)
+    for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
         views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
-        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, 0.15)
+        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, doubt, settle=False)
     agreement = [
         _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
         for v, m in zip(views, masks, strict=True)
