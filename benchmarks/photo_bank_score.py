@@ -1,0 +1,157 @@
+"""Photos to mesh over a bank of drawn scenes (benchmarks/photo_bank.py): errors per set, and per factor.
+
+    python benchmarks/photo_bank_score.py BANK --half work|scored [--jobs 2] [--only set-004]... --out CSV
+
+Each set is reconstructed in a process of its own from its photos as `drupe grade` does it: photos are
+checked, cameras come from the mat, the surface from outlines and relief. Errors are those of
+benchmarks/recon_score.py: `seen` is the true surface in free sight of a camera. A set counts as missed where
+its mesh is off by more than MISSED_RMS_MM or MISSED_VOLUME and nothing was said of the mesh, as a false
+warning where it is off by less than half of both and something was. Sentences about photos that were left
+out do not count as warnings.
+"""
+
+import argparse
+import csv
+import json
+import multiprocessing
+import resource
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MISSED_RMS_MM, MISSED_VOLUME = 0.3, 0.02
+"""RMS error and relative volume error from which on a mesh must not pass unsaid."""
+FACTORS = ("shape", "colour", "gloss", "light", "ground", "mat", "pipeline")
+
+
+def scored_set(folder: Path) -> dict[str, Any]:
+    """One reconstruction, its error, and what was said of it."""
+    from recon_score import read_truth, scored
+
+    from recon.failure import ReconFailure
+    from recon.fruit_mesh import reconstruct
+    from recon.mat import parse_mat
+    from recon.photo_check import checked_photos
+    from recon.photos import read_photos
+    from recon.verdict import require_seen, shape_doubts
+
+    scene = json.loads((folder / "scene.json").read_text())
+    out: dict[str, Any] = {"set": folder.name, "half": scene["half"], "photos": len(scene["photos"])}
+    out |= {
+        "shape": scene["fruit"]["kind"], "colour": scene["skin"]["colour"], "gloss": scene["skin"]["gloss"],
+        "light": scene["light"]["kind"], "ground": scene["ground"]["kind"], "mat": scene["mat"]["state"],
+        "pipeline": scene["pipeline"]["kind"],
+    }  # fmt: skip
+    cpu, start = time.process_time(), time.perf_counter()
+    try:
+        photos = read_photos(folder / "photos")
+        mat = parse_mat(json.loads((folder / "mat.json").read_text()), source=str(folder / "mat.json"))
+        made = reconstruct(checked_photos(photos, mat).photos, mat=mat, height_mm=None)
+        require_seen(made.quality)
+    except ReconFailure as refusal:
+        return out | {"refused": str(refusal)}
+    said = [*made.warnings, *shape_doubts(made.vertices, made.faces)]
+    out |= {
+        "cpu_s": time.process_time() - cpu,
+        "seconds": time.perf_counter() - start,
+        "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+    }
+    truth = read_truth(folder)
+    error = scored(truth, [c.name for c in made.cameras], made.vertices, made.faces)
+    return out | {
+        "used": made.quality.views_used,
+        "rms_seen_mm": error.rms_seen_mm,
+        "p95_seen_mm": error.p95_seen_mm,
+        "outward_seen_mm": error.outward_seen_mm,
+        "rms_all_mm": error.rms_all_mm,
+        "volume_error": error.volume_error,
+        "surface_sd_mm": made.surface_sd_mm,
+        "relief_share": made.quality.relief_share,
+        "said": " ".join(said),
+    }
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """right, warned, refused, false warning or missed."""
+    if "refused" in row:
+        return "refused"
+    rms, volume = float(row["rms_seen_mm"]), abs(float(row["volume_error"]))
+    wrong = rms > MISSED_RMS_MM or volume > MISSED_VOLUME
+    sound = rms < MISSED_RMS_MM / 2 and volume < MISSED_VOLUME / 2
+    if row["said"]:
+        return "false warning" if sound else "warned"
+    return "missed" if wrong else "right"
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Median, 95th percentile and worst of the sets' errors, for all and for each value of each factor."""
+    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for row in rows:
+        groups["all"].append(row)
+        for factor in FACTORS:
+            groups[f"{factor}: {row[factor]}"].append(row)
+    lines = [f"{'':24} sets  RMS median  95 %  worst   volume median  worst   missed false warned refused"]
+    for name, these in sorted(groups.items(), key=lambda pair: pair[0] != "all"):
+        meshes = [r for r in these if "rms_seen_mm" in r]
+        verdicts = [verdict(r) for r in these]
+        counts = [verdicts.count(v) for v in ("missed", "false warning", "warned", "refused")]
+        if meshes:
+            rms = np.array([float(r["rms_seen_mm"]) for r in meshes])
+            volume = 100 * np.abs([float(r["volume_error"]) for r in meshes])
+            numbers = (
+                f"{np.median(rms):10.3f} {np.percentile(rms, 95):6.3f} {rms.max():6.3f}"
+                f" {np.median(volume):13.2f} % {volume.max():5.2f} %"
+            )
+        else:
+            numbers = " " * 48
+        lines.append(f"{name:24} {len(these):4} {numbers}  " + " ".join(f"{c:6}" for c in counts))
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Prints a line a set and the table; writes the rows."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bank", type=Path)
+    parser.add_argument("--half", choices=("work", "scored"), required=True)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--only", action="append", default=[])
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    folders = [
+        folder
+        for folder in sorted(options.bank.iterdir())
+        if (folder / "scene.json").is_file()
+        and json.loads((folder / "scene.json").read_text())["half"] == options.half
+        and (not options.only or folder.name in options.only)
+    ]
+    rows = []
+    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=1) as pool:
+        for row in pool.imap(scored_set, folders, chunksize=1):
+            rows.append(row)
+            numbers = (
+                f"RMS {row['rms_seen_mm']:.3f} 95 % {row['p95_seen_mm']:.3f} mm, volume"
+                f" {100 * row['volume_error']:+.2f} %, sd {row['surface_sd_mm']:.3f} mm,"
+                f" {row['cpu_s']:.0f} CPU s"
+                if "rms_seen_mm" in row
+                else row["refused"]
+            )
+            print(f"{row['set']} {verdict(row):13} {numbers}  {row.get('said', '')}", flush=True)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with options.out.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    print(table(rows))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
