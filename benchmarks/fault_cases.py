@@ -10,7 +10,7 @@ import cv2
 import fault_pictures as do
 import numpy as np
 from fault_pictures import Picture, TrueView
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 from PIL import Image
 
 
@@ -22,6 +22,7 @@ class PhotoSet:
     views: dict[str, TrueView]
     masks: dict[str, Bool[np.ndarray, "h w"]]
     mat: dict[str, Any] | None
+    skin: Float[np.ndarray, "n 3"]
     height_mm: float | None = None
     diameter_mm: float | None = None
     mass_g: float | None = None
@@ -212,6 +213,22 @@ def covered(past_mm: float) -> Callable[[PhotoSet, str], Picture]:
     )
 
 
+def recoloured(factors: tuple[float, float, float]) -> Callable[[PhotoSet, str], Picture]:
+    """The fruit in another colour."""
+    return lambda given, name: do.recoloured(given.pictures[name], given.masks[name], factors)
+
+
+def shadow(*, moving: bool) -> Callable[[PhotoSet, str], Picture]:
+    """A sharp shadow on the paper: of one lamp, or of one that is carried round with the camera."""
+
+    def change(given: PhotoSet, name: str) -> Picture:
+        view = given.views[name]
+        azimuth = np.radians(view.azimuth_deg) + 0.7 if moving else 4.2
+        return do.shaded(given.pictures[name], view, given.masks[name], given.skin, azimuth=azimuth)
+
+    return change
+
+
 def aside(degrees: float) -> Callable[[PhotoSet, str], Picture]:
     """The camera turned aside."""
     return lambda given, name: do.aimed_aside(given.pictures[name], given.views[name], degrees)
@@ -272,6 +289,17 @@ def cases(numbers: Mapping[str, float]) -> tuple[Case, ...]:
         Case("every second one overexposed, 1.5 stops", each(lambda p: do.exposed(p, 1.5), every=2)),
         Case("every third underexposed, 3 stops", each(lambda p: do.exposed(p, -3.0), every=3)),
         Case("strong vignetting", each(lambda p: do.vignetted(p, 0.25))),
+        Case("gamma 0.7", each(lambda p: do.toned(p, 0.7))),
+        Case("gamma 1.4", each(lambda p: do.toned(p, 1.4))),
+        Case("half as bright", each(lambda p: do.tinted(p, (0.5, 0.5, 0.5)))),
+        Case("warm white balance", each(lambda p: do.tinted(p, (0.75, 1.0, 1.15)))),
+        Case("cold white balance", each(lambda p: do.tinted(p, (1.2, 1.0, 0.8)))),
+        Case("JPEG of quality 60", files(lambda p: jpeg(p, 60))),
+        Case("all blurred, 1.5 px", each(lambda p: do.blurred(p, 1.5))),
+        Case("green skin", viewed(recoloured((0.5, 1.6, 0.7)))),
+        Case("dark skin", viewed(recoloured((0.5, 0.4, 0.4)))),
+        Case("hard shadow", viewed(shadow(moving=False))),
+        Case("hard shadow that moves", viewed(shadow(moving=True))),
         Case("8 photos", spread(8)),
         Case("5 photos", spread(5)),
         Case("2 photos", spread(2)),

@@ -50,6 +50,49 @@ def exposed(image: Picture, stops: float) -> Picture:
     return np.asarray(255 * np.clip(linear, 0, 1) ** (1 / 2.2) + 0.5, np.uint8)
 
 
+def toned(image: Picture, gamma: float) -> Picture:
+    """Display values to the power of `gamma`."""
+    levels = np.clip(255 * (np.arange(256) / 255) ** gamma + 0.5, 0, 255).astype(np.uint8)
+    return np.asarray(cv2.LUT(image, levels), np.uint8)
+
+
+def tinted(image: Picture, factors: Sequence[float]) -> Picture:
+    """Blue, green and red times so much: another white balance, or less light."""
+    return np.asarray(np.clip(image * np.array(factors) + 0.5, 0, 255), np.uint8)
+
+
+def recoloured(image: Picture, fruit: Bool[np.ndarray, "h w"], factors: Sequence[float]) -> Picture:
+    """The fruit's light without its colour, times blue, green and red."""
+    soft = cv2.GaussianBlur(fruit.astype(np.float32), (0, 0), 0.6)[..., None]
+    light = (image.astype(np.float32) / 255) ** 2.2
+    skin = light.mean(axis=2, keepdims=True) * np.array(factors, np.float32)
+    mixed = np.clip(light * (1 - soft) + skin * soft, 0, 1)
+    return np.asarray(255 * mixed ** (1 / 2.2) + 0.5, np.uint8)
+
+
+def shaded(
+    image: Picture,
+    view: TrueView,
+    fruit: Bool[np.ndarray, "h w"],
+    skin: Float[np.ndarray, "n 3"],
+    *,
+    azimuth: float,
+    light: float = 0.35,
+) -> Picture:
+    """A sharp shadow of the fruit on z = 0, away from a lamp 35 degrees up at `azimuth` (rad), where a share
+    `light` of the light is left.
+    """
+    away = -np.array([np.cos(azimuth), np.sin(azimuth)]) / np.tan(np.radians(35))
+    cast = np.column_stack([skin[:, :2] + skin[:, 2:] * away, np.zeros(len(skin))])
+    dark = np.zeros(image.shape[:2], np.uint8)
+    hull = cv2.convexHull(view.project(cast).astype(np.float32))
+    cv2.fillConvexPoly(dark, np.rint(hull * 16).astype(np.int32), 1, shift=4)
+    share = cv2.GaussianBlur(dark.astype(np.float32), (0, 0), 1.0)
+    share *= 1 - cv2.GaussianBlur(fruit.astype(np.float32), (0, 0), 0.6)
+    linear = (image.astype(np.float32) / 255) ** 2.2 * (1 - (1 - light) * share[..., None])
+    return np.asarray(255 * linear ** (1 / 2.2) + 0.5, np.uint8)
+
+
 def vignetted(image: Picture, corner: float) -> Picture:
     """Light falls off to `corner` of the middle's in the corners."""
     rows, columns = image.shape[:2]

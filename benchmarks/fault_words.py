@@ -3,6 +3,9 @@
 WORDS: dict[str, str] = {
     "all blurred, 2 px": "blurred",
     "all blurred, 5 px": "blurred",
+    "all blurred, 1.5 px": "blurred",
+    "hard shadow": "shadow",
+    "hard shadow that moves": "shadow",
     "a third blurred, 4 px": "blurred",
     "a third shaken, 15 px": "blurred|shaken",
     "all overexposed, 2 stops": "overexposed",
@@ -63,6 +66,8 @@ WORDS: dict[str, str] = {
 
 HARMLESS = (
     "nothing", "nothing, height and diameter given", "nothing, by height", "turned by EXIF, rightly",
-    "16-bit PNG", "PNG with alpha", "CMYK JPEG", "names that are not ASCII",
+    "gamma 0.7", "gamma 1.4", "half as bright", "warm white balance", "cold white balance",
+    "JPEG of quality 60", "green skin", "dark skin", "16-bit PNG",
+    "PNG with alpha", "CMYK JPEG", "names that are not ASCII",
 )  # fmt: skip
 """Cases that need no words: to refuse one of these is wrong whatever is said."""

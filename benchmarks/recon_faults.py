@@ -69,6 +69,7 @@ def photo_set(folder: Path, *, side: int, every: int) -> PhotoSet:
         views=views,
         masks={n: outlined(v, skin, pictures[n].shape[:2]) for n, v in views.items()},
         mat=json.loads((folder / "mat.json").read_text()),
+        skin=skin,
     )
 
 

@@ -54,7 +54,8 @@ class FruitFolder:
         if others:
             kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
             return (
-                f"holds {len(others)} files ({kinds}), but only .jpg, .jpeg and .png are read; convert them."
+                f"holds {len(others)} files ({kinds}), but only .jpg, .jpeg, .png, .heic and .heif "
+                f"are read; convert them."
             )
         return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
 

@@ -206,7 +206,9 @@ def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
 def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     """Smoothed histogram of colours given by their cells, per Lab unit cubed."""
     counts = np.bincount(cells, minlength=BINS**3).reshape(BINS, BINS, BINS).astype(float)
-    smooth = sum(share * ndimage.gaussian_filter(counts, width, mode="nearest") for share, width in SMOOTHING)
+    smooth = np.zeros_like(counts)
+    for share, width in SMOOTHING:
+        smooth += share * ndimage.gaussian_filter(counts, width, mode="nearest")
     cell = (100 / BINS) * (200 / BINS) ** 2
     return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
 

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pi_heif
 from jaxtyping import UInt8
 
 from recon.failure import ReconFailure, ReconProblem
 
-SUFFIXES = (".jpg", ".jpeg", ".png")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
 FEWEST_PHOTOS = 3
 FULL_FRAME_WIDTH_MM = 36.0
 
@@ -29,7 +30,7 @@ class Photo:
 
 
 def photo_paths(folder: Path) -> tuple[Path, ...]:
-    """What counts as a photo: the files .jpg, .jpeg and .png (in any case) of a folder, sorted by name.
+    """What counts as a photo: a folder's files with one of SUFFIXES (in any case), sorted by name.
 
     Hidden files (cameras and phones leave a ._001.jpg), folders and links to nothing are no photos; a folder
     that does not exist holds none.
@@ -56,20 +57,35 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
         raise _unreadable(path, "is empty")
     if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-4096:]:
         raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error as error:
-        raise _unreadable(path, "cannot be decoded") from error
-    if image is None:
-        raise _unreadable(path, "is no picture that can be decoded")
+    image, exif = _heif(data, path) if data[4:8] == b"ftyp" else (_decoded(data, path), data)
     height, width = image.shape[:2]
-    focal_px = exif_focal_px(data, longest_px=max(height, width))
+    focal_px = exif_focal_px(exif, longest_px=max(height, width))
     shrink = longest_side_px / max(height, width)
     if shrink < 1:
         size = (round(width * shrink), round(height * shrink))
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
         focal_px = None if focal_px is None else focal_px * shrink
     return Photo(path.name, np.asarray(image, np.uint8), focal_px)
+
+
+def _decoded(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise _unreadable(path, "cannot be decoded") from error
+    if image is None:
+        raise _unreadable(path, "is no picture that can be decoded")
+    return np.asarray(image, np.uint8)
+
+
+def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
+    """A phone's HEIC (ISO/IEC 23008-12), turned upright by its own rotation property, and its EXIF block."""
+    try:
+        picture = pi_heif.open_heif(data, convert_hdr_to_8bit=True, bgr_mode=True)
+        image = np.asarray(picture, np.uint8)[..., :3]
+    except (ValueError, RuntimeError, SyntaxError, EOFError) as error:
+        raise _unreadable(path, f"is a HEIC that cannot be decoded ({error})") from error
+    return np.ascontiguousarray(image), bytes(picture.info.get("exif") or b"")
 
 
 def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ...]:
@@ -127,5 +143,6 @@ def _tag(tiff: bytes, order: str, directory: int, wanted: int) -> int | None:
 def _unreadable(path: Path, fault: str) -> ReconFailure:
     return ReconFailure(
         ReconProblem.UNREADABLE_PHOTO,
-        f"{path.name} in {path.parent} {fault}; expected a whole JPEG or PNG: copy it again or remove it.",
+        f"{path.name} in {path.parent} {fault}; expected a whole JPEG, PNG or HEIC: copy it again or remove "
+        "it.",
     )

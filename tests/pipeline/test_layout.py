@@ -51,8 +51,8 @@ def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
     assert "there is no such folder" in folder.photos_elsewhere()
     (tmp_path / "photos").mkdir()
     assert folder.photos_elsewhere() == ""
-    (tmp_path / "photos" / "1.heic").touch()
-    assert "1 files (.heic)" in folder.photos_elsewhere()
+    (tmp_path / "photos" / "1.webp").touch()
+    assert "1 files (.webp)" in folder.photos_elsewhere()
     (tmp_path / "2.jpg").touch()
     assert "1 lie beside it" in folder.photos_elsewhere()
     (tmp_path / "photos" / "3.jpg").touch()

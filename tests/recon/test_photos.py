@@ -1,6 +1,7 @@
 """Photos: whole ones are read, shrunk and their EXIF focal length kept; broken ones are named."""
 
 import struct
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -76,3 +77,27 @@ def _with_exif(jpeg: bytes, *, focal_35mm: int) -> bytes:
     second = struct.pack("<H", 1) + struct.pack("<HHIHH", 0xA405, 3, 1, focal_35mm, 0) + struct.pack("<I", 0)
     body = b"Exif\x00\x00" + head + first + second
     return jpeg[:2] + b"\xff\xe1" + struct.pack(">H", len(body) + 2) + body + jpeg[2:]
+
+
+def test_a_phones_heic_is_read_with_its_colours_and_focal_length(tmp_path):
+    whole = (Path(__file__).parents[1] / "data" / "quadrants.heic").read_bytes()
+    (tmp_path / "a.HEIC").write_bytes(whole)
+    photo = read_photo(tmp_path / "a.HEIC")
+    assert photo.image.shape == (72, 96, 3)
+    blocks = {
+        (18, 24): (200, 40, 40),
+        (18, 72): (40, 180, 60),
+        (54, 24): (50, 60, 190),
+        (54, 72): (230, 220, 200),
+    }
+    for (row, column), rgb in blocks.items():
+        assert np.abs(photo.image[row, column, ::-1].astype(int) - rgb).max() < 12
+    assert photo.focal_px == pytest.approx(26 / 36 * 96)
+
+
+def test_a_heic_cut_short_is_named(tmp_path):
+    whole = (Path(__file__).parents[1] / "data" / "quadrants.heic").read_bytes()
+    (tmp_path / "a.heic").write_bytes(whole[:600])
+    with pytest.raises(ReconFailure, match=r"a\.heic .* cannot be decoded") as caught:
+        read_photo(tmp_path / "a.heic")
+    assert caught.value.problem is ReconProblem.UNREADABLE_PHOTO
