@@ -1,0 +1,203 @@
+"""Relief on a ball with a cavity at the top that its outlines bridge; photos by ray casting, truth in closed
+form.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import pytest
+from mat_scene import ring
+
+from recon import relief as module
+from recon.camera import Camera
+from recon.hull import ball
+from recon.native import open3d
+from recon.photo_consistency import Patches, agreement, best_offsets, grey_views
+from recon.relief import Relief, relief
+
+RADIUS_MM = 22.0
+RIM_RAD = 0.5
+PX_PER_MM = 1.5 * 640 / 280
+LEVEL = 5
+CENTRE = np.array([0.0, 0.0, RADIUS_MM])
+
+
+@dataclass(frozen=True)
+class Scene:
+    """True vertices, those that outlines show, which of them are bridged, how many rims hold them, photos."""
+
+    truth: np.ndarray
+    outline: np.ndarray
+    bridged: np.ndarray
+    support: np.ndarray
+    images: tuple[np.ndarray, ...]
+    cameras: tuple[Camera, ...]
+
+
+def shape(level: int, depth_mm: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """True surface, the same bridged by a plane from rim to rim, and where it is."""
+    directions, _ = ball(level)
+    angle = np.arccos(np.clip(directions[:, 2], -1, 1))
+    inside = angle < RIM_RAD
+    lid = RADIUS_MM * np.cos(RIM_RAD) / np.maximum(directions[:, 2], np.cos(RIM_RAD))
+    bridge = np.where(inside, lid, RADIUS_MM)
+    dip = depth_mm * np.cos(np.pi / 2 * np.minimum(angle / RIM_RAD, 1.0)) ** 2
+    return directions * (bridge - dip)[:, None] + CENTRE, directions * bridge[:, None] + CENTRE, inside
+
+
+@cache
+def scene(depth_mm: float, texture: float, gloss: float) -> Scene:
+    truth, outline, inside = shape(LEVEL, depth_mm)
+    cameras = tuple(ring(20, width=640, height=480))
+    rng = np.random.default_rng(5)
+    waves = rng.normal(size=(40, 3)) * 1.6  # wavelengths about 2 to 4 mm
+    phases = rng.uniform(0, 2 * np.pi, 40)
+    lamps = np.array([[0.3, 0.2, 0.93], [-0.5, 0.3, 0.81], [0.1, -0.6, 0.79]])
+    fine, faces = shape(LEVEL + 1, depth_mm)[0], ball(LEVEL + 1)[1]
+    o3d = open3d()
+    caster = o3d.t.geometry.RaycastingScene(nthreads=1)
+    caster.add_triangles(o3d.core.Tensor(fine.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32)))
+    images = []
+    for camera in cameras:
+        v, u = np.mgrid[: camera.height_px, : camera.width_px]
+        pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+        near = np.abs(pixels - camera.project(CENTRE[None])).max(axis=1) < 1.3 * RADIUS_MM * PX_PER_MM
+        pixels = pixels[near]
+        local = np.column_stack([(pixels - camera.middle_px) / camera.focal_px, np.ones(len(pixels))])
+        rays = local @ camera.cam_from_world[:3, :3]
+        rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+        start = np.broadcast_to(camera.place, rays.shape)
+        cast = caster.cast_rays(o3d.core.Tensor(np.hstack([start, rays]).astype(np.float32)))
+        far, normal = cast["t_hit"].numpy(), cast["primitive_normals"].numpy()
+        hit = np.isfinite(far)
+        point = start[hit] + far[hit, None] * rays[hit]
+        skin = np.cos(point @ waves.T + phases).mean(axis=1) * np.sqrt(2 * 40)
+        light = 60 + 25 * np.clip(normal[hit] @ lamps[0], 0, 1) + texture * skin
+        mirrored = rays[hit] - 2 * np.sum(rays[hit] * normal[hit], axis=1, keepdims=True) * normal[hit]
+        for lamp in lamps:
+            light = light + gloss * np.clip(mirrored @ lamp, 0, 1) ** 200
+        grey = rng.normal(150.0, 1.0, len(near))
+        grey[np.flatnonzero(near)[hit]] = light + rng.normal(0, 1.0, len(light))
+        picture = np.clip(grey + 0.5, 0, 255).astype(np.uint8).reshape(camera.height_px, camera.width_px)
+        images.append(np.repeat(picture[..., None], 3, axis=2))
+    support = np.where(inside, 0.0, 1.0)
+    return Scene(truth, outline, inside, support, tuple(images), cameras)
+
+
+@cache
+def found(depth_mm: float, texture: float, gloss: float) -> Relief:
+    s = scene(depth_mm, texture, gloss)
+    return relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
+
+
+def misses_mm(points: np.ndarray, depth_mm: float) -> np.ndarray:
+    """How far points near the bridged part lie outside the true skin, measured from the ball's centre."""
+    local = points - CENTRE
+    size = np.linalg.norm(local, axis=1)
+    angle = np.arccos(np.clip(local[:, 2] / size, -1, 1))
+    lid = RADIUS_MM * np.cos(RIM_RAD) / np.maximum(np.cos(angle), np.cos(RIM_RAD))
+    dip = depth_mm * np.cos(np.pi / 2 * np.minimum(angle / RIM_RAD, 1.0)) ** 2
+    return size - np.where(angle < RIM_RAD, lid, RADIUS_MM) + dip
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_cavity_that_outlines_bridge_is_found_on_textured_skin():
+    s, got = scene(3.0, 12.0, 0.0), found(3.0, 12.0, 0.0)
+    before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
+    assert before > 1.2
+    assert after < 0.2 * before
+    assert [r.accepted for r in got.regions] == [True]
+    assert got.regions[0].depth_mm == pytest.approx(3.0, abs=0.5)
+
+
+def test_what_was_measured_and_what_may_be_bridged_is_told_by_vertex():
+    s, got = scene(3.0, 12.0, 0.0), found(3.0, 12.0, 0.0)
+    directions, _ = ball(LEVEL)
+    angle = np.arccos(directions[:, 2])
+    assert got.measured[angle < 0.6 * RIM_RAD].mean() > 0.9
+    assert not got.measured[angle > 2 * RIM_RAD].any()
+    assert got.bridged[angle < 0.5 * RIM_RAD].min() > 0.9
+    assert got.bridged[angle > 2 * RIM_RAD].max() < 0.1
+    assert s.bridged.mean() < 0.1
+
+
+def test_where_rims_hold_round_skin_nothing_moves():
+    s, got = scene(3.0, 12.0, 0.0), found(3.0, 12.0, 0.0)
+    held = ball(LEVEL)[0][:, 2] < np.cos(2.2 * RIM_RAD)
+    assert np.array_equal(got.vertices[held], s.outline[held])
+
+
+def test_skin_without_texture_stays_on_the_outlines():
+    s, got = scene(3.0, 0.0, 0.0), found(3.0, 0.0, 0.0)
+    assert np.array_equal(got.vertices, s.outline)
+    assert not got.measured.any()
+    assert got.bridged[s.bridged].mean() > 0.5
+
+
+def test_highlights_that_move_with_the_view_do_not_dent():
+    s, got = scene(0.0, 0.0, 90.0), found(0.0, 0.0, 90.0)
+    assert np.array_equal(got.vertices, s.outline)
+    assert not got.measured.any()
+
+
+def test_highlights_do_not_spoil_a_cavity_on_textured_skin():
+    s, got = scene(3.0, 12.0, 90.0), found(3.0, 12.0, 90.0)
+    before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
+    assert after < 0.5 * before
+
+
+def test_a_flat_top_that_is_as_its_outlines_show_stays():
+    s, got = scene(0.0, 12.0, 0.0), found(0.0, 12.0, 0.0)
+    assert rms(np.linalg.norm(got.vertices - s.outline, axis=1)) < 0.02
+
+
+def test_depth_that_the_held_out_views_deny_is_taken_back():
+    """The views held out are of a fruit without the cavity that the others show."""
+    s, other = scene(3.0, 12.0, 0.0), scene(0.0, 12.0, 0.0)
+    images = [a if i % 2 == 0 else b for i, (a, b) in enumerate(zip(s.images, other.images, strict=True))]
+    got = relief(s.outline, ball(LEVEL)[1], images, s.cameras, support=s.support)
+    assert max(r.depth_mm for r in got.regions) > 1.0  # the search finds it in the views that show it
+    assert np.array_equal(got.vertices, s.outline)
+
+
+def test_too_few_views_to_hold_any_out_move_nothing():
+    s = scene(3.0, 12.0, 0.0)
+    got = relief(s.outline, ball(LEVEL)[1], s.images[:5], s.cameras[:5], support=s.support)
+    assert np.array_equal(got.vertices, s.outline)
+
+
+def test_correlation_is_highest_on_the_true_skin():
+    s = scene(3.0, 12.0, 0.0)
+    row = np.flatnonzero(ball(LEVEL)[0][:, 2] > np.cos(0.1))
+    curved = 2 * 3.0 * (np.pi / 2 / (RIM_RAD * RADIUS_MM)) ** 2 - 1 / RADIUS_MM
+    up = np.tile([0.0, 0.0, 1.0], (len(row), 1))
+    patches = Patches(s.truth[row], up, np.full(len(row), curved))
+    offsets = np.linspace(-1.5, 1.5, 13)
+    scores, enough = agreement(patches, grey_views(s.images, s.cameras), offsets)
+    offset, weight = best_offsets(scores, offsets)
+    assert enough.all()
+    assert np.all(weight > 0.3)
+    assert np.abs(offset).max() < 0.3
+
+
+def test_two_high_peaks_apart_are_not_trusted():
+    offsets = np.linspace(-1, 1, 21)
+    peak = np.exp(-((offsets[:, None] - [[-0.5, 0.5]]) ** 2) / 0.01).T[:, None]
+    same = best_offsets(np.repeat(peak[:1], 4, axis=0), offsets)
+    apart = best_offsets(np.concatenate([peak, peak]), offsets)
+    assert same[0][0] == pytest.approx(-0.5, abs=0.01)
+    assert same[1][0] == pytest.approx(1.0, abs=0.01)
+    assert apart[1][0] == 0.0
+
+
+def test_chance_counts_patches_and_not_vertices(monkeypatch: pytest.MonkeyPatch):
+    s = scene(3.0, 12.0, 0.0)
+    monkeypatch.setattr(module, "CHANCE", 0.0)
+    got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
+    assert not any(r.accepted for r in got.regions)
+    assert np.array_equal(got.vertices, s.outline)
+    assert 0 < got.regions[0].chance < 1e-2
