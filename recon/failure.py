@@ -19,6 +19,7 @@ class ReconProblem(StrEnum):
     NO_SCALE = "no-scale"
     NO_SURFACE = "no-surface"
     NOT_WATERTIGHT = "not-watertight"
+    SURFACE_CONTRADICTED = "surface-contradicted"
     NO_PRIOR = "no-prior"
     BAD_PRIOR = "bad-prior"
     PIT_OUTSIDE_FRUIT = "pit-outside-fruit"

@@ -14,6 +14,7 @@ from recon.closed import vertex_normals
 from recon.coverage import seeing_views, seen_and_unseen
 from recon.failure import ReconFailure, ReconProblem
 from recon.geometry_model import point_maps
+from recon.ground_check import rim_evidence
 from recon.mat import Mat
 from recon.motion import cameras_from_motion
 from recon.photos import Photo, require_enough
@@ -26,6 +27,8 @@ from recon.scale import scaled_to_height, spread_of_scale
 from recon.silhouettes import find_fruit
 from recon.stage_clock import Progress, StageClock, one_thread
 from recon.surface import distances_mm, poisson_surface
+from recon.surface_error import surface_error
+from recon.surface_verdict import surface_doubts, surface_offset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +51,8 @@ class Reconstruction:
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
-    them each vertex faces. A geometry model gives neither.
+    them each vertex faces; `sd_mm` is the standard deviation of the skin's place at each vertex, and
+    `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -61,6 +65,7 @@ class Reconstruction:
     frame: str
     cameras: tuple[Camera, ...] = ()
     views: Int[np.ndarray, " n"] | None = None
+    sd_mm: Float[np.ndarray, " n"] | None = None
 
 
 def reconstruct(
@@ -75,7 +80,8 @@ def reconstruct(
 
     Scale comes from the mat, or without one from the fruit's height. The same photos give the same mesh:
     every library runs in one thread with a fixed seed. Raises ReconFailure: too-few-views, mat-not-found,
-    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, missing-library.
+    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted,
+    missing-library.
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
@@ -120,6 +126,10 @@ def reconstruct(
                 scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
             views = seeing_views(vertices, faces, np.array([c.place for c in placed]))
             share, hole_mm2 = seen_and_unseen(vertices, faces, views)
+            evidence = rim_evidence(images, placed, vertices, faces)
+            error = surface_error(evidence, vertices, faces, np.array([c.place for c in placed]), views)
+            offset = surface_offset(error, vertices, faces, views)
+            doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
             quality = ReconQuality(
                 views_given=len(photos),
                 views_used=len(fruit.used),
@@ -135,18 +145,25 @@ def reconstruct(
                 unseen_mm2=hole_mm2,
                 decimation_rms_mm=mesh.deviation_rms_mm,
                 relief_share=relief_share,
+                offset_rms_mm=offset.rms_mm,
+                offset_local_mm=offset.local_mm,
+                offset_volume_share=offset.volume_share,
+                ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
             )
     return Reconstruction(
         vertices=vertices,
         faces=faces,
         scale_sd=scale_sd,
-        surface_sd_mm=float(np.hypot(quality.outline_rms_mm, quality.decimation_rms_mm)),
+        surface_sd_mm=error.rms_mm,
         quality=quality,
-        warnings=poses.warnings + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max())),
+        warnings=poses.warnings
+        + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
+        + doubts,
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
         cameras=tuple(placed),
         views=views,
+        sd_mm=error.sd_mm,
     )
 
 

@@ -22,6 +22,9 @@ class ReconQuality:
     upside down; `unseen_mm2` is not, and was closed by the method.
     `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
     is from the upright one where both saw the skin (root mean square).
+    `offset_rms_mm`, `offset_local_mm`, `offset_volume_share`: how far the photos put the skin from the mesh,
+    looked at anew beside its rims (recon/ground_check.py): root mean square, what 2 % of the skin exceeds,
+    and what it adds up to. `ground_known_share` of the rims have ground behind them that other photos show.
     """
 
     views_given: int
@@ -40,6 +43,10 @@ class ReconQuality:
     relief_share: float
     flipped_views: int = 0
     flipped_miss_mm: float = float("nan")
+    offset_rms_mm: float = float("nan")
+    offset_local_mm: float = float("nan")
+    offset_volume_share: float = float("nan")
+    ground_known_share: float = float("nan")
 
 
 NOTHING_KNOWN = ReconQuality(

@@ -71,6 +71,7 @@ def _merged(
         surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
         quality=quality,
         views=views,
+        sd_mm=None,
         warnings=(*kept, *seen_doubts(quality), *said),
         seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
     )

@@ -1,0 +1,109 @@
+"""The photos tell where the skin is without any outline: a wrong mesh of a ray-cast egg is measured as wrong
+as it is.
+"""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+
+from recon.closed import vertex_normals
+from recon.coverage import seeing_views
+from recon.failure import ReconFailure, ReconProblem
+from recon.ground_check import rim_evidence
+from recon.hull import ball
+from recon.mat import standard_mat
+from recon.surface_error import surface_error
+from recon.surface_verdict import place_in_words, surface_doubts, surface_offset
+
+CAMERAS = ring(16)
+PLACES = np.array([c.place for c in CAMERAS])
+EGG = Egg()
+FACES = ball(4)[1]
+PIXEL_MM = 0.4
+
+
+@cache
+def images():
+    return [p.image for p in photographed(CAMERAS, egg=EGG, mat=standard_mat())]
+
+
+def skin(grow=1.0):
+    return grow * ball(4)[0] * EGG.semi_mm + EGG.centre
+
+
+def pushed(towards, depth_mm, width=0.12):
+    """The skin with a patch moved out along the normals, and how far each vertex was moved."""
+    along = np.array(towards) / np.linalg.norm(towards)
+    near = np.exp(-(((1 - ball(4)[0] @ along) / width) ** 2)) * depth_mm
+    return skin() + near[:, None] * vertex_normals(skin(), FACES), near
+
+
+@cache
+def told_of(kind, *args):
+    vertices = skin(*args) if kind == "grown" else pushed(*args)[0]
+    evidence = rim_evidence(images(), CAMERAS, vertices, FACES)
+    views = seeing_views(vertices, FACES, PLACES)
+    return vertices, evidence, surface_error(evidence, vertices, FACES, PLACES, views), views
+
+
+def test_the_true_skin_is_found_within_half_a_pixel_and_not_doubted():
+    vertices, evidence, error, views = told_of("grown", 1.0)
+    assert evidence.known.mean() > 0.7
+    assert abs(np.median(evidence.offset_mm[evidence.known])) < PIXEL_MM / 2
+    assert error.rms_mm < PIXEL_MM
+    offset = surface_offset(error, vertices, FACES, views)
+    assert offset.rms_mm < 0.5 * PIXEL_MM
+    assert surface_doubts(offset, error, evidence, vertices, FACES, views) == ()
+
+
+@pytest.mark.parametrize("grow", [0.96, 1.04])
+def test_a_mesh_of_another_size_is_measured_as_far_off_as_it_is(grow):
+    vertices, evidence, error, views = told_of("grown", grow)
+    off_mm = (1 - grow) * float(np.mean(EGG.semi_mm))
+    assert np.median(evidence.offset_mm[evidence.known]) == pytest.approx(off_mm, abs=PIXEL_MM / 2)
+    assert error.rms_mm == pytest.approx(abs(off_mm), rel=0.3)
+    offset = surface_offset(error, vertices, FACES, views)
+    assert offset.volume_share == pytest.approx(3 * (1 - grow), rel=0.4)  # no ground behind the lowest
+    with pytest.raises(ReconFailure, match="does not fit the photos") as caught:
+        surface_doubts(offset, error, evidence, vertices, FACES, views)
+    assert caught.value.problem is ReconProblem.SURFACE_CONTRADICTED
+
+
+@pytest.mark.parametrize("depth_mm", [-1.2, 1.2])
+def test_a_patch_pushed_in_or_out_is_found_where_it_is_and_the_error_bar_covers_it(depth_mm):
+    towards = (1.0, 0.1, 0.2)
+    vertices, evidence, error, views = told_of("pushed", towards, depth_mm)
+    true_mm = -pushed(towards, depth_mm)[1]
+    seen = views >= 2
+    peak = np.abs(np.where(seen, error.offset_mm, 0)).argmax()
+    assert abs(true_mm[peak]) > 0.5 * abs(depth_mm)
+    assert np.sign(error.offset_mm[peak]) == -np.sign(depth_mm)
+    assert np.corrcoef(error.offset_mm[seen], true_mm[seen])[0, 1] > 0.8
+    assert (np.abs(true_mm[seen]) < 2 * error.sd_mm[seen]).mean() > 0.9
+    offset = surface_offset(error, vertices, FACES, views)
+    (doubt,) = surface_doubts(offset, error, evidence, vertices, FACES, views)
+    assert "towards the suture" in doubt
+    assert ("outside" if depth_mm < 0 else "inside") + " the mesh" in doubt
+
+
+def test_places_are_told_as_one_would_at_the_mat():
+    x, y, z = (int((skin()[:, k]).argmax()) for k in range(3))
+    assert (
+        place_in_words(skin(), FACES, x) == "on the flank, towards the suture, about 24 mm above the ground,"
+    )
+    assert "left of the suture" in place_in_words(skin(), FACES, y)
+    assert place_in_words(skin(), FACES, z).startswith("near the top, in the middle, about 48 mm")
+
+
+def test_a_mesh_where_there_is_no_fruit_shows_ground_inside_its_rim_and_is_refused():
+    bare = [p.image for p in photographed(CAMERAS, egg=None, mat=standard_mat())]
+    evidence = rim_evidence(bare, CAMERAS, skin(), FACES)
+    views = seeing_views(skin(), FACES, PLACES)
+    error = surface_error(evidence, skin(), FACES, PLACES, views)
+    offset = surface_offset(error, skin(), FACES, views)
+    assert evidence.through[evidence.known].mean() > 0.5
+    assert offset.volume_share < -0.1
+    with pytest.raises(ReconFailure, match="inside the mesh"):
+        surface_doubts(offset, error, evidence, skin(), FACES, views)
