@@ -84,11 +84,12 @@ def told(pairs, truth: Truth, vertices: np.ndarray, faces: np.ndarray) -> str:
     except ReconFailure as failure:
         verdict = f"refused: {failure.detail}"
     volume = volume_mm3(vertices, faces) / volume_mm3(truth.vertices, truth.faces) - 1
+    within = area @ (np.abs(off) < 2 * error.sd_mm)
     return (
         f"true rms {np.sqrt(area @ off**2):.3f} mm, volume {100 * volume:+.1f} %; "
-        f"stated {error.rms_mm:.3f} mm, within 2 sd {area @ (np.abs(off) < 2 * error.sd_mm):.3f}; offsets {offset.rms_mm:.3f} mm, local "
-        f"{offset.local_mm:.2f} mm, volume {100 * offset.volume_share:+.1f} %; known "
-        f"{evidence.known.mean():.2f}; {verdict}"
+        f"stated {error.rms_mm:.3f} mm, within 2 sd {within:.3f}; "
+        f"offsets {offset.rms_mm:.3f} mm, local {offset.local_mm:.2f} mm, "
+        f"volume {100 * offset.volume_share:+.1f} %; known {evidence.known.mean():.2f}; {verdict}"
     )
 
 
