@@ -12,8 +12,8 @@ from recon.ground_check import RimEvidence
 from recon.surface_error import SurfaceError
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
-"""Root mean square of the offsets over the skin seen from which on it is said (mm), refused (diameters).
-On ten of eleven true surfaces at most 0.16 mm (on the eleventh, with a false edge beside its top, 0.32 mm), on
+"""Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
+On ten of eleven true surfaces at most 0.16 mm (on the eleventh, with a false edge at its top, 0.32 mm), on
 all eleven moved by 0.5 mm at least 0.23 mm. This and the next two: benchmarks/photo_evidence.py on the sets
 that they were chosen on."""
 LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
@@ -21,7 +21,7 @@ LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
 less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
 1.5 mm: 0.36 mm on a cherry, 0.85 mm and more on the rest."""
 VOLUME_SHARE = 0.02
-"""Share of the volume that the offsets add up to from which on it is said. True surfaces: at most 0.019,
+"""Share of the volume that the offsets add up to, said from here on. True surfaces: at most 0.019,
 shrunk by 2 % in length: 0.027 and more."""
 CAUSE_SHARE = 0.1
 MOVED_SHARE = 2.0
