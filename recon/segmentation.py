@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from recon import mask as colour
 from recon.camera import Camera
-from recon.carve import Block, carve
+from recon.carve import AGREEMENT, Block, carve
 from recon.failure import ReconFailure, ReconProblem
 from recon.mask import Behind, Window
 from recon.plate import Plate, clean_plate
@@ -75,21 +75,21 @@ class Scene:
         return views
 
 
-def first_block(scene: Scene) -> Block:
+def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
-    The plate is the median over the photos, which must outvote the fruit. Raises ReconFailure (no-fruit)
-    where nothing stands there.
+    The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
+    views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(scene.plate(None), corners, margin=0.02, side_px=COARSE_SIDE_PX)
     odds = [colour.first_odds(v.colours, v.behind) for v in views]
     masks = [colour.tidy(o) | ~v.behind.known for o, v in zip(odds, views, strict=True)]
     try:
-        return _carved(masks, views, scene)
+        return _carved(masks, views, scene, agreement)
     except ReconFailure:
         alike = _alike(views, odds, scene.low_mm, scene.high_mm)
-        return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene)
+        return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene, agreement)
 
 
 def _alike(
@@ -121,10 +121,10 @@ def _alike(
     return [colour.looks_like(v.colours, pixels) & v.behind.known for v in views]
 
 
-def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene) -> Block:
+def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene, agreement: float) -> Block:
     """The coarse fruit that the masks agree on, or the failure that there is none."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
-    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
+    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show nothing but the support")
     return block

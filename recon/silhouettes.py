@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.camera import Camera
-from recon.carve import Block
+from recon.carve import AGREEMENT, Block
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.mask import Window
@@ -106,16 +106,18 @@ def find_fruit(
     low_mm: Float[np.ndarray, "3"],
     high_mm: Float[np.ndarray, "3"],
     level: int,
+    agreement: float = AGREEMENT,
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
     Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown
     in the plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the next.
+    `agreement`: the share of the views that must take a cell of the first block for fruit.
     Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
     whole).
     """
     scene = Scene(images, cameras, low_mm, high_mm)
-    block = first_block(scene)
+    block = first_block(scene, agreement=agreement)
     scene, names = _whole(scene, block)
     centre = block.points.mean(0)
     longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
@@ -133,15 +135,15 @@ def find_fruit(
     for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
         views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
         mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, doubt, settle=False)
-    agreement = [
+    overlaps = [
         _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
         for v, m in zip(views, masks, strict=True)
     ]
-    kept = [i for i, a in enumerate(agreement) if a >= LOWEST_AGREEMENT]
+    kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
     if len(kept) < FEWEST_VIEWS:
         raise no_fruit(
-            f"the outlines of {len(agreement)} photos do not fit one body (mean overlap "
-            f"{np.mean(agreement):.2f})"
+            f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
+            f"{np.mean(overlaps):.2f})"
         )
     views, odds = [views[i] for i in kept], [odds[i] for i in kept]
     silhouettes: list[Silhouette] = []
