@@ -118,7 +118,8 @@ def ground_behind(window: Window, plate: Plate, camera: Camera) -> Behind:
     )
     colours, dim, bright = (lab(cv2.GaussianBlur(layer, (3, 3), 0.7)) for layer in layers)
     apart = np.abs(bright - dim) / SPREAD_OF_QUANTILES
-    scatter = np.stack([apart[..., 0], np.linalg.norm(apart[..., 1:], axis=2) / np.sqrt(2)], axis=2)
+    chroma = np.linalg.norm(apart[..., 1:], axis=2) / np.float32(np.sqrt(2))
+    scatter = np.stack([apart[..., 0], chroma], axis=2)
     if known.any() and not known.all():
         nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
         colours, scatter = colours[tuple(nearest)], scatter[tuple(nearest)]
@@ -193,7 +194,7 @@ def ground_density(
     bins = np.clip((k - DARKEST_SHADOW) / (1 - DARKEST_SHADOW) * SHADOW_BINS, 0, SHADOW_BINS - 1)
     depth = noise.shadow_density[bins.astype(np.int32)] / (behind.colours[..., 0] + 16)
     dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(tint, 1.5 * chroma) * depth, 0.0)
-    return np.asarray((1 - shadow_share) * lit + shadow_share * dim)
+    return np.asarray((1 - shadow_share) * lit + shadow_share * dim, np.float32)
 
 
 def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
@@ -248,7 +249,7 @@ def strange_share(
         for m in (odd, sure)
     )
     share = cv2.resize((count + 1e-6) / (of + 1e-4), sure.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    return np.asarray(np.clip(share, *STRANGE_SHARES))
+    return np.asarray(np.clip(share, *STRANGE_SHARES), np.float32)
 
 
 def colour_odds(
@@ -264,7 +265,7 @@ def colour_odds(
     """
     outside = (1 - strange) * ground + strange * other
     odds = np.log(inside + UNSEEN_DENSITY) - np.log(outside + UNSEEN_DENSITY)
-    return np.asarray(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
+    return np.asarray(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
 
 
 def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.ndarray, "h w"]:

@@ -179,7 +179,8 @@ def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
     width = PRIOR_SHARE * len(bound.sure)
     outside = cv2.distanceTransform((~bound.perhaps).astype(np.uint8), cv2.DIST_L2, 3)
     inside = cv2.distanceTransform(bound.sure.astype(np.uint8), cv2.DIST_L2, 3)
-    return np.asarray(PRIOR_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1)))
+    prior = PRIOR_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1))
+    return np.asarray(prior, np.float32)
 
 
 def pixels_of(block: Block, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:

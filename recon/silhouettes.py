@@ -133,6 +133,7 @@ def find_fruit(
     views, odds, masks = _cut_block(scene, block)
     mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, HULL_DOUBT[0], settle=False)
     for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
+        del views, odds, masks  # hundreds of MB, before as much is made anew
         views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
         mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, doubt, settle=False)
     overlaps = [
