@@ -32,7 +32,8 @@ FEWEST_VIEWS = 3
 MOST_INWARD_PX = 3.5
 DOUBT = 0.03
 HULL_DOUBT = (0.25, 0.25, 0.15)
-"""Shares of the views that may cut away too much: in the block, and under each cover."""
+"""Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
+again in the next round, too small a one bounds it wrongly."""
 SETTLED_LEVEL = 5
 SIDES_PX = (320, 420)
 COVER_SHRINK = 4
