@@ -1,0 +1,179 @@
+"""Photos as the self-check looks at them, small and of one brightness, and the mesh's rim in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.camera import Camera
+from recon.closed import vertex_normals
+from recon.hull import drawn
+from recon.mask import Window
+
+DIAMETER_PX = 260.0
+"""Photos are shrunk until the fruit is at most this wide (px): finer pixels cost time and tell no more."""
+RIM_SAMPLES = 96
+FREE_PX = 4.0
+"""A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
+FEWEST_SIGHTINGS = 3
+
+
+@dataclass(frozen=True)
+class Sight:
+    """A photo shrunk, as 8-bit Lab with its range over eight neighbours, and the mesh's distance in it."""
+
+    camera: Camera
+    colours: UInt8[np.ndarray, "h w 3"]
+    lowest: UInt8[np.ndarray, "h w 3"]
+    highest: UInt8[np.ndarray, "h w 3"]
+    outside_px: Float[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class Rim:
+    """Rim samples of one photo: edges' ends, share, pixel, outward normal in the picture, pixel size."""
+
+    a: Int[np.ndarray, " k"]
+    b: Int[np.ndarray, " k"]
+    t: Float[np.ndarray, " k"]
+    pixel: Float[np.ndarray, "k 2"]
+    normal: Float[np.ndarray, "k 2"]
+    pixel_mm: Float[np.ndarray, " k"]
+
+
+def rims_of(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+) -> tuple[list[Sight], list[Rim]]:
+    """Every photo shrunk, at the brightness of the median photo, and its rim samples."""
+    normals = vertex_normals(vertices, faces)
+    pairs = [_shrunk(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
+    outside = [_outside_px(c, vertices, faces) for _, c in pairs]
+    gains = _gains(pairs, outside, vertices)
+    sights = [
+        _sight(image, camera, far, gain)
+        for (image, camera), far, gain in zip(pairs, outside, gains, strict=True)
+    ]
+    return sights, [_rim(s, vertices, normals, faces) for s in sights]
+
+
+def _shrunk(
+    image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
+) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
+    """The photo shrunk by a whole factor, lightly blurred, and its camera."""
+    factor = max(1, round(float(np.ptp(camera.project(vertices), axis=0).max()) / DIAMETER_PX))
+    if factor > 1:
+        rows, columns = (n // factor for n in image.shape[:2])
+        image = cv2.resize(
+            image[: rows * factor, : columns * factor], (columns, rows), interpolation=cv2.INTER_AREA
+        )
+        # a row or column cut off moves the picture's middle by less than half a small pixel
+        camera = replace(camera, width_px=columns, height_px=rows, focal_px=camera.focal_px / factor)
+    return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.6), np.uint8), camera
+
+
+def _outside_px(
+    camera: Camera, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "h w"]:
+    """Signed distance to the mesh's drawing, px, positive outside."""
+    window = Window(np.empty((camera.height_px, camera.width_px, 0), np.uint8), (0, 0), 1)
+    inside = drawn(vertices, faces, window, camera)
+    out = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(out - cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+
+
+def looked_up(
+    picture: np.ndarray, pixels: Float[np.ndarray, "k 2"], flags: int = cv2.INTER_LINEAR
+) -> np.ndarray:
+    """Values at pixels; what misses the picture gets its border."""
+    width = 512
+    maps = np.zeros((-(-len(pixels) // width) * width, 2), np.float32)
+    maps[: len(pixels)] = np.clip(pixels, -9, 3e4)
+    found = cv2.remap(picture, maps.reshape(-1, width, 2), None, flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.reshape(len(maps), *picture.shape[2:])[: len(pixels)])
+
+
+def seen_free(
+    camera: Camera, outside_px: Float[np.ndarray, "h w"], points: Float[np.ndarray, "k 3"], free_px: float
+) -> tuple[Float[np.ndarray, "k 2"], Bool[np.ndarray, " k"]]:
+    """Pixels of ground points, and which of them are in the picture and free of the mesh."""
+    ahead = camera.into(points)[:, 2] > 0
+    pixels = camera.project(points)
+    inside = ((pixels > 2) & (pixels < [camera.width_px - 3, camera.height_px - 3])).all(1)
+    return pixels, ahead & inside & (looked_up(outside_px, pixels) > free_px)
+
+
+def _gains(
+    pairs: Sequence[tuple[UInt8[np.ndarray, "h w 3"], Camera]],
+    outside: Sequence[Float[np.ndarray, "h w"]],
+    vertices: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "v 3"]:
+    """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
+    middle, radius = foot(vertices)
+    turn, far = np.meshgrid(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.linspace(1.2, 3.0, 12))
+    ring = np.column_stack([(far * np.cos(turn)).ravel(), (far * np.sin(turn)).ravel(), 0 * turn.ravel()])
+    points = ring * radius + middle
+    colours = np.full((len(pairs), len(points), 3), np.nan)
+    for k, ((image, camera), out) in enumerate(zip(pairs, outside, strict=True)):
+        pixels, seen = seen_free(camera, out, points, 2 * FREE_PX)
+        colours[k, seen] = np.log(looked_up(image, pixels[seen]).reshape(-1, 3) + 8.0)
+    known = np.isfinite(colours[..., 0]).sum(0) >= FEWEST_SIGHTINGS
+    if known.sum() < 30:
+        return np.ones((len(pairs), 3))
+    apart = np.nanmedian(colours[:, known], axis=0) - colours[:, known]
+    enough = np.isfinite(apart[..., 0]).sum(1) >= 30
+    gains = np.ones((len(pairs), 3))
+    gains[enough] = np.exp(np.nanmedian(apart[enough], axis=1))
+    return np.clip(gains, 0.4, 2.5)
+
+
+def foot(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+    """The ground point under the mesh's middle, and half its width."""
+    low, high = vertices.min(0), vertices.max(0)
+    middle = (low + high) / 2
+    return np.array([middle[0], middle[1], 0.0]), float((high - low).max() / 2)
+
+
+def _sight(
+    image: UInt8[np.ndarray, "h w 3"],
+    camera: Camera,
+    outside_px: Float[np.ndarray, "h w"],
+    gain: Float[np.ndarray, "3"],
+) -> Sight:
+    levels = np.clip((np.arange(256)[:, None] + 8.0) * gain - 8.0 + 0.5, 0, 255).astype(np.uint8)
+    colours = np.asarray(cv2.cvtColor(cv2.LUT(image, levels[None]), cv2.COLOR_BGR2LAB), np.uint8)
+    cell = np.ones((3, 3), np.uint8)
+    return Sight(camera, colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), outside_px)
+
+
+def _rim(
+    sight: Sight,
+    vertices: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+) -> Rim:
+    """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
+    camera = sight.camera
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    a, b = edges[edges[:, 0] < edges[:, 1]].T
+    towards = np.einsum("ij,ij->i", camera.place - vertices, normals)
+    crossing = (towards[a] > 0) != (towards[b] > 0)
+    a, b = a[crossing], b[crossing]
+    t = towards[a] / (towards[a] - towards[b])
+    points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
+    pixel = camera.project(points)
+    outer = np.abs(looked_up(sight.outside_px, pixel)) < 1.6
+    inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
+    keep = np.flatnonzero(outer & inside)
+    turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)
+    keep = keep[np.argsort(turn, kind="stable")]
+    if len(keep) > RIM_SAMPLES:
+        keep = keep[np.linspace(0, len(keep) - 1, RIM_SAMPLES).round().astype(int)]
+    a, b, t, points, pixel = a[keep], b[keep], t[keep], points[keep], pixel[keep]
+    ahead = camera.project(points + 0.01 * ((1 - t)[:, None] * normals[a] + t[:, None] * normals[b])) - pixel
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
+    return Rim(a, b, t, pixel, ahead, camera.into(points)[:, 2] / camera.focal_px)
