@@ -31,7 +31,7 @@ def profiles_of(
     offsets: Float[np.ndarray, " o"],
     vertices: Float[np.ndarray, "n 3"],
 ) -> Profiles:
-    """Colours along all rims' normals, and quantiles of what other photos show there on z = 0, free of the mesh.
+    """Colours along all rims' normals, and quantiles of what other photos show there of z = 0.
 
     A photo tells nothing of its own rims' ground. `known` where FEWEST_SIGHTINGS photos or more tell.
     """
