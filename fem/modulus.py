@@ -153,6 +153,7 @@ def _from_first_touch(
         E_MPa=modulus,
         misfit_sd=misfit,
         discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
+        history=history,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
@@ -200,7 +201,7 @@ def _absolute(
         force,
         peak,
         pad_of_marker=history.pad_of_marker,
-        surface_sd_mm=budget.surface_sd_mm,
+        surface_sd_mm=budget.surface_under_pads_mm(history),
         fruit_moves=model.fruit_moves,
     )
     modulus = require_positive(fit.compliance)
@@ -211,6 +212,7 @@ def _absolute(
         E_MPa=modulus,
         misfit_sd=fit.surface,
         discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
+        history=history,
     )
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = alone.E_sd_MPa / alone.E_MPa

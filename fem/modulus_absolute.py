@@ -33,11 +33,11 @@ def absolute_compliance(
     frame: int,
     *,
     pad_of_marker: Int[np.ndarray, " n"],
-    surface_sd_mm: float,
+    surface_sd_mm: Float[np.ndarray, " p"],
     fruit_moves: bool,
 ) -> AbsoluteFit:
-    """The fit to one `frame` of `tracks`; the surface's error is one unknown shift per pad, in the spread
-    only."""
+    """The fit to one `frame` of `tracks`; the surface's error is one unknown shift per pad, of
+    standard deviation `surface_sd_mm` each, in the spread only."""
     on = tracks.episode[frame] >= 0
     normal, weight = tracks.normal[on], 1 / tracks.sd_mm[on]
     gap = _dot(tracks.position_mm[frame, on] - tracks.place_mm[on], normal)
@@ -51,14 +51,15 @@ def absolute_compliance(
     residual = gap - columns @ solution
     own = gap - (columns[:, 1:] @ solution[1:])
     push = _dot(force_N[frame, on], normal)
-    depth = [abs(float(gap[pad_of_marker[on] == pad].mean())) for pad in np.unique(pad_of_marker[on])]
+    touching = np.unique(pad_of_marker[on])
+    depth = [abs(float(gap[pad_of_marker[on] == pad].mean())) for pad in touching]
     field = np.full((1, len(on), 3), np.nan)
     field[0, on] = residual[:, None] * normal
     return AbsoluteFit(
         compliance=float(solution[0]),
         energy_compliance=float(push @ own) / float(push @ unit),
         noise=float(np.sqrt(inverse[0, 0])) / abs(float(solution[0])),
-        surface=surface_sd_mm * float(np.sqrt(len(depth))) / float(np.sum(depth)),
+        surface=float(np.linalg.norm(surface_sd_mm[touching])) / float(np.sum(depth)),
         residual_mm=field,
     )
 

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float
+
 from fem.grasp_sensitivity import PIT_OFFSET, PIT_SIZE, POISSON_RATIO, SURFACE
+from fem.modulus_inputs import GraspHistory
 
 #: the parts of an error bar, as they are reported
 TACTILE, REGISTRATION, PIT_PLACE, DISCRETISATION, MODEL, SCATTER = (
@@ -24,7 +28,8 @@ class ErrorBudget:
     a batch may set them from its own sensor's calibration.
 
     `pit_offset_sd_mm` (each axis), `pit_size_sd`: spread of the pit prior (centre; relative size).
-    `surface_sd_mm`: error of the fruit's surface mesh. `pose_sd_mm`: error of a pad's place along
+    `surface_sd_mm`: error of the fruit's surface mesh, where that of a pad's patch is not known by itself
+    (PadHistory.surface_sd_mm). `pose_sd_mm`: error of a pad's place along
     the skin. `poisson_ratio_sd`: spread of Poisson's ratio, zero where it is given. The size of elements is
     not here: it is measured on every mesh (fem.discretisation).
     """
@@ -41,8 +46,19 @@ class ErrorBudget:
         if not self.gel_scale_sd > 0:
             raise ValueError(f"gel_scale_sd is {self.gel_scale_sd:g}, expected above zero; no scale is exact")
 
-    def sd_of(self, cause: str) -> float:
-        """Prior standard deviation of a cause of fem.grasp_sensitivity, in its unit."""
+    def surface_under_pads_mm(self, history: GraspHistory) -> Float[np.ndarray, " p"]:
+        """Standard deviation of the mesh's error under each pad: of its patch, or else of all the mesh."""
+        known = (pad.surface_sd_mm for pad in history.pads)
+        return np.array([self.surface_sd_mm if sd is None else sd for sd in known])
+
+    def sd_of(self, cause: str, *, history: GraspHistory | None = None) -> float:
+        """Prior standard deviation of a cause of fem.grasp_sensitivity, in its unit.
+
+        The waves of a recording's surface (`history`) have the root mean square of what is known under its
+        pads, sqrt(sum_p sd_p² / P): only there does the mesh's error reach E.
+        """
+        if cause in SURFACE and history is not None and history.pads:
+            return float(np.sqrt(np.mean(self.surface_under_pads_mm(history) ** 2) / 3))
         if cause in PIT_OFFSET:
             return self.pit_offset_sd_mm
         if cause in (PIT_SIZE, POISSON_RATIO):

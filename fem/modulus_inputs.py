@@ -14,7 +14,8 @@ class PadHistory:
     `position_mm`: where it is. `gel_displacement_mm`: the measured part of that position, whose scale is in
     doubt. `force_N`: what the gel puts on the fruit. `episode`: how often the marker has come into contact,
     -1 while it touches nothing. `displacement_sd_mm`, `force_sd_N`: noise of one component in one frame;
-    `lag1`: its correlation with the next frame.
+    `lag1`: its correlation with the next frame. `surface_sd_mm`: error of the fruit's mesh within the pad's
+    contact patch, root mean square; None where only that of the whole mesh is known (fem.modulus_budget).
     """
 
     name: str
@@ -27,6 +28,7 @@ class PadHistory:
     displacement_sd_mm: float
     force_sd_N: float
     lag1: float
+    surface_sd_mm: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

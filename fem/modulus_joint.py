@@ -20,6 +20,7 @@ from jaxtyping import Bool, Float
 from fem.grasp_sensitivity import PIT, POISSON_RATIO
 from fem.modulus_budget import DISCRETISATION, MODEL, SCATTER, TACTILE, ErrorBudget, part_of
 from fem.modulus_information import FORCE_SCALE, GraspInformation
+from fem.modulus_inputs import GraspHistory
 
 NOTICED = 0.03
 """Relative scatter between grasps, beyond their errors, that is worth a sentence."""
@@ -75,12 +76,14 @@ class GraspEvidence:
     """What a grasp brings to the inference: its information, and by how much its E may be off beyond that.
 
     `misfit_sd`, `discretisation_sd`: relative, from the departure from the model and the size of elements.
+    `history`: the recording, for what is known under its own pads; None: the budget's numbers alone.
     """
 
     information: GraspInformation
     E_MPa: float
     misfit_sd: float
     discretisation_sd: float
+    history: GraspHistory | None = None
 
 
 def joint_modulus(
@@ -149,7 +152,8 @@ def _unknowns(
                 name = f"{cause} {number}"
                 found.append(_Unknown(name=name, part=TACTILE, sd=budget.force_scale_sd, grasp=k))
             elif cause not in (*PIT, POISSON_RATIO):
-                found.append(_Unknown(name=cause, part=part_of(cause), sd=budget.sd_of(cause), grasp=k))
+                sd = budget.sd_of(cause, history=grasp.history)
+                found.append(_Unknown(name=cause, part=part_of(cause), sd=sd, grasp=k))
     return [unknown for unknown in found if unknown.sd > 0]
 
 

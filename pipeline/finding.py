@@ -86,12 +86,13 @@ def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
     """The fruit as the finder takes it."""
-    budget = fruit.budget
+    budget, placed = fruit.budget, fruit.placed
     if case.mesh_sd_mm is not None:
         budget = replace(budget, surface_sd_mm=case.mesh_sd_mm)
+        placed = tuple(replace(grasp, surface_sd_mm={}) for grasp in placed)
     return MismatchCase(
         mesh=fruit.mesh,
-        grasps=tuple(map(grasp_case, fruit.placed)),
+        grasps=tuple(map(grasp_case, placed)),
         poisson_ratio=fruit.poisson_ratio,
         budget=budget,
     )

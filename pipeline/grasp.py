@@ -1,7 +1,7 @@
 """One recording on one fruit: where tactile's contact meets fem's flesh."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from fem.mismatch.case import GraspCase, PadMotion
 from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
+from recon.surface_error import sd_on_patch_mm
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.failure import TactileFailure, TactileProblem
@@ -21,13 +22,18 @@ from tactile.registration import PadRegistration, register
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A recording whose pads have been found on the fruit's surface; `path` is where it was read from."""
+    """A recording whose pads have been found on the fruit's surface; `path` is where it was read from.
+
+    `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
+    where the mesh's error is known vertex by vertex.
+    """
 
     name: str
     path: Path
     recording: Recording
     contact: Contact
     pads: tuple[PadRegistration, ...]
+    surface_sd_mm: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
@@ -45,10 +51,13 @@ def place_grasp(
     *,
     name: str | None = None,
     faults: Sequence[Fault] = (),
+    sd_mm: Float[np.ndarray, " v"] | None = None,
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
-    `name` is what people know it by; None: the file's. Raises TactileFailure.
+    `name` is what people know it by; None: the file's. `sd_mm`: the mesh's error at each vertex, where it is
+    known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
+    Raises TactileFailure.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
@@ -56,7 +65,15 @@ def place_grasp(
     _refuse_no_pose(recording, source)
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
-    return PlacedGrasp(name=name, path=path, recording=recording, contact=contact, pads=pads)
+    placed = PlacedGrasp(name=name, path=path, recording=recording, contact=contact, pads=pads)
+    if sd_mm is None:
+        return placed
+    known = {
+        pad: sd_on_patch_mm(points, vertices, faces, sd_mm)
+        for pad, points in placed.touched_mm.items()
+        if len(points)
+    }
+    return replace(placed, surface_sd_mm=known)
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:
@@ -106,6 +123,7 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
                 displacement_sd_mm=contact.displacement_noise.sd,
                 force_sd_N=contact.force_noise.sd,
                 lag1=contact.displacement_noise.lag1,
+                surface_sd_mm=grasp.surface_sd_mm.get(contact.name),
             )
             for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
         ),

@@ -22,6 +22,7 @@ from pipeline.task import FruitTask
 from recon.coverage import SEEN_BY
 from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
+from reports.surface_sd_map import surface_sd_map
 from tactile.failure import TactileFailure
 
 FOOT_MM = 0.5
@@ -59,6 +60,9 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
         if shape.views is not None:
             shown = coverage_map(shape.vertices, shape.faces, shape.views, seen_by=SEEN_BY)
             write_whole(task.results.coverage, shown)
+        if shape.sd_mm is not None and shape.views is not None:
+            shown = surface_sd_map(shape.vertices, shape.faces, shape.sd_mm, seen=shape.views >= SEEN_BY)
+            write_whole(task.results.surface_sd, shown)
     with diary.stage("pit"):
         pit = embedded_pit(task, shape)
         known["pit"] = pit.record
@@ -107,7 +111,12 @@ def _placed(
                     diary.warnings += kept.notes
                     path = kept.path
                 grasp = place_grasp(
-                    path, shape.vertices, shape.faces, name=name, faults=faults(task.settings.mismatch)
+                    path,
+                    shape.vertices,
+                    shape.faces,
+                    name=name,
+                    faults=faults(task.settings.mismatch),
+                    sd_mm=shape.sd_mm,
                 )
                 placed.append(grasp)
                 diary.warnings += foreign(grasp, task.fruit_id, task.category)

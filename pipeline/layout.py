@@ -179,6 +179,11 @@ class FruitResults:
         return self.root / "coverage.png"
 
     @property
+    def surface_sd(self) -> Path:
+        """The map of how well the place of the skin is known."""
+        return self.root / "surface-sd.png"
+
+    @property
     def mismatch(self) -> Path:
         """What `drupe explain` says of the fruit."""
         return self.root / "mismatch.json"
@@ -197,6 +202,7 @@ class FruitResults:
             self.photo,
             self.picture,
             self.coverage,
+            self.surface_sd,
             self.traceback,
         ):
             path.unlink(missing_ok=True)

@@ -46,6 +46,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
             "faces": whole.faces,
             "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
             **({} if whole.views is None else {"views": whole.views}),
+            **({} if whole.sd_mm is None else {"sd_mm": whole.sd_mm}),
             "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
         },
         facts={

@@ -26,7 +26,8 @@ from recon.stance import stance_of
 class Shape:
     """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
 
-    `views`: how many photos show each vertex, where that is known.
+    `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
+    that is known.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -35,6 +36,7 @@ class Shape:
     record: MeshRecord
     warnings: tuple[str, ...]
     views: Int[np.ndarray, " n"] | None = None
+    sd_mm: Float[np.ndarray, " n"] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,6 +108,7 @@ def _fruit_shape(task: FruitTask) -> Shape:
         source="photos",
         facts=dict(made.facts),
         views=made.arrays.get("views"),
+        sd_mm=made.arrays.get("sd_mm"),
     )
 
 
@@ -117,6 +120,7 @@ def _shape(
     source: Literal["photos", "fruit.ply"],
     facts: Mapping[str, Any],
     views: Int[np.ndarray, " n"] | None = None,
+    sd_mm: Float[np.ndarray, " n"] | None = None,
 ) -> Shape:
     box = np.ptp(vertices, axis=0).tolist()
     return Shape(
@@ -124,6 +128,7 @@ def _shape(
         faces=faces,
         mesh_from_fruit=mesh_from_fruit,
         views=views,
+        sd_mm=sd_mm,
         warnings=tuple(facts.get("warnings", ())),
         record=MeshRecord(
             source=source,

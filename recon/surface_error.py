@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from recon.closed import face_areas, facing, neighbour_mean, vertex_normals
 from recon.coverage import SEEN_BY
 from recon.ground_check import RimEvidence
+from recon.native import open3d
 
 SPREADING = 8
 """Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
@@ -21,6 +22,29 @@ UNKNOWN_RIM = 0.007
 """Standard deviation per diameter where rims pass but no other photo shows the ground behind them."""
 NEVER_GRAZED = 0.06
 """Standard deviation per diameter and per squared angle (rad) to the nearest rim, where no rim tells."""
+
+
+def sd_on_patch_mm(
+    points: Float[np.ndarray, "p 3"],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    sd_mm: Float[np.ndarray, " n"],
+) -> float:
+    """Root mean square of a surface's `sd_mm` (per vertex) over the points of the mesh nearest to `points`.
+
+    sqrt(mean over p of sd(x_p)²), sd linear within each triangle. Points that stand evenly on a contact patch
+    give the root mean square over its area.
+    """
+    o3d = open3d()
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor(vertices.astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
+    )
+    found = scene.compute_closest_points(o3d.core.Tensor(points.astype(np.float32)), nthreads=1)
+    corners = sd_mm[faces[found["primitive_ids"].numpy().astype(int)]]
+    u, v = found["primitive_uvs"].numpy().astype(float).T
+    sd = (1 - u - v) * corners[:, 0] + u * corners[:, 1] + v * corners[:, 2]
+    return float(np.sqrt(np.mean(sd**2)))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,6 +100,7 @@ class FruitEntry:
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
     coverage_png: bytes | None = None
+    surface_sd_png: bytes | None = None
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()
     facts: tuple[tuple[str, str], ...] = ()

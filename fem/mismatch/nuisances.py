@@ -50,7 +50,9 @@ def own_nuisances(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
     """Those of one recording: name, prior standard deviation, field."""
     budget = ground.base.case.budget
     found = [
-        (name, _sd(name, budget), field) for name, field in _inner(ground, seen).items() if name in SURFACE
+        (name, budget.sd_of(name, history=seen.case.history), field)
+        for name, field in _inner(ground, seen).items()
+        if name in SURFACE
     ]
     found += [(name, budget.pose_sd_mm, field) for name, field in _places(ground, seen)]
     return found + _departures(ground, seen) + _approaches(ground, seen)

@@ -5,9 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO
-from fem.modulus_budget import DISCRETISATION, MODEL, PIT_PLACE, SCATTER, TACTILE, ErrorBudget
+from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO, SURFACE
+from fem.modulus_budget import (
+    DISCRETISATION,
+    MODEL,
+    PIT_PLACE,
+    REGISTRATION,
+    SCATTER,
+    TACTILE,
+    ErrorBudget,
+)
 from fem.modulus_information import GraspInformation
+from fem.modulus_inputs import GraspHistory, PadHistory
 from fem.modulus_joint import GraspEvidence, joint_modulus
 
 E_MPA = 0.5
@@ -52,6 +61,41 @@ def test_the_parts_add_up_to_the_error_bar_in_squares(infer_pit):
     assert set(found.parts_sd_MPa) <= {TACTILE, PIT_PLACE, PIT_SIZE, DISCRETISATION, MODEL, SCATTER}
     assert found.parts_sd_MPa[DISCRETISATION] == pytest.approx(0.003 * found.E_MPa, rel=1e-6)
     assert found.parts_sd_MPa[MODEL] < 0.01 * found.E_MPa
+
+
+def pressed(*surface_sd_mm):
+    """A recording of which only the mesh's errors under its pads are known."""
+    nothing = np.zeros((0, 3))
+    return GraspHistory(
+        time_s=np.zeros(0),
+        phase=(),
+        pads=tuple(
+            PadHistory(
+                name=str(k), rest_mm=nothing, surface_mm=nothing, position_mm=np.zeros((0, 0, 3)),
+                gel_displacement_mm=np.zeros((0, 0, 3)), force_N=np.zeros((0, 0, 3)),
+                episode=np.zeros((0, 0), int), displacement_sd_mm=0.01, force_sd_N=0.01, lag1=0.0,
+                surface_sd_mm=sd_mm,
+            )
+            for k, sd_mm in enumerate(surface_sd_mm)
+        ),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "under_pads_mm, counts_mm",
+    [
+        ((0.3, 0.4), np.sqrt((0.09 + 0.16) / 2)),
+        ((0.3, None), np.sqrt((0.09 + 0.04) / 2)),
+        ((None, None), 0.2),
+    ],
+)
+def test_the_surface_counts_by_its_error_under_the_pads_where_that_is_known(under_pads_mm, counts_mm):
+    slopes = 0.05 * np.ones(len(SURFACE))
+    one = planted(slopes, np.zeros(len(SURFACE)), causes=SURFACE)
+    budget = replace(WIDE, surface_sd_mm=0.2)
+    found = joint_modulus([replace(one, history=pressed(*under_pads_mm))], budget=budget, infer_pit=False)
+    # six independent waves of variance sd² / 3, each with a slope of 5 % per mm
+    assert found.parts_sd_MPa[REGISTRATION] / E_MPA == pytest.approx(0.05 * counts_mm * np.sqrt(2), rel=1e-6)
 
 
 def test_a_lone_grasps_pit_counts_by_its_sensitivity_times_its_spread():

@@ -47,6 +47,19 @@ def test_a_recording_without_poses_is_refused(tmp_path):
         place_grasp(tmp_path / "grasp.h5", *read_mesh(DATA / "fruit.ply"))
 
 
+def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():
+    vertices, faces = read_mesh(DATA / "fruit.ply")
+    plain = place_grasp(DATA / "grasp.h5", vertices, faces)
+    assert all(pad.surface_sd_mm is None for pad in history(plain).pads)
+    middle = {name: points.mean(axis=0) for name, points in plain.touched_mm.items()}
+    (one, at), (other, beyond) = middle.items()
+    nearer = np.linalg.norm(vertices - at, axis=1) < np.linalg.norm(vertices - beyond, axis=1)
+    known = place_grasp(DATA / "grasp.h5", vertices, faces, sd_mm=np.where(nearer, 0.3, 0.05))
+    assert known.surface_sd_mm == pytest.approx({one: 0.3, other: 0.05})
+    pads = {pad.name: pad.surface_sd_mm for pad in history(known).pads}
+    assert pads == pytest.approx({one: 0.3, other: 0.05})
+
+
 @pytest.fixture(scope="module")
 def found(graded):
     return graded[1]

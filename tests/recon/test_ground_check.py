@@ -14,7 +14,7 @@ from recon.failure import ReconFailure, ReconProblem
 from recon.ground_check import rim_evidence
 from recon.hull import ball
 from recon.mat import standard_mat
-from recon.surface_error import surface_error
+from recon.surface_error import sd_on_patch_mm, surface_error
 from recon.surface_verdict import place_in_words, surface_doubts, surface_offset
 
 CAMERAS = ring(16)
@@ -86,6 +86,16 @@ def test_a_patch_pushed_in_or_out_is_found_where_it_is_and_the_error_bar_covers_
     (doubt,) = surface_doubts(offset, error, evidence, vertices, FACES, views)
     assert "towards the suture" in doubt
     assert ("outside" if depth_mm < 0 else "inside") + " the mesh" in doubt
+
+
+def test_the_error_on_a_patch_is_the_root_mean_square_over_its_area():
+    corners = np.array([[0.0, 0, 0], [4, 0, 0], [4, 4, 0], [0, 4, 0]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    sd_mm = 0.1 * corners[:, 0]
+    x, y = np.meshgrid(np.linspace(1.005, 2.995, 200), np.linspace(0.5, 3.5, 7))
+    above = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.2)])
+    # the integral of (0.1 x)² over x in 1..3, over the length
+    assert sd_on_patch_mm(above, corners, faces, sd_mm) == pytest.approx(0.1 * np.sqrt(26 / 6), rel=1e-3)
 
 
 def test_places_are_told_as_one_would_at_the_mat():

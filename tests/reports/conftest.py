@@ -41,6 +41,7 @@ def graded_fruit(fruit_id: str, *, rank: int, E_MPa: float, maturity: str | None
         photo_jpeg=TINY_JPEG,
         mesh_png=TINY_PNG,
         coverage_png=TINY_PNG,
+        surface_sd_png=TINY_PNG,
         estimates=(
             GraspEstimate(
                 grasp="grasp-1",

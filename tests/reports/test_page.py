@@ -181,6 +181,10 @@ def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(
 def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
     graded: Callable[..., FruitEntry], empty_batch: BatchEntry
 ) -> None:
-    fruit, words = graded("N-1", rank=1, E_MPa=0.3), "coloured by how many photos show each part"
-    assert words in report_html(replace(empty_batch, fruits=(fruit,)))
-    assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, coverage_png=None),)))
+    fruit = graded("N-1", rank=1, E_MPa=0.3)
+    for words, picture in (
+        ("coloured by how many photos show each part", "coverage_png"),
+        ("coloured by the standard deviation of the surface in mm", "surface_sd_png"),
+    ):
+        assert words in report_html(replace(empty_batch, fruits=(fruit,)))
+        assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, **{picture: None}),)))
