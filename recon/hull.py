@@ -105,6 +105,7 @@ def visual_hull(
     floor_mm: float | None,
     level: int,
     doubt: float = 0.0,
+    start_mm: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and the half-space z >=
     floor.
@@ -113,10 +114,10 @@ def visual_hull(
     views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² / 2); a
     ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines' own
     precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included. The
-    mesh is closed and of genus 0.
+    mesh is closed and of genus 0. `start_mm`: about how long each ray will be, which saves steps.
     """
     directions, faces = ball(level)
-    radius = np.zeros(len(directions))
+    radius = np.zeros(len(directions)) if start_mm is None else start_mm.astype(float)
     busy = np.arange(len(directions))
     rank, part = divmod(doubt * len(silhouettes), 1.0)
     ranks = [int(rank), min(int(rank) + 1, len(silhouettes) - 1)]
@@ -137,12 +138,22 @@ def visual_hull(
 def drawn(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], window: Window, camera: Camera
 ) -> Bool[np.ndarray, "h w"]:
-    """The mesh's shadow in a shrunk window."""
+    """The closed mesh's shadow in a shrunk window, without holes: what its rim encloses.
+
+    The rim is the edges that one face turned to the camera has to itself.
+    """
     columns, rows = window.small_size_px
     picture = np.zeros((rows, columns), np.uint8)
-    corners = np.rint(window.into_small(camera.project(vertices)) * 16).astype(np.int32)[faces]
-    (ax, ay), (bx, by) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
-    facing = ax.astype(np.int64) * by - ay.astype(np.int64) * bx < 0
-    for triangle in corners[facing]:
-        cv2.fillConvexPoly(picture, triangle, 1, lineType=cv2.LINE_8, shift=4)
+    pixels = np.rint(window.into_small(camera.project(vertices)) * 16).astype(np.int32)
+    x, y = pixels.astype(np.int64).T
+    a, b, c = faces.T
+    facing = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a]) < 0
+    seen = faces[facing]
+    ends = np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]])
+    edges = np.sort(ends.min(1) * len(vertices) + ends.max(1))
+    apart = np.concatenate([[True], edges[1:] != edges[:-1], [True]])
+    rim = edges[apart[1:] & apart[:-1]]
+    cv2.polylines(picture, pixels[np.stack(np.divmod(rim, len(vertices)), axis=1)], False, 1, shift=4)
+    contours, _ = cv2.findContours(picture, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, 1, cv2.FILLED)
     return picture > 0

@@ -65,11 +65,21 @@ class Behind:
     where the plate is known; elsewhere the nearest known colour stands in.
     """
 
-    colours: Float[np.ndarray, "h w 3"]
-    lowest: Float[np.ndarray, "h w 3"]
-    highest: Float[np.ndarray, "h w 3"]
-    scatter: Float[np.ndarray, "h w 2"]
-    known: Bool[np.ndarray, "h w"]
+    colours: Float[np.ndarray, "*n 3"]
+    lowest: Float[np.ndarray, "*n 3"]
+    highest: Float[np.ndarray, "*n 3"]
+    scatter: Float[np.ndarray, "*n 2"]
+    known: Bool[np.ndarray, "*n"]
+
+    def at(self, where: Bool[np.ndarray, "*n"] | tuple[slice, ...]) -> "Behind":
+        """The same for some pixels."""
+        return Behind(
+            self.colours[where],
+            self.lowest[where],
+            self.highest[where],
+            self.scatter[where],
+            self.known[where],
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,25 +122,41 @@ def window_around(
     return Window(image[y0:y1, x0:x1], (x0, y0), shrink)
 
 
-def ground_behind(window: Window, plate: Plate, camera: Camera) -> Behind:
-    """The plate as the camera's window would show it."""
-    layers, known = plate_seen_by(
-        plate, camera, corner_px=window.corner_px, size_px=window.small_size_px, shrink=window.shrink
+def plate_scatter(plate: Plate) -> Float[np.ndarray, "s s 2"]:
+    """How lightness and chroma scatter from view to view on the plate's grid (standard deviations, Lab)."""
+    apart = np.abs(lab(plate.bright) - lab(plate.dim))
+    apart[..., 1] = np.hypot(apart[..., 1], apart[..., 2]) / np.float32(np.sqrt(2))
+    return np.asarray(cv2.GaussianBlur(apart[..., :2] / np.float32(SPREAD_OF_QUANTILES), (3, 3), 0.7))
+
+
+def ground_behind(
+    window: Window, plate: Plate, scatter: Float[np.ndarray, "s s 2"], camera: Camera
+) -> Behind:
+    """The plate, and its `plate_scatter`, as the camera's window would show them."""
+    (seen, apart), known = plate_seen_by(
+        plate,
+        camera,
+        (plate.colours, scatter),
+        corner_px=window.corner_px,
+        size_px=window.small_size_px,
+        shrink=window.shrink,
     )
-    colours, dim, bright = (lab(cv2.GaussianBlur(layer, (3, 3), 0.7)) for layer in layers)
-    apart = np.abs(bright - dim) / SPREAD_OF_QUANTILES
-    chroma = np.linalg.norm(apart[..., 1:], axis=2) / np.float32(np.sqrt(2))
-    scatter = np.stack([apart[..., 0], chroma], axis=2)
+    colours = lab(cv2.GaussianBlur(seen, (3, 3), 0.7))
     if known.any() and not known.all():
-        nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
-        colours, scatter = colours[tuple(nearest)], scatter[tuple(nearest)]
+        _, label = cv2.distanceTransformWithLabels(
+            (~known).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        nearest = np.zeros(int(label.max()) + 1, int)
+        nearest[label[known]] = np.flatnonzero(known)
+        here = nearest[label[~known]]
+        colours[~known], apart[~known] = colours.reshape(-1, 3)[here], apart.reshape(-1, 2)[here]
     cell = np.ones((3, 3), np.uint8)
-    return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), scatter, known)
+    return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), apart, known)
 
 
-def difference(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w 3"]:
+def difference(colours: Float[np.ndarray, "*n 3"], behind: Behind) -> Float[np.ndarray, "*n 3"]:
     """Lab colour less the nearest one in the plate's range."""
-    return np.asarray(colours - np.clip(colours, behind.lowest, behind.highest))
+    return np.asarray(colours - np.minimum(np.maximum(colours, behind.lowest), behind.highest))
 
 
 def first_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
@@ -146,7 +172,7 @@ def first_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.
 
 
 def ground_noise(
-    colours: Float[np.ndarray, "h w 3"], behind: Behind, ground: Bool[np.ndarray, "h w"]
+    colours: Float[np.ndarray, "*n 3"], behind: Behind, ground: Bool[np.ndarray, "*n"]
 ) -> GroundNoise:
     """Scales and shadows over pixels that are surely ground.
 
@@ -157,13 +183,14 @@ def ground_noise(
     even = np.full(SHADOW_BINS, 1 / (1 - DARKEST_SHADOW))
     if where.sum() < 50:
         return GroundNoise(lightness=4.0, chroma=3.0, shadow_share=0.1, shadow_density=even)
-    off = difference(colours, behind)[where]
+    colours, behind = colours[where], behind.at(where)
+    off = difference(colours, behind)
     calm_L, calm_ab = CALM_DEVIATIONS
     lightness = max(LEAST_NOISE_LAB[0], float(np.quantile(np.abs(off[:, 0]), CALM_SHARE)) / calm_L)
-    apart = np.linalg.norm(off[:, 1:], axis=1)
+    apart = np.hypot(off[:, 1], off[:, 2])
     chroma = max(LEAST_NOISE_LAB[1], float(np.quantile(apart, CALM_SHARE)) / calm_ab)
     darker = off[:, 0] < -4 * lightness
-    k = (colours[where][darker, 0] + 16) / (behind.colours[where][darker, 0] + 16)
+    k = (colours[darker, 0] + 16) / (behind.colours[darker, 0] + 16)
     count, _ = np.histogram(k, bins=SHADOW_BINS, range=(DARKEST_SHADOW, 1.0))
     count = ndimage.gaussian_filter1d(count.astype(float), 1.0, mode="nearest")
     seen = count / max(float(count.mean()), 1e-9) if count.any() else np.ones(SHADOW_BINS)
@@ -176,38 +203,39 @@ def ground_noise(
 
 
 def ground_density(
-    colours: Float[np.ndarray, "h w 3"], behind: Behind, noise: GroundNoise
-) -> Float[np.ndarray, "h w"]:
+    colours: Float[np.ndarray, "*n 3"], behind: Behind, noise: GroundNoise
+) -> Float[np.ndarray, "*n"]:
     """Density (per Lab unit cubed) of a colour on the ground.
 
     Lit as in the plate: Student's t about its colour. In a shadow cast since: L* + 16, a*, b* all scaled by
     one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), as often as on sure ground. Where the plate is
     not known the nearest known colour counts, with twice the scatter.
     """
-    unsure = np.where(behind.known, 1.0, 2.0)
-    shadow_share = np.where(behind.known, noise.shadow_share, UNKNOWN_SHADOW_SHARE)
-    lightness = np.hypot(noise.lightness, behind.scatter[..., 0]) * unsure
-    chroma = np.hypot(noise.chroma, behind.scatter[..., 1]) * unsure
+    unsure = np.where(behind.known, np.float32(1), np.float32(2))
+    shadow_share = np.where(behind.known, np.float32(noise.shadow_share), np.float32(UNKNOWN_SHADOW_SHARE))
+    lightness = np.hypot(np.float32(noise.lightness), behind.scatter[..., 0]) * unsure
+    chroma = np.hypot(np.float32(noise.chroma), behind.scatter[..., 1]) * unsure
     off = difference(colours, behind)
-    lit = _student(off[..., 0], lightness) * _student_2(off[..., 1:], chroma)
-    k = (colours[..., 0] + 16) / (behind.colours[..., 0] + 16)
-    tint = colours[..., 1:] - k[..., None] * behind.colours[..., 1:]
+    lit = _student(off[..., 0], lightness) * _student_2(off[..., 1], off[..., 2], chroma)
+    ground_L = behind.colours[..., 0] + 16
+    k = (colours[..., 0] + 16) / ground_L
+    a, b = (colours[..., c] - k * behind.colours[..., c] for c in (1, 2))
     bins = np.clip((k - DARKEST_SHADOW) / (1 - DARKEST_SHADOW) * SHADOW_BINS, 0, SHADOW_BINS - 1)
-    depth = noise.shadow_density[bins.astype(np.int32)] / (behind.colours[..., 0] + 16)
-    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(tint, 1.5 * chroma) * depth, 0.0)
+    depth = noise.shadow_density.astype(np.float32)[bins.astype(np.int32)] / ground_L
+    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(a, b, 1.5 * chroma) * depth, 0)
     return np.asarray((1 - shadow_share) * lit + shadow_share * dim, np.float32)
 
 
 def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
     """The cell of a BINS x BINS x BINS histogram over the Lab range that each colour falls in."""
     step = np.array([BINS / 100, BINS / 200, BINS / 200], np.float32)
-    index = np.clip((colours + np.array([0, 100, 100], np.float32)) * step, 0, BINS - 1).astype(np.int32)
-    return np.asarray((index[..., 0] * BINS + index[..., 1]) * BINS + index[..., 2])
+    index = np.clip((colours + np.array([0, 100, 100], np.float32)) * step, 0, BINS - 1).astype(np.int16)
+    return np.asarray((index[..., 0] * BINS + index[..., 1]) * BINS + index[..., 2], np.int16)
 
 
 def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     """Smoothed histogram of colours given by their cells, per Lab unit cubed."""
-    counts = np.bincount(cells, minlength=BINS**3).reshape(BINS, BINS, BINS).astype(float)
+    counts = np.bincount(cells, minlength=BINS**3).reshape(BINS, BINS, BINS).astype(np.float32)
     smooth = np.zeros_like(counts)
     for share, width in SMOOTHING:
         smooth += share * ndimage.gaussian_filter(counts, width, mode="nearest")
@@ -254,18 +282,18 @@ def strange_share(
 
 
 def colour_odds(
-    inside: Float[np.ndarray, "h w"],
-    ground: Float[np.ndarray, "h w"],
-    other: Float[np.ndarray, "h w"],
-    strange: Float[np.ndarray, "h w"],
-) -> Float[np.ndarray, "h w"]:
+    inside: Float[np.ndarray, "*n"],
+    ground: Float[np.ndarray, "*n"],
+    other: Float[np.ndarray, "*n"],
+    strange: Float[np.ndarray, "*n"],
+) -> Float[np.ndarray, "*n"]:
     """log p(colour | fruit) - log p(colour | ground), clipped to +-6, from the colour's densities.
 
     The ground is as the plate tells but for the share `strange`, which is as the surroundings are. Either has
     a floor for colours that were not among its sure pixels.
     """
     outside = (1 - strange) * ground + strange * other
-    odds = np.log(inside + UNSEEN_DENSITY) - np.log(outside + UNSEEN_DENSITY)
+    odds = np.log((inside + np.float32(UNSEEN_DENSITY)) / (outside + np.float32(UNSEEN_DENSITY)))
     return np.asarray(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
 
 
@@ -278,14 +306,16 @@ def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.nd
     return np.asarray(ndimage.binary_fill_holes(found))
 
 
-def _student(off: Float[np.ndarray, "h w"], scale: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Student's t density in one dimension, DEGREES_OF_FREEDOM = 5."""
-    nu = DEGREES_OF_FREEDOM
-    return np.asarray(0.3796 / scale * (1 + (off / scale) ** 2 / nu) ** (-(nu + 1) / 2))
+def _student(off: Float[np.ndarray, "*n"], scale: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Student's t density in one dimension, DEGREES_OF_FREEDOM = 5: (1 + t² / 5)^-3."""
+    away = 1 + (off / scale) ** 2 / DEGREES_OF_FREEDOM
+    return np.asarray(0.3796 / (scale * away * away * away))
 
 
-def _student_2(off: Float[np.ndarray, "h w 2"], scale: Float[np.ndarray, "h w"]) -> Float[np.ndarray, "h w"]:
-    """Student's t density in two dimensions."""
-    nu = DEGREES_OF_FREEDOM
-    square = np.sum(off**2, axis=-1) / scale**2
-    return np.asarray(1 / (2 * np.pi * scale**2) * (1 + square / nu) ** (-(nu + 2) / 2))
+def _student_2(
+    x: Float[np.ndarray, "*n"], y: Float[np.ndarray, "*n"], scale: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
+    """Student's t density in two dimensions, DEGREES_OF_FREEDOM = 5: (1 + r² / 5)^-3.5."""
+    square = scale * scale
+    away = 1 + (x * x + y * y) / (DEGREES_OF_FREEDOM * square)
+    return np.asarray(1 / (2 * np.pi * square * away * away * away * np.sqrt(away)))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 from scipy.spatial import KDTree
 
@@ -28,6 +28,8 @@ STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.15 to 0.35 px too far
 in: at the true edge the share is 0.31 to 0.48, 0.38 in the median of ten sets (benchmarks/edge_share.py)."""
 CLEAR_STEP = 0.05
+LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
+"""Light of each pixel value, of a display's usual gamma."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outlin
     crossing nearby) keep the shift of their neighbours.
     """
     whole = Window(window.image, window.corner_px, 1)
-    colours = (window.image.astype(np.float32) / 255) ** 2.2
+    colours = cv2.LUT(window.image, LINEAR_LIGHT)
     fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
     if search:
         fine = _on_steepest(fine, colours, STEEPEST_REACH_PX)
@@ -200,15 +202,29 @@ def silhouette_of_outline(outline: Outline, window: Window, camera: Camera) -> S
     cv2.fillPoly(inside, [np.rint(outline.points * 16).astype(np.int32)], 1, shift=4)
     band = BAND_PX / window.shrink
     signed = np.where(inside > 0, band, -band).astype(np.float32)
-    edge = np.zeros_like(inside)
-    cv2.polylines(edge, [np.rint(outline.points).astype(np.int32)], True, 1, thickness=int(2 * band) + 1)
-    y, x = np.nonzero(edge)
-    pixels = np.stack([x, y], axis=1).astype(float)
-    _, nearest = KDTree(outline.points).query(pixels)
-    signed[y, x] = np.clip(
-        -np.sum((pixels - outline.points[nearest]) * outline.normals[nearest], axis=1), -band, band
-    )
+    y, x, nearest = _nearest_samples(outline.points, (rows, columns), band)
+    normals = outline.normals[nearest]
+    off = (x - outline.points[nearest, 0]) * normals[:, 0] + (y - outline.points[nearest, 1]) * normals[:, 1]
+    signed[y, x] = np.clip(-off, -band, band)
     return Silhouette(signed * window.shrink, window, camera)
+
+
+def _nearest_samples(
+    points: Float[np.ndarray, "n 2"], shape: tuple[int, int], within_px: float
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Rows and columns of the pixels near a curve, and the sample next to each, to about a sample."""
+    column, row = np.rint(points).astype(int).T
+    there = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
+    column, row = column[there], row[there]
+    away = np.ones(shape, np.uint8)
+    away[row, column] = 0
+    distance, labels = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    sample = np.zeros(int(labels.max()) + 1, int)
+    sample[labels[row, column]] = np.flatnonzero(there)
+    y, x = np.nonzero(distance < within_px)
+    return y, x, sample[labels[y, x]]
 
 
 def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:

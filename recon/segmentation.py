@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -12,7 +13,7 @@ from recon.camera import Camera
 from recon.carve import AGREEMENT, Block, carve
 from recon.failure import ReconFailure, ReconProblem
 from recon.mask import Behind, Window
-from recon.plate import Plate, clean_plate
+from recon.plate import GroundViews, Plate, clean_plate, ground_views
 from recon.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
@@ -25,18 +26,18 @@ UNKNOWN_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 LEARNT = 2
+THINNED = 2
 
 
 @dataclass(frozen=True)
 class View:
-    """A photo's window around the fruit: Lab colours, their cells in a histogram, and the ground behind."""
+    """A photo's window around the fruit: Lab colours, and their cells in a histogram."""
 
     index: int
     window: Window
     camera: Camera
     colours: Float[np.ndarray, "h w 3"]
     cells: Int[np.ndarray, "h w"]
-    behind: Behind
 
 
 @dataclass(frozen=True)
@@ -56,23 +57,25 @@ class Scene:
     low_mm: Float[np.ndarray, "3"]
     high_mm: Float[np.ndarray, "3"]
 
-    def plate(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> Plate:
-        """The ground without the fruit, which hides what `covered` marks in the photos."""
+    @cached_property
+    def ground(self) -> GroundViews:
+        """The plane under and around the box as the photos show it."""
         reach = float(np.abs(np.stack([self.low_mm, self.high_mm])[:, :2]).max())
         half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
-        return clean_plate(self.images, self.cameras, half_width_mm=half_width, covered=covered)
+        return ground_views(self.images, self.cameras, half_width_mm=half_width)
 
-    def views(
-        self, plate: Plate, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int
-    ) -> list[View]:
+    def plate(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> Plate:
+        """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
+        return clean_plate(self.ground, covered)
+
+    def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[View]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
         views = []
         for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
             window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
             if window is not None:
-                behind = colour.ground_behind(window, plate, camera)
                 colours = window.small_lab()
-                views.append(View(i, window, camera, colours, colour.cells_of(colours), behind))
+                views.append(View(i, window, camera, colours, colour.cells_of(colours)))
         return views
 
 
@@ -83,19 +86,26 @@ def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
     views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
-    views = scene.views(scene.plate(None), corners, margin=0.02, side_px=COARSE_SIDE_PX)
-    odds = [colour.first_odds(v.colours, v.behind) for v in views]
-    masks = [colour.tidy(o) | ~v.behind.known for o, v in zip(odds, views, strict=True)]
+    views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
+    plate = scene.plate(None)
+    scatter = colour.plate_scatter(plate)
+    odds, known, masks = [], [], []
+    for view in views:
+        behind = colour.ground_behind(view.window, plate, scatter, view.camera)
+        odds.append(colour.first_odds(view.colours, behind))
+        known.append(behind.known)
+        masks.append(colour.tidy(odds[-1]) | ~behind.known)
     try:
         return _carved(masks, views, scene, agreement)
     except ReconFailure:
-        alike = _alike(views, odds, scene.low_mm, scene.high_mm)
+        alike = _alike(views, odds, known, scene.low_mm, scene.high_mm)
         return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene, agreement)
 
 
 def _alike(
     views: list[View],
     odds: list[Float[np.ndarray, "h w"]],
+    known: list[Bool[np.ndarray, "h w"]],
     low: Float[np.ndarray, "3"],
     high: Float[np.ndarray, "3"],
 ) -> list[Bool[np.ndarray, "h w"]]:
@@ -110,16 +120,16 @@ def _alike(
     core = middle + grid * half * CORE_SHARE
     core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
     sure = []
-    for view, odd in zip(views, odds, strict=True):
+    for view, odd, there in zip(views, odds, known, strict=True):
         columns, rows = view.window.small_size_px
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & view.behind.known])
+        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & there])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
-        return [np.zeros_like(v.behind.known) for v in views]
-    return [colour.looks_like(v.colours, pixels) & v.behind.known for v in views]
+        return [np.zeros_like(there) for there in known]
+    return [colour.looks_like(v.colours, pixels) & there for v, there in zip(views, known, strict=True)]
 
 
 def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene, agreement: float) -> Block:
@@ -131,8 +141,23 @@ def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scen
     return block
 
 
+@dataclass(frozen=True)
+class _Told:
+    """What does not change while the fruit's colours are learned: where the odds are asked (elsewhere the
+    prior says all), there the densities under the plate and the surroundings and the share of the strange;
+    the prior; and where the plate is known.
+    """
+
+    asked: Bool[np.ndarray, "h w"]
+    on_plate: Float[np.ndarray, " n"]
+    other: Float[np.ndarray, " n"]
+    strange: Float[np.ndarray, " n"]
+    prior: Float[np.ndarray, "h w"]
+    known: Bool[np.ndarray, "h w"]
+
+
 def learned_odds(
-    views: Sequence[View], bounds: Sequence[Bounds], centre_mm: Float[np.ndarray, "3"]
+    views: Sequence[View], bounds: Sequence[Bounds], plate: Plate, centre_mm: Float[np.ndarray, "3"]
 ) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
@@ -144,19 +169,14 @@ def learned_odds(
         cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0
         for b in bounds
     ]
-    around = [v.cells[m] for v, m in zip(views, ground, strict=True)]
-    other_of_all = colour.colour_density(np.concatenate([c[::5] for c in around]))
-    told = []
-    for view, own, out, bound in zip(views, around, ground, bounds, strict=True):
-        on_plate = colour.ground_density(
-            view.colours, view.behind, colour.ground_noise(view.colours, view.behind, out)
-        )
-        palette = 0.1 * other_of_all + 0.9 * colour.colour_density(own[::2])
-        other = colour.density_at(palette, view.cells)
-        strange = colour.strange_share(on_plate, other, out)
-        strange = np.where(view.behind.known, strange, np.maximum(strange, 0.5))
-        prior = _prior(bound)
-        told.append((on_plate, other, strange, prior))
+    around = colour.colour_density(
+        np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
+    )
+    scatter = colour.plate_scatter(plate)
+    told = [
+        _told(v, b, out, colour.ground_behind(v.window, plate, scatter, v.camera), around)
+        for v, b, out in zip(views, bounds, ground, strict=True)
+    ]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
     sure = [b.sure for b in bounds]
     odds: list[Float[np.ndarray, "h w"]] = []
@@ -164,15 +184,53 @@ def learned_odds(
     for _ in range(LEARNT):
         inside = [v.cells[m] for v, m in zip(views, sure, strict=True)]
         fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
-        odds = []
-        for view, own, (on_plate, other, strange, prior) in zip(views, inside, told, strict=True):
-            fruit = colour.density_at((fruit_of_all + colour.colour_density(own)) / 2, view.cells)
-            found = colour.colour_odds(fruit, on_plate, other, strange)
-            unknown = np.clip(found, *UNKNOWN_ODDS)
-            odds.append(np.where(view.behind.known, found, unknown) + prior)
+        odds = [
+            _odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
+            for v, own, t in zip(views, inside, told, strict=True)
+        ]
         masks = star_cuts(odds, [v.colours for v in views], centres)
-        sure = [eroded(m, 0.015 * len(m)) & v.behind.known for m, v in zip(masks, views, strict=True)]
+        sure = [eroded(m, 0.015 * len(m)) & t.known for m, t in zip(masks, told, strict=True)]
     return odds, masks
+
+
+def _told(
+    view: View,
+    bound: Bounds,
+    ground: Bool[np.ndarray, "h w"],
+    behind: Behind,
+    around: Float[np.ndarray, " c"],
+) -> _Told:
+    """One view's densities; how strange it is to the plate is asked of every THINNED-th pixel and line."""
+    thin = (slice(None, None, THINNED), slice(None, None, THINNED))
+    colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
+    noise = colour.ground_noise(colours, few, out)
+    palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
+    strange = colour.strange_share(
+        colour.ground_density(colours, few, noise), colour.density_at(palette, cells), out
+    )
+    strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
+    prior = _prior(bound)
+    asked = np.abs(prior) < PRIOR_ODDS
+    return _Told(
+        asked=asked,
+        on_plate=colour.ground_density(view.colours[asked], behind.at(asked), noise),
+        other=colour.density_at(palette, view.cells[asked]),
+        strange=strange[asked],
+        prior=prior,
+        known=behind.known,
+    )
+
+
+def _odds(
+    told: _Told, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
+) -> Float[np.ndarray, "h w"]:
+    found = colour.colour_odds(
+        colour.density_at(fruit, cells[told.asked]), told.on_plate, told.other, told.strange
+    )
+    odds = told.prior.copy()
+    odds[told.asked] += np.where(told.known[told.asked], found, np.clip(found, *UNKNOWN_ODDS))
+    return odds
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:

@@ -178,15 +178,15 @@ def _cut_block(
     column = block.with_column(reach=2)
     covered = []
     for image, camera in zip(scene.images, scene.cameras, strict=True):
-        covered.append(_enlarged(pixels_of(column, Window(image, (0, 0), COVER_SHRINK), camera), image))
-    views = scene.views(scene.plate(covered), column.points, margin=0.12, side_px=SIDES_PX[0])
+        covered.append(pixels_of(column, Window(image, (0, 0), COVER_SHRINK), camera))
+    views = scene.views(column.points, margin=0.12, side_px=SIDES_PX[0])
     bounds = []
     for view in views:
         inner = pixels_of(block, view.window, view.camera)
         bounds.append(
             Bounds(eroded(inner, 0.5 * SURE_SHARE * len(inner)), pixels_of(column, view.window, view.camera))
         )
-    return views, *learned_odds(views, bounds, block.points.mean(0))
+    return views, *learned_odds(views, bounds, scene.plate(covered), block.points.mean(0))
 
 
 def _cut_hull(
@@ -217,21 +217,15 @@ def _cut_hull(
         return np.asarray(cv2.dilate(out, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
 
     covered = [
-        _enlarged(perhaps(Window(image, (0, 0), COVER_SHRINK), camera), image)
+        perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
         for image, camera in zip(scene.images, scene.cameras, strict=True)
     ]
-    views = scene.views(scene.plate(covered), both, margin=0.15, side_px=side_px)
+    views = scene.views(both, margin=0.15, side_px=side_px)
     bounds = []
     for view in views:
         inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
         bounds.append(Bounds(eroded(inner, SURE_SHARE * len(inner)), perhaps(view.window, view.camera)))
-    return views, *learned_odds(views, bounds, centre_mm)
-
-
-def _enlarged(mask: Bool[np.ndarray, "h w"], image: UInt8[np.ndarray, "H W 3"]) -> Bool[np.ndarray, "H W"]:
-    return np.asarray(
-        cv2.resize(mask.astype(np.uint8), image.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
-    )
+    return views, *learned_odds(views, bounds, scene.plate(covered), centre_mm)
 
 
 def _of_mask(mask: Bool[np.ndarray, "h w"], view: View) -> Silhouette:
@@ -278,6 +272,8 @@ def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
             "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
             "top open: take photos from two or three heights.",
         )
+    if len(whole) == given:
+        return scene, np.arange(given)
     kept = Scene(
         [scene.images[i] for i in whole], [scene.cameras[i] for i in whole], scene.low_mm, scene.high_mm
     )
