@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float, Int, UInt8
+from scipy.spatial import cKDTree
 
 from recon.camera import Camera, straightened
 from recon.carve import AGREEMENT
@@ -20,9 +21,9 @@ from recon.mat import Mat
 from recon.motion import cameras_from_motion
 from recon.photos import Photo, require_enough
 from recon.point_route import fruit_points
-from recon.poses import cameras_from_mat
+from recon.poses import Poses, cameras_from_mat
 from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
-from recon.relief import with_relief
+from recon.relief import relief
 from recon.repair import RepairedMesh, repaired
 from recon.scale import scaled_to_height, spread_of_scale
 from recon.silhouettes import find_fruit
@@ -35,6 +36,10 @@ LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
 photos contradict. White fruit under a flash: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with 0.6; dark
 and red fruit the other way round (benchmarks/photo_bank_score.py, sets 26 and 34 against 12 and 54)."""
+MADE_TWICE = (
+    "The photos contradicted the first mesh, so it was made again from a looser start; check "
+    "its picture, and use a ground of another colour than the fruit next time."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +64,7 @@ class Reconstruction:
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
     them each vertex faces; `sd_mm` is the standard deviation of the skin's place at each vertex, and
     `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
+    `notes` tell of what was done otherwise than usual, without a doubt of the mesh.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -72,6 +78,7 @@ class Reconstruction:
     cameras: tuple[Camera, ...] = ()
     views: Int[np.ndarray, " n"] | None = None
     sd_mm: Float[np.ndarray, " n"] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def reconstruct(
@@ -92,37 +99,36 @@ def reconstruct(
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
+    clock = StageClock(progress)
+    with one_thread(), clock.stage("poses", 0.0):
+        poses = (
+            cameras_from_mat(photos, mat) if mat else cameras_from_motion(photos, height_mm=height_mm or 1.0)
+        )
+        pairs = [straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)]
     try:
-        return _reconstructed(photos, mat, height_mm, options, AGREEMENT, progress)
+        return _reconstructed(photos, poses, pairs, mat, height_mm, options, AGREEMENT, clock)
     except ReconFailure as failure:
         if failure.problem is not ReconProblem.SURFACE_CONTRADICTED:
             raise
         try:
-            return _reconstructed(photos, mat, height_mm, options, LOOSE_AGREEMENT, progress)
+            second = _reconstructed(photos, poses, pairs, mat, height_mm, options, LOOSE_AGREEMENT, clock)
         except ReconFailure:
             raise failure from None
+        return replace(second, notes=(MADE_TWICE,))
 
 
 def _reconstructed(
     photos: Sequence[Photo],
+    poses: Poses,
+    pairs: Sequence[tuple[UInt8[np.ndarray, "h w 3"], Camera]],
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions,
     agreement: float,
-    progress: Progress | None,
+    clock: StageClock,
 ) -> Reconstruction:
-    clock = StageClock(progress)
+    images, cameras = [image for image, _ in pairs], [camera for _, camera in pairs]
     with one_thread():
-        with clock.stage("poses", 0.0):
-            poses = (
-                cameras_from_mat(photos, mat)
-                if mat
-                else cameras_from_motion(photos, height_mm=height_mm or 1.0)
-            )
-            pairs = [
-                straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)
-            ]
-            images, cameras = [image for image, _ in pairs], [camera for _, camera in pairs]
         with clock.stage("outlines", 0.25):
             fruit = find_fruit(
                 images,
@@ -137,16 +143,18 @@ def _reconstructed(
                 [cameras[i] for i in fruit.used.tolist()],
             )
         with clock.stage("relief", 0.7):
-            vertices, relief_share = fruit.vertices, 0.0
+            vertices, relief_share, hollow = fruit.vertices, 0.0, np.zeros(len(fruit.vertices))
             if options.relief:
-                vertices, relief_share = with_relief(
-                    vertices, fruit.faces, images, cameras, support=fruit.support
-                )
+                found = relief(vertices, fruit.faces, images, cameras, support=fruit.support)
+                vertices, relief_share = found.vertices, float(found.measured.mean())
+                hollow = np.where(found.measured, 0.0, found.bridged)
+            skin = cKDTree(vertices)
         with clock.stage("surface", 0.85):
             mesh = closed_surface(
                 vertices, vertex_normals(vertices, fruit.faces), max_faces=options.max_faces
             )
             vertices, faces = mesh.vertices, mesh.faces
+            bridged = hollow[skin.query(vertices)[1]]
         with clock.stage("quality", 0.95):
             outline_mm = outline_rms_mm(vertices, faces, fruit.silhouettes)
             scale_sd, placed = poses.scale_sd, cameras
@@ -158,7 +166,9 @@ def _reconstructed(
             views = seeing_views(vertices, faces, np.array([c.place for c in placed]))
             share, hole_mm2 = seen_and_unseen(vertices, faces, views)
             evidence = rim_evidence(images, placed, vertices, faces)
-            error = surface_error(evidence, vertices, faces, np.array([c.place for c in placed]), views)
+            error = surface_error(
+                evidence, vertices, faces, np.array([c.place for c in placed]), views, bridged=bridged
+            )
             offset = surface_offset(error, vertices, faces, views)
             doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
             quality = ReconQuality(

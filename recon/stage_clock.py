@@ -19,12 +19,14 @@ class StageClock:
 
     @contextmanager
     def stage(self, name: str, share: float) -> Iterator[None]:
-        """Time what runs inside."""
+        """Time what runs inside; a stage that runs again adds to it."""
         if self._progress is not None:
             self._progress(name, share)
         start = time.perf_counter()
-        yield
-        self.seconds[name] = time.perf_counter() - start
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from recon.camera_shadow import shadow_sd_mm
 from recon.closed import face_areas, facing, neighbour_mean, vertex_normals
 from recon.coverage import SEEN_BY
 from recon.ground_check import RimEvidence
@@ -47,6 +48,11 @@ def sd_on_patch_mm(
     return float(np.sqrt(np.mean(sd**2)))
 
 
+BRIDGED = 0.008
+"""Standard deviation per diameter where outlines may bridge a hollow and no photos measured its depth: root
+mean square error there 0.005 to 0.012 on eleven sets, against 0.002 where the surface is round."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SurfaceError:
     """Per vertex: standard deviation `sd_mm` of the skin's place along the normal, the offset that the rims
@@ -66,12 +72,16 @@ def surface_error(
     faces: Int[np.ndarray, "m 3"],
     places: Float[np.ndarray, "v 3"],
     views: Int[np.ndarray, " n"],
+    *,
+    bridged: Float[np.ndarray, " n"] | None = None,
 ) -> SurfaceError:
     """Offsets measured at rims, spread over the skin: sd² = mean² + spread² / count + (pixel floor)².
 
     Every known sample counts by 1 / (sd² + floor²) and by Cauchy's weight about the mean of its surroundings,
     at its edge's two ends. Away from any rim sd rises to NEVER_GRAZED D δ², δ the angle between the skin and
     the nearest line of sight that grazes it: a hull of diameter D stands off by up to D δ² / 4 there.
+    Where outlines may bridge a hollow that no photos measured (`bridged`, 0 to 1), and where a shadow that
+    goes with the camera stands beside the rim, what that makes uncertain is added in squares.
     """
     count = len(vertices)
     step = neighbour_mean(faces, count)
@@ -95,8 +105,15 @@ def surface_error(
     def at(values: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
         return np.asarray((1 - t) * values[a] + t * values[b])
 
-    unknown = np.bincount(e.a[~known], 1 - e.t[~known], count) + np.bincount(e.b[~known], e.t[~known], count)
-    unknown = spread(unknown[:, None])[:, 0]
+    unknown, every, shaded = spread(
+        np.stack(
+            [
+                np.bincount(e.a, (1 - e.t) * w, count) + np.bincount(e.b, e.t * w, count)
+                for w in (~known, np.ones(len(known)), shadow_sd_mm(e) ** 2)
+            ],
+            axis=1,
+        )
+    ).T
     weight = trust
     mean, scatter, held = np.zeros(count), np.zeros(count), np.zeros(count)
     for _ in range(ROBUST_ROUNDS):
@@ -116,7 +133,8 @@ def surface_error(
     graze = np.min([np.arcsin(np.clip(np.abs(facing(vertices, normals, p)), 0, 1)) for p in places], axis=0)
     blind = (NEVER_GRAZED * diameter * graze**2) ** 2 + floor_mm**2
     share = (held + unknown) / (held + unknown + HALF_KNOWN)
-    sd = np.sqrt(share * rim + (1 - share) * blind)
+    hollow = 0.0 if bridged is None else (BRIDGED * diameter * bridged) ** 2
+    sd = np.sqrt(share * rim + (1 - share) * blind + shaded / np.maximum(every, 1e-9) + hollow)
     area = np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), count)
     seen = area * (views >= SEEN_BY)
     rms = float(np.sqrt(np.sum(seen * sd**2) / max(float(seen.sum()), 1e-9))) if seen.any() else float("inf")

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from recon.camera_shadow import NOTICED_PX, left_right_px
 from recon.closed import face_areas, vertex_normals, volume_mm3
 from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
@@ -21,8 +22,12 @@ LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
 less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
 1.5 mm: 0.36 mm on a cherry, 0.85 mm and more on the rest."""
 VOLUME_SHARE = 0.02
-"""Share of the volume that the offsets add up to, said from here on. True surfaces: at most 0.019,
-shrunk by 2 % in length: 0.027 and more."""
+"""Share of the volume that the offsets add up to, said from here on at the latest. True surfaces: at most
+0.019, shrunk by 2 % in length: 0.027 and more."""
+EDGE_BIAS_PX, CLEAR_PX = 0.4, 1.5
+"""An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX
+of the rim) b is under EDGE_BIAS_PX: at most 0.2 on seven right meshes with clear edges, 0.5 and more on the
+same shrunk by 1 % in length but for a cherry of 110 px; on dark glossy fruit with unclear edges up to 1.0."""
 CAUSE_SHARE = 0.1
 MOVED_SHARE = 2.0
 
@@ -73,8 +78,10 @@ def surface_doubts(
     """
     diameter = float(np.ptp(vertices, axis=0).max())
     local = min(LOCAL_MM, LOCAL_SHARE * diameter)
-    if offset.rms_mm <= OFF_MM and offset.local_mm <= local and abs(offset.volume_share) <= VOLUME_SHARE:
-        return ()
+    shadow = _camera_shadow(evidence)
+    volume = _volume_limit(evidence, diameter)
+    if offset.rms_mm <= OFF_MM and offset.local_mm <= local and abs(offset.volume_share) <= volume:
+        return shadow
     peak, patch = _worst(error, vertices, faces, views)
     off_mm = abs(float(error.offset_mm[peak]))
     found = (
@@ -88,7 +95,30 @@ def surface_doubts(
             ReconProblem.SURFACE_CONTRADICTED,
             f"The mesh does not fit the photos: {found} ({whole}). {cause}",
         )
-    return (f"{found[0].upper()}{found[1:]} ({whole}). {cause}",)
+    return (*shadow, f"{found[0].upper()}{found[1:]} ({whole}). {cause}")
+
+
+def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:
+    """From which share of the volume on the offsets are said to add up to something."""
+    known = evidence.known
+    pixel_mm = evidence.pixel_mm[known]
+    if not known.any() or np.percentile(np.abs(evidence.offset_mm[known]) / pixel_mm, 90) > CLEAR_PX:
+        return VOLUME_SHARE
+    return min(VOLUME_SHARE, 6 * EDGE_BIAS_PX * float(np.median(pixel_mm)) / diameter_mm)
+
+
+def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
+    apart = left_right_px(evidence)
+    worst = float(apart[np.abs(apart).argmax()])
+    if abs(worst) <= NOTICED_PX:
+        return ()
+    off_mm = abs(worst) * float(np.median(evidence.pixel_mm))
+    side, other = ("left", "right") if worst > 0 else ("right", "left")
+    return (
+        f"In all photos the fruit's outline lies {off_mm:.1f} mm further out on the {side} than on the "
+        f"{other}: a shadow that goes with the camera was likely taken for fruit, and the mesh is too large; "
+        "switch the flash off and take the photos again in even light.",
+    )
 
 
 def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], vertex: int) -> str:

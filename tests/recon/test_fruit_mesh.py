@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
+from recon import fruit_mesh
 from recon.closed import face_areas, open_edges, volume_mm3
 from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.mat import standard_mat
 from recon.photos import Photo
+from recon.poses import cameras_from_mat
 
 EGG = Egg()
 QUICK = ReconOptions(level=5, max_faces=3000)
@@ -74,6 +76,27 @@ def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
     assert 0.8 < found.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
     area = face_areas(found.vertices, found.faces).sum()
     assert found.quality.unseen_mm2 == pytest.approx((1 - found.quality.seen_share) * area)
+
+
+def test_a_mesh_that_the_photos_contradict_is_made_again_on_the_same_cameras_and_that_is_said(monkeypatch):
+    doubted, placed = [], []
+
+    def contradicted_once(*_):
+        doubted.append(True)
+        if len(doubted) == 1:
+            raise ReconFailure(ReconProblem.SURFACE_CONTRADICTED, "The mesh does not fit the photos.")
+        return ()
+
+    def counted(*args):
+        placed.append(True)
+        return cameras_from_mat(*args)
+
+    monkeypatch.setattr(fruit_mesh, "surface_doubts", contradicted_once)
+    monkeypatch.setattr(fruit_mesh, "cameras_from_mat", counted)
+    again = reconstruct(photos(12), mat=standard_mat(), height_mm=None, options=QUICK)
+    assert (len(doubted), len(placed)) == (2, 1)
+    assert again.notes == (fruit_mesh.MADE_TWICE,)
+    assert on_the_mat()[0].notes == ()
 
 
 def test_same_photos_give_the_same_mesh():

@@ -1,0 +1,56 @@
+"""An edge further out on the same side of all photos goes with the camera; one on the fruit does not."""
+
+import numpy as np
+import pytest
+
+from recon.camera_shadow import left_right_px, shadow_sd_mm
+from recon.ground_check import RimEvidence
+
+VIEWS, SAMPLES, PIXEL_MM = 24, 96, 0.25
+VIEW = np.repeat(np.arange(VIEWS), SAMPLES)
+TURN = np.tile(np.linspace(-np.pi, np.pi, SAMPLES, endpoint=False), VIEWS)
+FROM = 2 * np.pi * VIEW / VIEWS
+"""The way each camera looks from, about the vertical."""
+ACROSS = FROM + np.where(np.cos(TURN) > 0, -np.pi / 2, np.pi / 2)
+"""Direction of the skin that a camera sees on its rim, right or left of it."""
+
+
+def evidence(offset_px, known=True):
+    noise = np.random.default_rng(1).normal(0, 0.3, len(VIEW))
+    nothing = np.zeros(len(VIEW))
+    return RimEvidence(
+        view=VIEW, a=nothing.astype(int), b=nothing.astype(int), t=nothing,
+        offset_mm=(offset_px + noise) * PIXEL_MM, sd_mm=nothing + 0.1, pixel_mm=nothing + PIXEL_MM,
+        odd=nothing, dim=nothing, through=nothing, known=np.full(len(VIEW), known), turn=TURN,
+    )  # fmt: skip
+
+
+LOW_LEFT = (np.cos(TURN) < 0) & (np.sin(TURN) < -0.3)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_shadow_low_on_one_side_of_every_photo_is_measured(sign):
+    side = LOW_LEFT if sign > 0 else (np.cos(TURN) > 0) & (np.sin(TURN) < -0.3)
+    apart = left_right_px(evidence(np.where(side, 2.0, 0.0)))
+    assert apart[:2] == pytest.approx([2.0 * sign, 2.0 * sign], abs=0.15)
+    assert apart[2] == pytest.approx(0.0, abs=0.15)
+
+
+def test_a_mesh_that_misses_one_flank_of_the_fruit_shows_no_side():
+    bulge = 2.0 * np.clip(np.cos(ACROSS - 0.7), 0, 1)
+    assert np.abs(left_right_px(evidence(bulge))).max() < 0.2
+
+
+def test_a_mesh_too_low_or_too_small_shows_no_side():
+    assert np.abs(left_right_px(evidence(1.5 * np.sin(TURN) + 1.0))).max() < 0.2
+
+
+def test_only_the_bands_with_the_shadow_become_uncertain_and_what_lies_below_them():
+    sd_mm = shadow_sd_mm(evidence(np.where(LOW_LEFT, 2.0, 0.0)))
+    assert sd_mm[np.sin(TURN) < np.sin(np.radians(-46))] == pytest.approx(2.0 * PIXEL_MM, rel=0.1)
+    assert (sd_mm[np.sin(TURN) > np.sin(np.radians(-14))] == 0).all()
+    assert (shadow_sd_mm(evidence(np.zeros(len(VIEW)))) == 0).all()
+
+
+def test_without_known_ground_nothing_is_said():
+    assert (left_right_px(evidence(np.where(LOW_LEFT, 2.0, 0.0), known=False)) == 0).all()
