@@ -56,6 +56,7 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
             "warnings": [
                 *checked.warnings,
                 *whole.warnings,
+                *whole.notes,
                 *_photo_doubts(checked.photos, made),
                 *shape_doubts(vertices, whole.faces, body=task.body),
             ],
