@@ -105,7 +105,6 @@ def visual_hull(
     floor_mm: float | None,
     level: int,
     doubt: float = 0.0,
-    start_mm: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and the half-space z >=
     floor.
@@ -114,10 +113,10 @@ def visual_hull(
     views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² / 2); a
     ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines' own
     precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included. The
-    mesh is closed and of genus 0. `start_mm`: about how long each ray will be, which saves steps.
+    mesh is closed and of genus 0.
     """
     directions, faces = ball(level)
-    radius = np.zeros(len(directions)) if start_mm is None else start_mm.astype(float)
+    radius = np.zeros(len(directions))
     busy = np.arange(len(directions))
     rank, part = divmod(doubt * len(silhouettes), 1.0)
     ranks = [int(rank), min(int(rank) + 1, len(silhouettes) - 1)]

@@ -71,7 +71,12 @@ class Behind:
     scatter: Float[np.ndarray, "*n 2"]
     known: Bool[np.ndarray, "*n"]
 
-    def at(self, where: Bool[np.ndarray, "*n"] | tuple[slice, ...]) -> "Behind":
+    def flat(self) -> "Behind":
+        """The same as a list of pixels, line by line."""
+        colours, lowest, highest = (a.reshape(-1, 3) for a in (self.colours, self.lowest, self.highest))
+        return Behind(colours, lowest, highest, self.scatter.reshape(-1, 2), self.known.ravel())
+
+    def at(self, where: Bool[np.ndarray, "*n"] | Int[np.ndarray, " m"] | tuple[slice, ...]) -> "Behind":
         """The same for some pixels."""
         return Behind(
             self.colours[where],

@@ -4,7 +4,7 @@ name.
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -126,7 +126,7 @@ def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
     small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
     return _Look(
-        photo=photo,
+        photo=replace(photo, tags=(tags, corners)) if on_mat else photo,
         sharpness=float(np.percentile(edges, 99)) / max(float(np.percentile(small, 95)), 1.0),
         clipped=float((photo.image.max(axis=2) >= 254).mean()),
         bright=float(np.percentile(small, 95)),

@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pi_heif
-from jaxtyping import UInt8
+from jaxtyping import Float, Int, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
 
@@ -20,13 +20,14 @@ FULL_FRAME_WIDTH_MM = 36.0
 
 @dataclass(frozen=True)
 class Photo:
-    """One picture: its file name, its pixels (BGR), and the focal length in its own pixels where EXIF
-    tells.
+    """One picture: its file name, its pixels (BGR), the focal length in its own pixels where EXIF tells, and
+    the mat's tags in it once they were looked for: their numbers and corners (px).
     """
 
     name: str
     image: UInt8[np.ndarray, "h w 3"]
     focal_px: float | None = None
+    tags: tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]] | None = None
 
 
 def photo_paths(folder: Path) -> tuple[Path, ...]:

@@ -54,7 +54,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
-    seen = [detect_tags(photo.image, mat) for photo in photos]
+    seen = [photo.tags or detect_tags(photo.image, mat) for photo in photos]
     sightings = [
         _Sighting(i, np.concatenate([mat.corners_mm[t] for t in tags.tolist()]), corners.reshape(-1, 2))
         for i, (tags, corners) in enumerate(seen)

@@ -28,19 +28,15 @@ def _paths(
         best = np.full_like(best, low)
         best[every, fixed] = gain[every, 0, fixed]
     back = np.zeros((count, rings, width), np.int8)
+    wide = np.full((rings, width + 2 * steepest), low)
     for i in range(1, count):
-        highest = best.copy()
+        wide[:, steepest : steepest + width] = best
         for move in range(1, steepest + 1):
             for way in (-move, move):
-                other = np.full_like(best, low)
-                if way > 0:
-                    other[:, :-way] = best[:, way:] - bend * move
-                else:
-                    other[:, -way:] = best[:, :way] - bend * move
-                better = other > highest
-                highest[better] = other[better]
-                back[i][better] = way
-        best = highest + gain[:, i]
+                other = wide[:, steepest + way : steepest + way + width] - np.float32(bend * move)
+                np.copyto(back[i], way, where=other > best)
+                np.maximum(best, other, out=best)
+        best += gain[:, i]
     path = np.zeros((rings, count), int)
     path[:, -1] = best.argmax(axis=1) if fixed is None else fixed
     for i in range(count - 1, 0, -1):

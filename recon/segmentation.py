@@ -27,6 +27,8 @@ UNKNOWN_ODDS = (-0.3, 0.5)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 LEARNT = 2
 THINNED = 2
+"""Scales of the ground's noise and the share of the strange are means over tens of thousands of pixels: every
+second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
@@ -143,12 +145,12 @@ def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scen
 
 @dataclass(frozen=True)
 class _Told:
-    """What does not change while the fruit's colours are learned: where the odds are asked (elsewhere the
-    prior says all), there the densities under the plate and the surroundings and the share of the strange;
-    the prior; and where the plate is known.
+    """What does not change while the fruit's colours are learned: the pixels (counted line by line) of which
+    the odds are asked, elsewhere the prior says all; their densities under the plate and the surroundings and
+    the share of the strange; the prior; and where the plate is known.
     """
 
-    asked: Bool[np.ndarray, "h w"]
+    asked: Int[np.ndarray, " n"]
     on_plate: Float[np.ndarray, " n"]
     other: Float[np.ndarray, " n"]
     strange: Float[np.ndarray, " n"]
@@ -211,12 +213,12 @@ def _told(
     strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
     strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
     prior = _prior(bound)
-    asked = np.abs(prior) < PRIOR_ODDS
+    asked = np.flatnonzero(np.abs(prior) < PRIOR_ODDS)
     return _Told(
         asked=asked,
-        on_plate=colour.ground_density(view.colours[asked], behind.at(asked), noise),
-        other=colour.density_at(palette, view.cells[asked]),
-        strange=strange[asked],
+        on_plate=colour.ground_density(view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise),
+        other=colour.density_at(palette, view.cells.ravel()[asked]),
+        strange=strange.ravel()[asked],
         prior=prior,
         known=behind.known,
     )
@@ -226,10 +228,11 @@ def _odds(
     told: _Told, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
 ) -> Float[np.ndarray, "h w"]:
     found = colour.colour_odds(
-        colour.density_at(fruit, cells[told.asked]), told.on_plate, told.other, told.strange
+        colour.density_at(fruit, cells.ravel()[told.asked]), told.on_plate, told.other, told.strange
     )
     odds = told.prior.copy()
-    odds[told.asked] += np.where(told.known[told.asked], found, np.clip(found, *UNKNOWN_ODDS))
+    known = told.known.ravel()[told.asked]
+    odds.ravel()[told.asked] += np.where(known, found, np.clip(found, *UNKNOWN_ODDS))
     return odds
 
 

@@ -34,7 +34,7 @@ DOUBT = 0.03
 HULL_DOUBT = (0.25, 0.25, 0.15)
 """Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
 again in the next round, too small a one bounds it wrongly."""
-SETTLED_LEVEL = 5
+HULL_LEVEL, SETTLED_LEVEL = 4, 5
 SIDES_PX = (320, 420)
 COVER_SHRINK = 4
 SURE_SHARE = 0.06
@@ -123,20 +123,23 @@ def find_fruit(
     centre = block.points.mean(0)
     longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
 
-    def hull(silhouettes: Sequence[Silhouette], level: int, doubt: float, *, settle: bool = True) -> _Hull:
+    def hull(silhouettes: Sequence[Silhouette], doubt: float, level: int = HULL_LEVEL) -> _Hull:
         vertices, faces = visual_hull(
-            silhouettes, centre_mm=centre, longest_mm=longest, floor_mm=0.0, level=level, doubt=doubt
+            silhouettes,
+            centre_mm=centre,
+            longest_mm=longest,
+            floor_mm=0.0,
+            level=level,
+            doubt=doubt,
         )
-        if settle:
-            vertices = settled(vertices, faces, silhouettes, floor_mm=0.0).vertices
         return _Hull(vertices, faces)
 
     views, odds, masks = _cut_block(scene, block)
-    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, HULL_DOUBT[0], settle=False)
+    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], HULL_DOUBT[0])
     for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
         del views, odds, masks  # hundreds of MB, before as much is made anew
         views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
-        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], 4, doubt, settle=False)
+        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], doubt)
     overlaps = [
         _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
         for v, m in zip(views, masks, strict=True)
@@ -152,9 +155,11 @@ def find_fruit(
     clear = 0.0
     for step in ROUNDS:
         silhouettes, clear = _refined(views, odds, mesh, step)
-        mesh = hull(silhouettes, 4, step.doubt)
-    coarse = min(level, SETTLED_LEVEL)
-    rough = hull(silhouettes, coarse, DOUBT, settle=False)
+        rough = hull(silhouettes, step.doubt)
+        surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+        mesh = _Hull(surface.vertices, rough.faces)
+    coarse = max(HULL_LEVEL, min(level, SETTLED_LEVEL))
+    rough = hull(silhouettes, DOUBT, level=coarse)
     surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
     overlap = [
         _overlap(drawn(surface.vertices, rough.faces, s.window, s.camera), s.distance_px > 0)

@@ -1,6 +1,7 @@
 """The best closed contours around points: log odds and steps of colour parted by dynamic programming."""
 
 from collections.abc import Sequence
+from functools import cache
 
 import cv2
 import numpy as np
@@ -16,6 +17,8 @@ EDGE_LAB = 25.0
 EDGE_PX = 2
 BEND = 3.0
 STEEPEST = 5
+BEYOND_PX, FEWEST_RADII = 6.0, 8
+"""Rays end so far outside the last pixel that may be fruit, after so many steps at least."""
 
 
 def star_cuts(
@@ -49,21 +52,26 @@ def _gain(
     odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "r k"]:
     rows, columns = odds.shape
-    corners = np.array([[0, 0], [columns, 0], [0, rows], [columns, rows]])
-    radii = np.arange(STEP_PX, float(np.linalg.norm(corners - centre, axis=1).max()), STEP_PX)
+    y, x = np.nonzero(odds > -MOST_ODDS)
+    furthest = float(np.hypot(x - centre[0], y - centre[1]).max()) if len(x) else 0.0
+    radii = np.arange(STEP_PX, max(furthest + BEYOND_PX, FEWEST_RADII * STEP_PX), STEP_PX)
     at = (centre + radii[None, :, None] * _rays()[:, None]).astype(np.float32)
-    inside = ((at >= 0) & (at <= [columns - 1, rows - 1])).all(axis=2)
+    u, v = at[..., 0], at[..., 1]
+    inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
     values = cv2.remap(odds.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    values = np.where(inside, np.clip(values, -MOST_ODDS, MOST_ODDS), -0.5 * MOST_ODDS) * STEP_PX
+    values = np.where(inside, np.clip(values, -MOST_ODDS, MOST_ODDS), np.float32(-0.5 * MOST_ODDS))
+    values *= np.float32(STEP_PX)
     total = np.cumsum(values, axis=1)
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     apart = profile[:, 2 * EDGE_PX :] - profile[:, : -2 * EDGE_PX]
+    apart *= apart
     step = np.zeros_like(total)
-    step[:, EDGE_PX:-EDGE_PX] = np.sqrt(np.einsum("rkc,rkc->rk", apart, apart))
-    edge = np.where(inside, EDGE_GAIN * np.minimum(step / EDGE_LAB, 1.0), 0.0)
+    step[:, EDGE_PX:-EDGE_PX] = np.sqrt(apart[..., 0] + apart[..., 1] + apart[..., 2])
+    edge = np.minimum(step * np.float32(EDGE_GAIN / EDGE_LAB), np.float32(EDGE_GAIN)) * inside
     return np.asarray(2 * total - total[:, -1:] + edge, np.float32)
 
 
+@cache
 def _rays() -> Float[np.ndarray, "r 2"]:
     angles = np.arange(RAYS) * 2 * np.pi / RAYS
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
