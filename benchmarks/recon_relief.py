@@ -1,14 +1,14 @@
 """What relief does to the outline surface, set by set: error before and after, in the cavity and around it.
 
-    python benchmarks/recon_relief.py FOLDER... [--set NAME=VALUE]...
+    python benchmarks/recon_relief.py FOLDER... [--every N] [--set NAME=VALUE]...
 
 A FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json. Each is reconstructed up to the
 outline surface once; `seen`, `cavity`, `sides`, `low` are root mean squares (mm) of the distance from the
 true surface that some camera saw (benchmarks/recon_score.py), within 45 % of the fruit's radius of its axis
 above 70 % of its height, above and below a quarter of its height. `measured` is the share of the vertices
-that relief placed; each region it moved follows with what the held-out views say. `--set` gives a constant
-of recon/relief.py or recon/photo_consistency.py another value: the tables from which those constants were
-chosen.
+that relief placed; each region it moved follows with what the held-out views say. `--every` uses every n-th
+photo. `--set` gives a constant of recon/relief*.py or recon/photo_consistency.py another value: the tables
+from which those constants were chosen.
 """
 
 import argparse
@@ -28,7 +28,7 @@ def main() -> int:
     """Prints the table; exit status 1 where a set got worse by over 0.005 mm."""
     from recon_score import read_truth
 
-    from recon import photo_consistency, relief
+    from recon import photo_consistency, relief, relief_mesh, relief_search, relief_verdict
     from recon.camera import straightened
     from recon.mat import parse_mat
     from recon.photo_check import checked_photos
@@ -41,14 +41,17 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", type=Path, nargs="+")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="use every n-th photo (default 1)")
     parser.add_argument("--set", action="append", default=[], help="NAME=VALUE of a constant")
     options = parser.parse_args()
+    modules = (relief, relief_mesh, relief_search, relief_verdict, photo_consistency)
     for each in options.set:
         name, value = each.split("=", 1)
-        owner = relief if hasattr(relief, name) else photo_consistency
-        if not hasattr(owner, name):
-            parser.error(f"--set {each}: neither recon/relief.py nor recon/photo_consistency.py has {name}")
-        setattr(owner, name, ast.literal_eval(value))
+        owners = [m for m in modules if hasattr(m, name)]
+        if not owners:
+            parser.error(f"--set {each}: neither recon/relief*.py nor recon/photo_consistency.py has {name}")
+        for owner in owners:
+            setattr(owner, name, ast.literal_eval(value))
     print(f"{'fruit':18}{'':8}{'seen':>8}{'cavity':>8}{'sides':>8}{'low':>8}{'cpu_s':>8}{'measured':>10}")
     worse = 0
     for folder in options.folders:
@@ -56,7 +59,7 @@ def main() -> int:
         mat = parse_mat(json.loads((folder / "mat.json").read_text()), source=source)
         truth = read_truth(folder)
         with one_thread():
-            photos = checked_photos(list(read_photos(folder / "photos")), mat).photos
+            photos = checked_photos(list(read_photos(folder / "photos"))[:: options.every], mat).photos
             poses = cameras_from_mat(photos, mat)
             pairs = [
                 straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)

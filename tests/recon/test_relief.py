@@ -10,6 +10,7 @@ import pytest
 from mat_scene import ring
 
 from recon import relief as module
+from recon import relief_verdict
 from recon.camera import Camera
 from recon.hull import ball
 from recon.native import open3d
@@ -194,9 +195,17 @@ def test_two_high_peaks_apart_are_not_trusted():
     assert apart[1][0] == 0.0
 
 
+def test_what_is_not_found_with_much_averaging_is_found_with_less(monkeypatch: pytest.MonkeyPatch):
+    s = scene(3.0, 12.0, 0.0)
+    monkeypatch.setattr(module, "LEAST_MEAN_GAIN", 1.1)
+    got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
+    before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
+    assert after < 0.2 * before
+
+
 def test_chance_counts_patches_and_not_vertices(monkeypatch: pytest.MonkeyPatch):
     s = scene(3.0, 12.0, 0.0)
-    monkeypatch.setattr(module, "CHANCE", 0.0)
+    monkeypatch.setattr(relief_verdict, "CHANCE", 0.0)
     got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
     assert not any(r.accepted for r in got.regions)
     assert np.array_equal(got.vertices, s.outline)
