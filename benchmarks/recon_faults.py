@@ -1,6 +1,6 @@
 """Spoil a good set of photos in every way that was thought of, and see that no wrong mesh goes unwarned.
 
-    python benchmarks/recon_faults.py PHOTOS_FOLDER --out CSV [--only WORDS] [--side PX] [--again]
+    python benchmarks/recon_faults.py PHOTOS_FOLDER --out CSV [--category NAME] [--only WORDS] [--again]
 
 PHOTOS_FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json (mm, the mat's frame). Every
 second photo at 640 pixels is used (all of them where there is no mat). Each case ends as
@@ -137,7 +137,9 @@ def about(case: Case, said: str) -> bool:
     return case.unknowable or re.search(WORDS[case.name], said) is not None
 
 
-def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"]) -> dict[str, Any]:
+def tried(
+    case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, category: str
+) -> dict[str, Any]:
     """One case from files to ending, by the pipeline's own way."""
     spoiled = case.fault(good)
     content = spoiled.content()
@@ -159,11 +161,11 @@ def tried(case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"
                 folder=FruitFolder(root / "fruits" / "N"),
                 batch_root=root,
                 results=FruitResults(root / "out"),
-                settings=Settings(category="nectarine", recon=Recon(max_faces=3000)),
+                settings=Settings(category=category, recon=Recon(max_faces=3000)),
                 mat=mat,
-                category="nectarine",
+                category=category,
                 body=STONE_FRUIT,
-                prior=load_prior("nectarine"),
+                prior=load_prior(category),
                 given=Given(
                     height_mm=spoiled.height_mm, diameter_mm=spoiled.diameter_mm, mass_g=spoiled.mass_g
                 ),
@@ -203,6 +205,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose name holds these words")
     parser.add_argument("--side", type=int, default=640, help="longest side with the mat, px")
     parser.add_argument("--height-side", type=int, default=1280, help="and without it")
+    parser.add_argument("--category", default="nectarine", help="of the fruit (default %(default)s)")
     parser.add_argument("--again", action="store_true", help="run cases that stand in CSV too")
     parser.add_argument("--route", choices=("mat", "height"), help="cases of one route alone")
     chosen = parser.parse_args()
@@ -228,7 +231,7 @@ def main() -> None:
         table.writeheader()
         table.writerows(known)
         for case in todo:
-            row = tried(case, good[case.route], truth, seen)
+            row = tried(case, good[case.route], truth, seen, category=chosen.category)
             table.writerow(row)
             file.flush()
             print(
