@@ -184,6 +184,11 @@ class FruitResults:
         return self.root / "surface-sd.png"
 
     @property
+    def views(self) -> Path:
+        """Where photos were taken and where more are needed, of a fruit that lacks them."""
+        return self.root / "views.png"
+
+    @property
     def mismatch(self) -> Path:
         """What `drupe explain` says of the fruit."""
         return self.root / "mismatch.json"
@@ -203,6 +208,7 @@ class FruitResults:
             self.picture,
             self.coverage,
             self.surface_sd,
+            self.views,
             self.traceback,
         ):
             path.unlink(missing_ok=True)

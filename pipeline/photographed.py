@@ -17,6 +17,7 @@ from recon.photos import Photo, read_photos
 from recon.rim_check import rim_doubts
 from recon.underside import with_underside
 from recon.verdict import require_seen, shape_doubts
+from recon.view_plan import ViewPlan, view_plan
 from recon.wording import listed
 from reports.photo import thumbnail_jpeg
 
@@ -34,7 +35,11 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
         options=options,
     )
     made = route(checked.photos)
-    require_seen(replace(made.quality, views_given=len(given)), left_out=checked.warnings)
+    require_seen(
+        replace(made.quality, views_given=len(given)),
+        left_out=checked.warnings,
+        plan=_plan(made, [photo.name for photo in given]),
+    )
     whole = made
     if task.folder.flipped_files():
         whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
@@ -62,6 +67,14 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
             ],
         },
     )
+
+
+def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
+    """Where the photos that were used were taken."""
+    if not made.cameras:
+        return None
+    places = np.array([c.place for c in made.cameras])
+    return view_plan([c.name for c in made.cameras], places, made.vertices.mean(axis=0), given=given)
 
 
 def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:

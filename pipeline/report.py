@@ -87,6 +87,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
         mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
         coverage_png=files.coverage.read_bytes() if mesh and files.coverage.is_file() else None,
+        views_png=files.views.read_bytes() if not record.graded and files.views.is_file() else None,
         surface_sd_png=files.surface_sd.read_bytes() if mesh and files.surface_sd.is_file() else None,
         estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
         curves=tuple(_curves(record.grasps)),

@@ -24,6 +24,7 @@ from pipeline.records import FruitRecord, GraspRecord, write_record
 from pipeline.task import FruitTask
 from recon.failure import ReconFailure
 from reports.mesh_picture import mesh_picture
+from reports.view_plan_picture import view_plan_picture
 from tactile.failure import TactileFailure
 
 
@@ -35,7 +36,9 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     with threadpool_limits(1):
         try:
             _grade(task, diary)
-        except (ReconFailure, TactileFailure, FemFailure) as failure:
+        except ReconFailure as failure:
+            outcome, reason = failure.problem.value, failure.detail + _drawn(task, failure)
+        except (TactileFailure, FemFailure) as failure:
             outcome, reason = failure.problem.value, failure.detail
         except FruitEnded as ended:
             outcome, reason = ended.outcome.code, str(ended)
@@ -60,6 +63,24 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     )
     write_record(task.results.record, record)
     return record
+
+
+def _drawn(task: FruitTask, failure: ReconFailure) -> str:
+    """Draws where photos are missing, if the failure tells, and says where the picture is."""
+    plan = failure.views
+    if plan is None:
+        return ""
+    picture = view_plan_picture(
+        names=plan.names,
+        azimuth_deg=plan.azimuth_deg,
+        distance=plan.distance,
+        unplaced=plan.unplaced,
+        gaps_deg=plan.gaps_deg,
+        stand_deg=plan.stand_deg,
+    )
+    write_whole(task.results.views, picture)
+    path = task.results.views
+    return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
 
 
 def _grade(task: FruitTask, diary: Diary) -> None:

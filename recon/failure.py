@@ -4,6 +4,8 @@ sentence.
 
 from enum import StrEnum
 
+from recon.view_plan import ViewPlan
+
 
 class ReconProblem(StrEnum):
     """What went wrong, in a word that a record can carry."""
@@ -31,14 +33,16 @@ class ReconFailure(Exception):
     """Raised for everything that a user's photos, files or settings can cause.
 
     `detail` is one sentence: what was found, what was expected, what to do next; it names the file and the
-    field when a file is at fault. `str(failure) == failure.detail`.
+    field when a file is at fault. `str(failure) == failure.detail`. `views` says where photos were taken,
+    where views are missing.
     """
 
-    def __init__(self, problem: ReconProblem, detail: str) -> None:
+    def __init__(self, problem: ReconProblem, detail: str, views: ViewPlan | None = None) -> None:
         super().__init__(detail)
         self.problem = problem
         self.detail = detail
+        self.views = views
 
-    def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str]]:
+    def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str, ViewPlan | None]]:
         """Survive the way back from a worker process."""
-        return type(self), (self.problem, self.detail)
+        return type(self), (self.problem, self.detail, self.views)

@@ -15,6 +15,7 @@ from recon.colmap import pycolmap
 from recon.failure import ReconFailure, ReconProblem
 from recon.ground import ground_plane, upright
 from recon.photos import Photo, require_enough
+from recon.plane_motion import cameras_from_ground
 from recon.poses import Poses
 from recon.scale import Box
 from recon.similarity import moved
@@ -28,6 +29,31 @@ SEED = 1
 
 
 def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from the flat ground's texture, or where that leaves photos out, from features of the scene.
+
+    World and box as `cameras_from_features` says; of the two ways the one that places more photos counts,
+    the ground's before the other. Raises ReconFailure: no-overlap, no-fruit.
+    """
+    require_enough(len(photos), where="The set")
+    try:
+        ground = cameras_from_ground(photos, height_mm=height_mm)
+    except ReconFailure as failure:
+        try:
+            return cameras_from_features(photos, height_mm=height_mm)
+        except ReconFailure as other:
+            if failure.views is None:
+                raise
+            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}", failure.views) from None
+    if len(ground.used) == len(photos):
+        return ground
+    try:
+        features = cameras_from_features(photos, height_mm=height_mm)
+    except ReconFailure:
+        return ground
+    return features if len(features.used) > len(ground.used) else ground
+
+
+def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
 
     The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh

@@ -10,31 +10,38 @@ from recon.closed import volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.priors import STONE_FRUIT, Body
 from recon.quality import ReconQuality
+from recon.view_plan import ViewPlan, plan_words
 
 FEWEST_VIEWS = 6
 WIDEST_GAP_DEG = 120.0
 
 
-def require_seen(quality: ReconQuality, *, left_out: Sequence[str] = ()) -> None:
+def require_seen(
+    quality: ReconQuality, *, left_out: Sequence[str] = (), plan: ViewPlan | None = None
+) -> None:
     """Refuse a shape that was seen from too few directions to be more than a guess.
 
     With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
-    off by half to all of its volume. `left_out`: why photos were not even tried. Raises ReconFailure
-    (too-few-views).
+    off by half to all of its volume. `left_out`: why photos were not even tried; `plan`: where the others
+    were taken, which the failure then says and carries. Raises ReconFailure (too-few-views).
     """
+    where = "" if plan is None else f" {plan_words(plan)}".rstrip()
     if quality.views_used < FEWEST_VIEWS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
             f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
             f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality, left_out)} Take 24 sharp ones from all "
-            "around, at two or three heights.",
+            f"around, at two or three heights.{where}",
+            plan,
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
             f"Too few views: no photo that could be used was taken over {quality.widest_gap_deg:.0f} "
             f"degrees around the "
-            f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too.",
+            f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too."
+            f"{where}",
+            plan,
         )
 
 

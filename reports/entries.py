@@ -100,6 +100,8 @@ class FruitEntry:
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
     coverage_png: bytes | None = None
+    views_png: bytes | None = None
+    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
     surface_sd_png: bytes | None = None
     estimates: tuple[GraspEstimate, ...] = ()
     curves: tuple[ForceCurve, ...] = ()

@@ -1,0 +1,54 @@
+"""Missing views are named, and the plan says where to stand."""
+
+import pickle
+
+import numpy as np
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.view_plan import plan_words, view_plan
+from reports.view_plan_picture import view_plan_picture
+
+GIVEN = [f"IMG_{i}.jpg" for i in range(1, 8)]
+
+
+def _ring(azimuth_deg):
+    angle = np.radians(azimuth_deg)
+    return np.stack([300 * np.cos(angle), 300 * np.sin(angle), np.full(len(angle), 100.0)], axis=1)
+
+
+def test_a_side_without_photos_and_a_photo_that_joins_none_are_named():
+    placed = [GIVEN[i] for i in (0, 1, 2, 3, 4, 6)]
+    plan = view_plan(placed, _ring([10.0, 50, 95, 140, 170, 330]), np.zeros(3), given=GIVEN)
+    assert [tuple(round(x) for x in gap) for gap in plan.gaps_deg] == [(160, 320)]
+    assert [round(s) for s in plan.stand_deg] == [200, 240, 280]
+    said = plan_words(plan)
+    assert "between 160 and 320 degrees" in said
+    assert "IMG_6.jpg shares too little" in said
+    assert "between IMG_5.jpg and IMG_7.jpg" in said
+
+
+def test_a_full_ring_lacks_nothing():
+    plan = view_plan(GIVEN, _ring(np.arange(7) * 360 / 7), np.zeros(3), given=GIVEN)
+    assert (plan.gaps_deg, plan.stand_deg, plan.unplaced) == ((), (), ())
+    assert plan_words(plan) == ""
+
+
+def test_every_wide_gap_is_filled_to_half_a_quarter():
+    plan = view_plan(GIVEN[:2], _ring([0.0, 100]), np.zeros(3), given=GIVEN[:2])
+    around = np.sort([*plan.azimuth_deg, *plan.stand_deg])
+    assert np.diff([*around, around[0] + 360]).max() <= 45 + 1e-6
+
+
+def test_a_failure_brings_its_plan_back_from_a_worker():
+    plan = view_plan(GIVEN, _ring(np.arange(7) * 20.0), np.zeros(3), given=GIVEN)
+    back = pickle.loads(pickle.dumps(ReconFailure(ReconProblem.NO_OVERLAP, "x", plan)))
+    assert back.views == plan
+
+
+def test_the_picture_is_a_png():
+    plan = view_plan(GIVEN, _ring(np.arange(7) * 20.0), np.zeros(3), given=GIVEN)
+    picture = view_plan_picture(
+        names=plan.names, azimuth_deg=plan.azimuth_deg, distance=plan.distance, unplaced=("a.jpg",),
+        gaps_deg=plan.gaps_deg, stand_deg=plan.stand_deg,
+    )  # fmt: skip
+    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
