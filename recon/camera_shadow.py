@@ -4,10 +4,8 @@ Skin that a mesh misses is on the left of the fruit in one photo and on its righ
 further on one side in all photos is not the fruit's.
 """
 
-from itertools import pairwise
-
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 
 from recon.ground_check import RimEvidence
 
@@ -26,28 +24,53 @@ def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
 
     The known samples of a band's two sides are compared; 0 where either has fewer than FEWEST_SAMPLES.
     """
-    e = evidence
-    right = np.cos(e.turn) > 0
-    height_deg = np.degrees(np.arcsin(np.clip(np.sin(e.turn), -1, 1)))
-    offset_px = e.offset_mm / e.pixel_mm
-    out = []
-    for low, high in pairwise(HEIGHTS_DEG):
-        band = e.known & (height_deg >= low) & (height_deg < high)
-        sides = offset_px[band & ~right], offset_px[band & right]
-        enough = min(map(len, sides)) >= FEWEST_SAMPLES
-        out.append(float(np.median(sides[0]) - np.median(sides[1])) if enough else 0.0)
-    return np.array(out)
+    left, right = _sides_px(evidence)
+    return np.asarray(left - right)
+
+
+def in_camera_shadow(evidence: RimEvidence) -> Bool[np.ndarray, " k"]:
+    """Samples whose edge may be the shadow's: a differing band's further side, and all below the bands."""
+    apart = left_right_px(evidence)
+    noticed = np.where(np.abs(apart) > NOTICED_PX, np.sign(apart), 0.0)
+    by_band = np.concatenate([noticed, [0.0, 0.0]])  # above the bands, and below them (band -1)
+    band = _band(evidence)
+    left = np.where(np.cos(evidence.turn) > 0, -1.0, 1.0)
+    return np.asarray((by_band[band] * left > 0) | ((band == -1) & noticed.any()))
+
+
+def camera_shadow_px(evidence: RimEvidence) -> float:
+    """By how much left and right differ most, px (positive: left is further out); 0 where they do not."""
+    apart = left_right_px(evidence)
+    worst = float(apart[np.abs(apart).argmax()])
+    return worst if abs(worst) > NOTICED_PX else 0.0
 
 
 def shadow_sd_mm(evidence: RimEvidence) -> Float[np.ndarray, " k"]:
-    """What such a shadow makes uncertain at each sample, mm: the difference of its band, 0 where not noticed.
+    """What a shadow that the mesh may have swallowed makes uncertain at each sample, mm.
 
-    The mesh settles between the two sides; below the lowest band, where no side is clear of the shadow, the
-    worst band's counts.
+    In every band that differs, and below the bands, as much as left and right differ where that is most.
     """
-    apart = np.abs(left_right_px(evidence))
-    apart = np.where(apart > NOTICED_PX, apart, 0.0)
+    worst_px = abs(camera_shadow_px(evidence))
+    noticed = np.abs(left_right_px(evidence)) > NOTICED_PX
+    by_band = np.concatenate([noticed, [False, noticed.any()]])
+    return np.asarray(worst_px * by_band[_band(evidence)] * evidence.pixel_mm)
+
+
+def _band(evidence: RimEvidence) -> Int[np.ndarray, " k"]:
+    """The band of each sample; -1 below the lowest, the number of bands above the highest."""
     height_deg = np.degrees(np.arcsin(np.clip(np.sin(evidence.turn), -1, 1)))
-    band = np.searchsorted(HEIGHTS_DEG, height_deg, side="right") - 1
-    by_band = np.concatenate([apart, [0.0, apart.max()]])
-    return np.asarray(by_band[np.clip(band, -1, len(apart))] * evidence.pixel_mm)
+    return np.asarray(np.searchsorted(HEIGHTS_DEG, height_deg, side="right") - 1)
+
+
+def _sides_px(evidence: RimEvidence) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]]:
+    """Median offset of each band's left and right side, px; 0 for both where either has too few samples."""
+    right = np.cos(evidence.turn) > 0
+    offset_px = evidence.offset_mm / evidence.pixel_mm
+    band = _band(evidence)
+    medians = np.zeros((2, len(HEIGHTS_DEG) - 1))
+    for k in range(medians.shape[1]):
+        here = evidence.known & (band == k)
+        sides = offset_px[here & ~right], offset_px[here & right]
+        if min(map(len, sides)) >= FEWEST_SAMPLES:
+            medians[:, k] = [np.median(side) for side in sides]
+    return medians[0], medians[1]

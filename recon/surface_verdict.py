@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.camera_shadow import NOTICED_PX, left_right_px
+from recon.camera_shadow import camera_shadow_px
 from recon.closed import face_areas, vertex_normals, volume_mm3
 from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
@@ -24,10 +24,10 @@ less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm
 VOLUME_SHARE = 0.02
 """Share of the volume that the offsets add up to, said from here on at the latest. True surfaces: at most
 0.019, shrunk by 2 % in length: 0.027 and more."""
-EDGE_BIAS_PX, CLEAR_PX = 0.4, 1.5
-"""An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX
-of the rim) b is under EDGE_BIAS_PX: at most 0.2 on seven right meshes with clear edges, 0.5 and more on the
-same shrunk by 1 % in length but for a cherry of 110 px; on dark glossy fruit with unclear edges up to 1.0."""
+EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
+"""An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
+the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
+in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
 CAUSE_SHARE = 0.1
 MOVED_SHARE = 2.0
 
@@ -108,16 +108,15 @@ def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:
 
 
 def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
-    apart = left_right_px(evidence)
-    worst = float(apart[np.abs(apart).argmax()])
-    if abs(worst) <= NOTICED_PX:
+    worst = camera_shadow_px(evidence)
+    if not worst:
         return ()
     off_mm = abs(worst) * float(np.median(evidence.pixel_mm))
     side, other = ("left", "right") if worst > 0 else ("right", "left")
     return (
         f"In all photos the fruit's outline lies {off_mm:.1f} mm further out on the {side} than on the "
-        f"{other}: a shadow that goes with the camera was likely taken for fruit, and the mesh is too large; "
-        "switch the flash off and take the photos again in even light.",
+        f"{other}: a shadow that goes with the camera may have been taken for fruit, and the mesh be too "
+        "large; switch the flash off and take the photos again in even light.",
     )
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from recon.camera_shadow import left_right_px, shadow_sd_mm
+from recon.camera_shadow import in_camera_shadow, left_right_px, shadow_sd_mm
 from recon.ground_check import RimEvidence
 
 VIEWS, SAMPLES, PIXEL_MM = 24, 96, 0.25
@@ -45,8 +45,19 @@ def test_a_mesh_too_low_or_too_small_shows_no_side():
     assert np.abs(left_right_px(evidence(1.5 * np.sin(TURN) + 1.0))).max() < 0.2
 
 
+def test_edges_on_the_shadows_side_and_below_tell_nothing_of_the_mesh():
+    shaded = in_camera_shadow(evidence(np.where(LOW_LEFT, 2.0, 0.0)))
+    low = (np.sin(TURN) < np.sin(np.radians(-20))) & (np.sin(TURN) > np.sin(np.radians(-74)))
+    assert shaded[low & (np.cos(TURN) < 0)].all()
+    assert not shaded[low & (np.cos(TURN) > 0)].any()
+    assert shaded[np.sin(TURN) < np.sin(np.radians(-76))].all()
+    assert not shaded[np.sin(TURN) > np.sin(np.radians(-14))].any()
+    assert not in_camera_shadow(evidence(np.zeros(len(VIEW)))).any()
+
+
 def test_only_the_bands_with_the_shadow_become_uncertain_and_what_lies_below_them():
-    sd_mm = shadow_sd_mm(evidence(np.where(LOW_LEFT, 2.0, 0.0)))
+    low = np.sin(TURN) < -0.3
+    sd_mm = shadow_sd_mm(evidence(np.where(LOW_LEFT, 1.5, -0.5 * low)))
     assert sd_mm[np.sin(TURN) < np.sin(np.radians(-46))] == pytest.approx(2.0 * PIXEL_MM, rel=0.1)
     assert (sd_mm[np.sin(TURN) > np.sin(np.radians(-14))] == 0).all()
     assert (shadow_sd_mm(evidence(np.zeros(len(VIEW)))) == 0).all()
