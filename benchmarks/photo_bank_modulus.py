@@ -1,0 +1,215 @@
+"""Modulus of elasticity from photos and simulated grasps, over sets of the photo bank with known moduli.
+
+    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2] [--finer] [--out CSV]
+
+BANK holds the sets that benchmarks/photo_bank.py drew. For each set two jaws close on the true fruit of
+scene.json (shape, pit, modulus) in a simulation with hexahedra and a contact law of its own, which share
+nothing with the tetrahedra that grading makes from the photos. The recordings, the set's photos and its
+mat.json become a batch folder, on which `drupe grade` runs as a process of its own: cameras, mesh, pit and
+modulus all come from what a user would hand in. The pit that grading assumes is the prior of the kind of
+fruit, not the true one.
+
+For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
+standard deviation, CPU seconds of the grading, and what was warned of. Exit status 1 where an error is over
+MOST_ERROR or a fruit was not graded.
+"""
+
+import argparse
+import csv
+import json
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from samples.failure import NotInEquilibrium
+from samples.fruit import Pit, SampleFruit, Skin
+from samples.grasp import simulate
+from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
+from samples.hexahedra import FINER, SHIPPED, Fineness
+from tactile.recording import write_recording
+
+MOST_ERROR = 0.02
+"""Largest relative error of the modulus of a single fruit, end to end."""
+DEEPEST_SHARE = 0.05
+"""Largest travel of a jaw past first touch, as a share of the fruit's smallest half axis: DEEPEST_MM on a
+nectarine, and no larger a strain in smaller fruit."""
+SPEED_MM_PER_S = 1.5
+
+_SETTINGS = """\
+category = "{kind}"
+poisson_ratio = {poisson_ratio}
+
+[sensor]
+name = "20x20 marker gel (simulated)"
+
+[gripper]
+name = "parallel jaws (simulated)"
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Graded:
+    """One row of ranking.csv beside the truth; `E_MPa` is None where the fruit was not graded."""
+
+    name: str
+    kind: str
+    truth_MPa: float
+    E_MPa: float | None
+    E_sd_MPa: float | None
+    cpu_s: float
+    said: str
+
+    @property
+    def error(self) -> float | None:
+        """Relative error of the modulus."""
+        return None if self.E_MPa is None else self.E_MPa / self.truth_MPa - 1
+
+
+def fruit_of_scene(scene: dict[str, Any]) -> SampleFruit:
+    """The true fruit of a scene.json, in the mat's frame, where it stood when it was photographed."""
+    fruit, shape, pit = scene["fruit"], scene["fruit"]["shape"], scene["fruit"]["pit"]
+    return SampleFruit(
+        fruit_id=scene["name"],
+        seed=int(scene["seed"]),
+        skin=Skin(**{**shape, "cubic": np.array(shape["cubic"])}),
+        pit=Pit(**pit),
+        E_MPa=float(fruit["E_MPa"]),
+        poisson_ratio=float(fruit["poisson_ratio"]),
+        ripeness=float(fruit["ripeness"]),
+    )
+
+
+def planned(fruit: SampleFruit, *, count: int) -> list[PlannedGrasp]:
+    """Grasps as samples/ plans them, no deeper than the size of the fruit allows."""
+    deepest = min(DEEPEST_MM, DEEPEST_SHARE * min(fruit.skin.half_axes_mm))
+    programme = two_cycles(deepest_mm=deepest, speed_mm_per_s=SPEED_MM_PER_S)
+    return [replace(plan, programme=programme) for plan in planned_grasps(fruit, count=count)]
+
+
+def write_batch(batch: Path, folder: Path, scene: dict[str, Any], *, grasps: int, fineness: Fineness) -> None:
+    """The batch folder of one set. Raises NotInEquilibrium where a grasp cannot be simulated."""
+    fruit, kind = fruit_of_scene(scene), scene["fruit"]["kind"]
+    where = batch / "fruits" / fruit.fruit_id
+    (where / "grasps").mkdir(parents=True)
+    shutil.copytree(folder / "photos", where / "photos")
+    shutil.copyfile(folder / "mat.json", batch / "mat.json")
+    settings = _SETTINGS.format(kind=kind, poisson_ratio=fruit.poisson_ratio)
+    (batch / "batch.toml").write_text(settings, encoding="utf-8")
+    (batch / "fruits.csv").write_text(f"fruit_id\n{fruit.fruit_id}\n", encoding="utf-8")
+    for k, plan in enumerate(planned(fruit, count=grasps)):
+        rng = np.random.default_rng([fruit.seed, 7, k])
+        made = simulate(fruit, plan.hold, plan.programme, rng=rng, fineness=fineness)
+        recording = replace(made.recording, category=kind)
+        write_recording(where / "grasps" / f"{plan.name}.h5", recording)
+
+
+def graded(batch: Path, scene: dict[str, Any]) -> Graded:
+    """`drupe grade` on a batch of one fruit, in a process of its own."""
+    results = batch / "results"
+    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
+    before = _children_s()
+    done = subprocess.run(
+        [*command, "--out", str(results), "--jobs", "1"], capture_output=True, text=True, check=False
+    )
+    spent = _children_s() - before
+    unread: dict[str, str] = {}
+    rows = [unread]
+    if (results / "ranking.csv").is_file():
+        with (results / "ranking.csv").open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file)) or [unread]
+    row = rows[0]
+    said = "; ".join(text for text in (row.get("reason", ""), row.get("warnings", "")) if text)
+    return Graded(
+        name=scene["name"],
+        kind=scene["fruit"]["kind"],
+        truth_MPa=float(scene["fruit"]["E_MPa"]),
+        E_MPa=float(row["E_MPa"]) if row.get("E_MPa") else None,
+        E_sd_MPa=float(row["E_sd_MPa"]) if row.get("E_sd_MPa") else None,
+        cpu_s=spent,
+        said=said or (done.stderr.strip()[-600:] if not row.get("E_MPa") else ""),
+    )
+
+
+def _children_s() -> float:
+    spent = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return spent.ru_utime + spent.ru_stime
+
+
+def line(row: Graded) -> str:
+    """A row of the table."""
+    head = f"{row.name:10} {row.kind:10}"
+    if row.E_MPa is None or row.E_sd_MPa is None or row.error is None:
+        return f"{head} {'not graded':>36} truth {row.truth_MPa:.4f}  {row.cpu_s:6.0f} CPU s  {row.said}"
+    off = (row.E_MPa - row.truth_MPa) / row.E_sd_MPa
+    return (
+        f"{head} E {row.E_MPa:.4f} sd {row.E_sd_MPa:.4f} truth {row.truth_MPa:.4f} MPa,"
+        f" {100 * row.error:+6.2f} % ({off:+.1f} sd)  {row.cpu_s:6.0f} CPU s  {row.said}"
+    )
+
+
+def main() -> int:
+    """Prints a line a set, writes the rows; the exit status says whether all are within MOST_ERROR."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("bank", type=Path)
+    parser.add_argument("--sets", type=int, nargs="+", required=True)
+    parser.add_argument("--grasps", type=int, default=2)
+    parser.add_argument("--finer", action="store_true", help="simulate on a finer mesh (five times as slow)")
+    parser.add_argument("--keep", type=Path, help="leave the batch folders there")
+    parser.add_argument("--out", type=Path, help="a CSV of the rows")
+    options = parser.parse_args()
+    rows = []
+    with tempfile.TemporaryDirectory() as scratch:
+        for number in options.sets:
+            folder = options.bank / f"set-{number:03d}"
+            scene = json.loads((folder / "scene.json").read_text())
+            batch = (options.keep or Path(scratch)) / folder.name
+            shutil.rmtree(batch, ignore_errors=True)
+            start = time.process_time()
+            try:
+                write_batch(
+                    batch, folder, scene, grasps=options.grasps, fineness=FINER if options.finer else SHIPPED
+                )
+            except NotInEquilibrium as failure:
+                print(f"{folder.name}: the grasp could not be simulated: {failure}", flush=True)
+                continue
+            print(f"{folder.name}: grasps simulated in {time.process_time() - start:.0f} CPU s", flush=True)
+            rows.append(graded(batch, scene))
+            print(line(rows[-1]), flush=True)
+    if options.out is not None:
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        with options.out.open("w", newline="", encoding="utf-8") as file:
+            table = csv.writer(file, lineterminator="\n")
+            table.writerow(
+                ["set", "kind", "truth_MPa", "E_MPa", "E_sd_MPa", "error_percent", "cpu_s", "warnings"]
+            )
+            for row in rows:
+                error = "" if row.error is None else f"{100 * row.error:.3f}"
+                table.writerow(
+                    [
+                        row.name,
+                        row.kind,
+                        row.truth_MPa,
+                        row.E_MPa,
+                        row.E_sd_MPa,
+                        error,
+                        round(row.cpu_s),
+                        row.said,
+                    ]
+                )
+    good = [row for row in rows if row.error is not None and abs(row.error) <= MOST_ERROR]
+    print(f"{len(good)} of {len(options.sets)} fruit within {100 * MOST_ERROR:.0f} %")
+    return int(len(good) < len(options.sets))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
