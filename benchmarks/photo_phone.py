@@ -5,7 +5,7 @@
 
 Of every set so many photos are taken as a person takes them who walks around the fruit: evenly in azimuth,
 from the first photo on, whatever their height. Each subset is reconstructed in a process of its own as
-`drupe grade` does it, to the scale of the fruit's height, or of the coin where one lies in the picture. The
+`drupe grade` does it, to the scale of the fruit's height, or of the coin (sets without are left out). The
 mesh is laid on the truth by a rigid motion (its own scale counts), and scored as in
 benchmarks/recon_score.py. Further columns say where it went wrong: cameras after a similarity (poses), tilt
 and height of the support plane at the fruit, scale, focal length. A set counts as missed where its mesh is
@@ -51,8 +51,9 @@ def scored_subset(job: tuple[Path, int, str]) -> dict[str, Any]:
     """One reconstruction, its error, and what was said of it."""
     from recon_score import read_truth, rigidly_on_truth, scale_error, scored
 
+    from recon.coin import coin_named
     from recon.failure import ReconFailure
-    from recon.fruit_mesh import reconstruct
+    from recon.fruit_mesh import ReconOptions, reconstruct
     from recon.photo_check import checked_photos
     from recon.photos import read_photos
     from recon.verdict import require_seen, shape_doubts
@@ -69,7 +70,8 @@ def scored_subset(job: tuple[Path, int, str]) -> dict[str, Any]:
     start = time.process_time()
     try:
         checked = checked_photos(photos, None)
-        made = reconstruct(checked.photos, mat=None, height_mm=scene["height_mm"])
+        options = ReconOptions(coin=coin_named("1 euro") if scale == "coin" else None)
+        made = reconstruct(checked.photos, mat=None, height_mm=scene["height_mm"], options=options)
         require_seen(made.quality, left_out=checked.warnings)
     except ReconFailure as refusal:
         return out | {
@@ -152,7 +154,7 @@ def main() -> int:
     parser.add_argument("bank", type=Path)
     parser.add_argument("--photos", type=int, nargs="+", default=[8, 12])
     parser.add_argument("--half", choices=("work", "scored"), default="work")
-    parser.add_argument("--scale", choices=("height",), default="height")
+    parser.add_argument("--scale", choices=("height", "coin"), default="height")
     parser.add_argument("--only", action="append", default=[])
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, required=True)
@@ -161,6 +163,8 @@ def main() -> int:
     for path in sorted(options.bank.glob("*/scene.json")):
         scene, folder = json.loads(path.read_text()), path.parent
         if scene["half"] == options.half and (not options.only or folder.name in options.only):
+            if options.scale == "coin" and scene["coin"] is None:
+                continue
             jobs += [(folder, n, options.scale) for n in options.photos if n <= len(scene["photos"])]
     rows = []
     with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=1) as pool:

@@ -13,6 +13,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.confirmed import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
+from recon.coin import Coin, coin_named
+from recon.failure import ReconFailure
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Model = TypeVar("Model", bound=BaseModel)
@@ -81,6 +83,31 @@ class Recon(_Strict):
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 
 
+class Photos(_Strict):
+    """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter."""
+
+    coin: str | None = None
+    coin_mm: Annotated[float, Field(ge=10, le=50)] | None = None
+
+    @model_validator(mode="after")
+    def _known(self) -> Self:
+        if self.coin is not None and self.coin_mm is not None:
+            raise ValueError("give coin or coin_mm, not both")
+        if self.coin is not None:
+            try:
+                coin_named(self.coin)
+            except ReconFailure as failure:
+                raise ValueError(failure.detail) from None
+        return self
+
+    @property
+    def scale(self) -> Coin | None:
+        """The coin, if there is one."""
+        if self.coin is not None:
+            return coin_named(self.coin)
+        return None if self.coin_mm is None else Coin(name="coin_mm", diameter_mm=self.coin_mm)
+
+
 class FleshMesh(_Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
@@ -128,6 +155,7 @@ class Settings(_Strict):
     gripper: Device | None = None
     pit: Pit = Pit()
     recon: Recon = Recon()
+    photos: Photos = Photos()
     mesh: FleshMesh = FleshMesh()
     flesh: Flesh = Flesh()
     grading: Grading = Grading()

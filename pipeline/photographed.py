@@ -27,7 +27,9 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
     given = read_photos(task.folder.photos)
     checked = checked_photos(given, task.mat)
     recon = task.settings.recon
-    options = ReconOptions(max_faces=recon.max_faces, providers=recon.providers)
+    options = ReconOptions(
+        max_faces=recon.max_faces, providers=recon.providers, coin=task.settings.photos.scale
+    )
     route = partial(
         reconstruct if model is None else partial(reconstruct_with_model, model=model),
         mat=task.mat,

@@ -94,6 +94,7 @@ def _fruit_shape(task: FruitTask) -> Shape:
         ],
         settings=[
             task.settings.recon.model_dump(),
+            task.settings.photos.model_dump(),
             None if task.mat else task.given.height_mm,
             repr(task.body),
         ],

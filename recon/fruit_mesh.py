@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from recon.camera import Camera, straightened
 from recon.carve import AGREEMENT
 from recon.closed import vertex_normals
+from recon.coin import Coin
 from recon.coverage import seeing_views, seen_and_unseen
 from recon.failure import ReconFailure, ReconProblem
 from recon.geometry_model import point_maps
@@ -25,7 +26,7 @@ from recon.poses import Poses, cameras_from_mat
 from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.relief import relief
 from recon.repair import RepairedMesh, repaired
-from recon.scale import scaled_to_height, spread_of_scale
+from recon.scale import scale_without_mat, scaled_to_height, spread_of_scale
 from recon.silhouettes import find_fruit
 from recon.stage_clock import Progress, StageClock, one_thread
 from recon.surface import distances_mm, poisson_surface
@@ -53,6 +54,7 @@ class ReconOptions:
     relief: bool = True
     height_sd_mm: float = 0.2
     providers: tuple[str, ...] = ("CPUExecutionProvider",)
+    coin: Coin | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -158,11 +160,21 @@ def _reconstructed(
         with clock.stage("quality", 0.95):
             outline_mm = outline_rms_mm(vertices, faces, fruit.silhouettes)
             scale_sd, placed = poses.scale_sd, cameras
+            scale_doubts: tuple[str, ...] = ()
             if mat is None and height_mm is not None:
-                vertices, factor = scaled_to_height(vertices, height_mm)
+                scale = scale_without_mat(
+                    vertices,
+                    images,
+                    cameras,
+                    height_mm=height_mm,
+                    height_sd_mm=options.height_sd_mm,
+                    surface_sd=outline_mm,
+                    coin=options.coin,
+                )
+                factor, scale_sd, scale_doubts = scale.factor, scale.sd, scale.warnings
+                vertices = vertices * factor
                 placed = [c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras]
                 outline_mm *= factor
-                scale_sd = spread_of_scale(height_mm, options.height_sd_mm, outline_mm)
             views = seeing_views(vertices, faces, np.array([c.place for c in placed]))
             share, hole_mm2 = seen_and_unseen(vertices, faces, views)
             evidence = rim_evidence(images, placed, vertices, faces)
@@ -198,6 +210,7 @@ def _reconstructed(
         surface_sd_mm=error.rms_mm,
         quality=quality,
         warnings=poses.warnings
+        + scale_doubts
         + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
         + doubts,
         seconds=clock.seconds,

@@ -2,12 +2,26 @@
 stand.
 """
 
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Sequence
+from dataclasses import dataclass
 
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.camera import Camera
+from recon.coin import Coin, coin_scale
+from recon.failure import ReconFailure
 from recon.mat import Mat
 
 PRINT_SCALE_SD = 0.001
+TOP_SHARE = 0.35
+"""Standard deviation of the top's height over (1 / cos(elevation) - 1) heights, at the elevation that the
+lowest photo looks on the top from: outlines touch a ball so far below its top, and rise above it as a cone.
+Phone photos (benchmarks/photo_phone.py): -1.3 % at 10 degrees, -4.0 and -0.3 % at 30, -6.6 and -5.1 % at 33."""
+UNSURE = 0.005
+"""Relative error of the scale that is said: 0.15 mm at the skin of a fruit of 60 mm."""
+APART_SD = 3.0
+"""Standard deviations by which coin and height may differ unsaid."""
 Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
@@ -45,3 +59,60 @@ def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float)
     ends.
     """
     return float(np.hypot(height_sd_mm, np.sqrt(2) * surface_sd_mm) / height_mm)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scale:
+    """The factor that takes a mesh made without a mat to mm, its relative standard deviation, and doubts."""
+
+    factor: float
+    sd: float
+    warnings: tuple[str, ...] = ()
+
+
+def scale_without_mat(
+    vertices: Float[np.ndarray, "n 3"],
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    *,
+    height_mm: float,
+    height_sd_mm: float,
+    surface_sd: float,
+    coin: Coin | None,
+) -> Scale:
+    """Scale from the height of the fruit, or from a coin beside it, which the height then checks.
+
+    The height's error is the caliper's, that of two mesh ends (`surface_sd`, in the mesh's unit), and of a
+    top that no photo shows from the side. Without a coin to be found the height counts, with a warning.
+    """
+    factor = height_mm / float(np.ptp(vertices[:, 2]))
+    top = vertices.mean(0) * [1, 1, 2]
+    away = np.array([c.place for c in cameras]) - top
+    lowest = float(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1)).min())
+    unseen = TOP_SHARE * (1 / np.cos(max(lowest, 0.0)) - 1)
+    by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), unseen))
+    look = (
+        f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees, so that its "
+        f"height, which gives the scale, is known to {100 * by_height:.1f} % only: take some photos from "
+        "just above the table, or lay a coin beside the fruit ([photos] coin)."
+    )
+    if coin is None:
+        return Scale(factor=factor, sd=by_height, warnings=(look,) if unseen > UNSURE else ())
+    try:
+        found = coin_scale(images, cameras, coin, size=factor)
+    except ReconFailure as failure:
+        said = (f"{failure.detail.rstrip('.')}; the scale is that of height_mm.",)
+        return Scale(factor=factor, sd=by_height, warnings=(*said, look) if unseen > UNSURE else said)
+    apart = found.factor / factor - 1
+    if abs(apart) <= APART_SD * np.hypot(found.sd, by_height):
+        return Scale(factor=found.factor, sd=found.sd)
+    return Scale(
+        factor=found.factor,
+        sd=found.sd,
+        warnings=(
+            f"By the coin ({coin.name}, {coin.diameter_mm:g} mm) the fruit is "
+            f"{height_mm * (1 + apart):.1f} mm tall, by height_mm {height_mm:g} mm: {100 * apart:+.1f} %, "
+            f"more than their errors allow ({100 * found.sd:.1f} and {100 * by_height:.1f} %). The coin's "
+            "scale was taken; measure the height again, and check which coin it is.",
+        ),
+    )

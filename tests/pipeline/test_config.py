@@ -68,3 +68,15 @@ def test_all_faults_are_said_at_once(tmp_path):
 )
 def test_bad_values_are_said_with_key_and_expectation(tmp_path, text, says):
     assert any(says in line for line in refusals(tmp_path, text))
+
+
+def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
+    path = tmp_path / "batch.toml"
+    path.write_text('category = "plum"\n[photos]\ncoin = "1 euro"\n')
+    assert read_settings(path).photos.scale.diameter_mm == 23.25
+    path.write_text('category = "plum"\n[photos]\ncoin_mm = 24.26\n')
+    assert read_settings(path).photos.scale.diameter_mm == 24.26
+    (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 eur"\n')
+    assert 'did you mean "1 euro"' in said
+    (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 euro"\ncoin_mm = 23.25\n')
+    assert "not both" in said

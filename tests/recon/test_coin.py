@@ -1,0 +1,79 @@
+"""A coin beside the fruit gives the scale, and the height checks it."""
+
+import cv2
+import numpy as np
+import pytest
+from mat_scene import ring
+
+from recon.coin import Coin, coin_named, coin_scale, known_coins
+from recon.failure import ReconFailure, ReconProblem
+from recon.scale import scale_without_mat
+
+EURO = Coin(name="1 euro", diameter_mm=23.25, thickness_mm=2.33)
+
+
+def _pictures(cameras, *, centre=(45.0, -20.0), coin=EURO):
+    """The table with a pale coin of a ring and a centre, seen from each camera; the grain is noise."""
+    grain = cv2.GaussianBlur(np.random.default_rng(3).normal(0, 12, (600, 600)), (0, 0), 2.0) * 4
+    pictures = []
+    for camera in cameras:
+        v, u = np.mgrid[: camera.height_px, : camera.width_px]
+        rays = np.stack([u - camera.middle_px[0], v - camera.middle_px[1], 0 * u + camera.focal_px], -1)
+        rays = rays @ camera.cam_from_world[:3, :3]
+
+        def on(height, camera=camera, rays=rays):
+            return (camera.place + rays * ((height - camera.place[2]) / rays[..., 2])[..., None])[..., :2]
+
+        ground, top = on(0.0), on(coin.thickness_mm)
+        value = 90 + cv2.remap(
+            grain.astype(np.float32),
+            *np.moveaxis((ground + 150) * 2, 2, 0).astype(np.float32),
+            cv2.INTER_LINEAR,
+        )
+        value[np.linalg.norm(ground - centre, axis=2) < coin.diameter_mm / 2] = 60
+        away = np.linalg.norm(top - centre, axis=2)
+        value[away < coin.diameter_mm / 2] = 190
+        value[away < 0.7 * coin.diameter_mm / 2] = 225
+        pictures.append(np.clip(np.repeat(value[..., None], 3, 2), 0, 255).astype(np.uint8))
+    return pictures
+
+
+@pytest.mark.parametrize("off", [0.94, 1.0, 1.05])
+def test_the_coin_gives_the_scale_whatever_it_was_thought_to_be(off):
+    cameras = ring(12, width=960, height=720)
+    shrunk = [c.moved(np.diag([0.5, 0.5, 0.5, 1.0])) for c in cameras]
+    found = coin_scale(_pictures(cameras), shrunk, EURO, size=2.0 * off)
+    assert found.factor == pytest.approx(2.0, rel=0.01)
+    assert abs(found.factor / 2.0 - 1) < 3 * found.sd
+    assert np.allclose(2 * np.array(found.centre), [45, -20], atol=1.0)
+
+
+def test_a_table_without_a_coin_is_refused():
+    cameras = ring(12, width=960, height=720)
+    nothing = _pictures(cameras, centre=(1e4, 1e4))
+    with pytest.raises(ReconFailure, match=r'No coin of 23.25 mm \("1 euro"\)') as caught:
+        coin_scale(nothing, cameras, EURO, size=1.0)
+    assert caught.value.problem is ReconProblem.NO_SCALE
+
+
+def test_coins_are_known_by_name_and_the_nearest_is_offered():
+    assert coin_named("1 euro") == EURO
+    with pytest.raises(ReconFailure, match=r'did you mean "1 euro"'):
+        coin_named("1 eur")
+    assert all(15 < coin.diameter_mm < 35 for coin in known_coins().values())
+
+
+def test_a_height_that_contradicts_the_coin_is_said():
+    cameras = ring(12, width=960, height=720)
+    box = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (0.0, 40)])
+    pictures = _pictures(cameras)
+    sound = scale_without_mat(
+        box, pictures, cameras, height_mm=40.0, height_sd_mm=0.2, surface_sd=0.1, coin=EURO
+    )
+    assert sound.warnings == ()
+    assert sound.factor == pytest.approx(1.0, rel=0.01)
+    wrong = scale_without_mat(
+        box, pictures, cameras, height_mm=44.0, height_sd_mm=0.2, surface_sd=0.1, coin=EURO
+    )
+    assert "more than their errors allow" in wrong.warnings[0]
+    assert wrong.factor == pytest.approx(1.0, rel=0.01)
