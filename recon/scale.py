@@ -15,9 +15,9 @@ from recon.mat import Mat
 
 PRINT_SCALE_SD = 0.001
 TOP_SHARE = 0.35
-"""Standard deviation of the top's height over (1 / cos(elevation) - 1) heights, at the elevation that the
-lowest photo looks on the top from: outlines touch a ball so far below its top, and rise above it as a cone.
-Phone photos (benchmarks/photo_phone.py): -1.3 % at 10 degrees, -4.0 and -0.3 % at 30, -6.6 and -5.1 % at 33."""
+"""Standard deviation of the top's height over (1 / cos(elevation) - 1) heights, where the lowest photo looks
+down on the top at that elevation: outlines touch a ball so far below its top, and rise above it as a cone.
+Phone photos (benchmarks/photo_phone.py; elevation): -1.3 % (10), -4.0, -0.3 % (30), -6.6, -5.1 % (33 deg)."""
 UNSURE = 0.005
 """Relative error of the scale that is said: 0.15 mm at the skin of a fruit of 60 mm."""
 APART_SD = 3.0
