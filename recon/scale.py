@@ -105,7 +105,14 @@ def scale_without_mat(
         return Scale(factor=factor, sd=by_height, warnings=(*said, look) if unseen > UNSURE else said)
     apart = found.factor / factor - 1
     if abs(apart) <= APART_SD * np.hypot(found.sd, by_height):
-        return Scale(factor=found.factor, sd=found.sd)
+        tall = (
+            f"By the coin the mesh is {height_mm * (1 + apart):.1f} mm tall, by height_mm {height_mm:g} mm: "
+            f"no photo shows the top from the side (the lowest looks down on it at {np.degrees(lowest):.0f} "
+            "degrees), and the mesh is likely wrong there; take some photos from just above the table."
+        )
+        return Scale(
+            factor=found.factor, sd=found.sd, warnings=(tall,) if abs(apart) > APART_SD * found.sd else ()
+        )
     return Scale(
         factor=found.factor,
         sd=found.sd,

@@ -77,3 +77,18 @@ def test_a_height_that_contradicts_the_coin_is_said():
     )
     assert "more than their errors allow" in wrong.warnings[0]
     assert wrong.factor == pytest.approx(1.0, rel=0.01)
+
+
+def test_a_top_that_no_photo_shows_from_the_side_is_doubted_by_the_coin():
+    steep = [c for c in ring(18, width=960, height=720) if c.place[2] > 0.5 * np.linalg.norm(c.place)]
+    box = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (0.0, 42.5)])
+    pictures = _pictures(steep)
+    found = scale_without_mat(
+        box, pictures, steep, height_mm=41.0, height_sd_mm=0.2, surface_sd=0.1, coin=EURO
+    )
+    assert "no photo shows the top from the side" in found.warnings[0]
+    alone = scale_without_mat(
+        box, pictures, steep, height_mm=41.0, height_sd_mm=0.2, surface_sd=0.1, coin=None
+    )
+    assert "lay a coin" in alone.warnings[0]
+    assert alone.sd > 3 * found.sd
