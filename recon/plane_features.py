@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, Int
 
 from recon.photos import Photo
 
@@ -82,7 +82,7 @@ def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
     return GroundFeatures(tuple(places), tuple(descriptors))
 
 
-def _ahead(H: Float[np.ndarray, "3 3"], size: tuple[int, int]) -> UInt8[np.ndarray, "h w"]:
+def _ahead(H: Float[np.ndarray, "3 3"], size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
     """Where the picture from above is of rays ahead of the camera."""
     x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     back = np.linalg.inv(H)
@@ -101,7 +101,6 @@ def ground_pairs(features: Sequence[GroundFeatures]) -> list[GroundPair]:
 
 
 def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundPair | None:
-    best: GroundPair | None = None
     found = []
     for places_a, descriptors_a in zip(one.places_px, one.descriptors, strict=True):
         for places_b, descriptors_b in zip(other.places_px, other.descriptors, strict=True):
@@ -118,12 +117,14 @@ def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundP
         return None
     keep = inside[:, 0] > 0
     _, once = np.unique(np.rint(at_a[keep] / 4), axis=0, return_index=True)
-    if len(once) >= FEWEST_INLIERS:
-        best = GroundPair(a, b, at_a[keep][once], at_b[keep][once], H)
-    return best
+    if len(once) < FEWEST_INLIERS:
+        return None
+    return GroundPair(a, b, at_a[keep][once], at_b[keep][once], H)
 
 
-def _mutual(a: Float[np.ndarray, "n 128"], b: Float[np.ndarray, "m 128"]) -> tuple[np.ndarray, np.ndarray]:
+def _mutual(
+    a: Float[np.ndarray, "n 128"], b: Float[np.ndarray, "m 128"]
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"]]:
     """Indices of descriptors that are each other's nearest, and clearly nearer than the next."""
     if len(a) < 2 or len(b) < 2:
         return np.empty(0, int), np.empty(0, int)

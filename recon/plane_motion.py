@@ -10,7 +10,7 @@ from recon.failure import ReconFailure, ReconProblem
 from recon.ground import upright
 from recon.photos import Photo
 from recon.plane_bundle import Adjusted, PlaneScene, Sightings, adjusted
-from recon.plane_features import GroundPair, ground_features, ground_pairs
+from recon.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
 from recon.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
 from recon.plane_tracks import ground_tracks
 from recon.poses import Poses
@@ -121,7 +121,7 @@ def _started(
         a, b = pair.places_a[some], pair.places_b[some]
         onto = np.linalg.inv(K @ poses[pair.a][:3][:, [0, 1, 3]])
         at = np.column_stack([a, np.ones(len(a))]) @ onto.T
-        ahead = np.abs(at[:, 2]) > 1e-9
+        ahead = at[:, 2] > 1e-9  # the inverse of the depth
         ground.append(at[ahead, :2] / at[ahead, 2:])
         places.append(np.stack([a[ahead], b[ahead]], axis=1))
         view.append(np.tile([number[pair.a], number[pair.b]], (int(ahead.sum()), 1)))
@@ -143,7 +143,7 @@ def _started(
 def _focal_prior(size: tuple[int, int], focal_px: float | None) -> tuple[float, float]:
     if focal_px is not None:
         return float(np.log(focal_px)), KNOWN_FOCAL_SD
-    return float(np.log(1.15 * max(size))), USUAL_FOCAL_SD
+    return float(np.log(USUAL_FOCAL * max(size))), USUAL_FOCAL_SD
 
 
 def _refined(

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import least_squares
 
-from recon.plane_features import GroundPair
+from recon.plane_features import USUAL_FOCAL, GroundPair
 
 FOCALS = np.geomspace(0.55, 3.2, 14)
 """Tried focal lengths over the longest side: phones from ultra-wide to a threefold zoom."""
@@ -74,7 +74,7 @@ def start_cameras(
     names = sorted(from_first)
     H = np.stack([from_first[i] for i in names])
     longest = max(size)
-    about = np.log(known_focal_px or 1.15 * longest)
+    about = np.log(known_focal_px or USUAL_FOCAL * longest)
     spread = KNOWN_FOCAL_SD if known_focal_px else USUAL_FOCAL_SD
 
     def misses(x: Float[np.ndarray, "3"]) -> Float[np.ndarray, " m"]:
@@ -110,11 +110,13 @@ def start_cameras(
 def _pose(A: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
     """The rigid motion nearest to columns r1, r2, t, with the camera on the side of the ground where z > 0.
 
-    The plane's own frame of `_down` has z into the ground; x is turned over to have it upwards.
+    A homography has no sign: r1, r2, t and their negatives differ by the side that the camera is on, whose
+    height is -(r1 x r2) . t. The plane's own frame of `_down` has z into the ground; x is turned over to have
+    it upwards.
     """
-    if A[2, 2] < 0:
-        A = -A
     r1, r2, t = -A[:, 0], A[:, 1], A[:, 2]
+    if np.cross(r1, r2) @ t > 0:
+        r1, r2, t = -r1, -r2, -t
     U, _, V = np.linalg.svd(np.column_stack([r1, r2, np.cross(r1, r2)]))
     pose = np.eye(4)
     pose[:3, :3] = U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
