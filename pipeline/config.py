@@ -75,10 +75,12 @@ class Pit(_Strict):
 
 class Recon(_Strict):
     """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
-    on the first of the ONNX Runtime `providers` that the machine has.
+    on the first of the ONNX Runtime `providers` that the machine has. `fruit_model`: whether the shipped
+    model is asked which pixels are fruit.
     """
 
     geometry_model: str | None = None
+    fruit_model: bool = True
     providers: tuple[str, ...] = ("CPUExecutionProvider",)
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 

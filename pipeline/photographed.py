@@ -12,6 +12,7 @@ from pipeline.task import FruitTask
 from recon.camera import straightened
 from recon.fruit_frame import to_fruit_frame
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
+from recon.fruit_model import SHIPPED
 from recon.photo_check import checked_photos
 from recon.photos import Photo, read_photos
 from recon.rim_check import rim_doubts
@@ -28,7 +29,10 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
     checked = checked_photos(given, task.mat)
     recon = task.settings.recon
     options = ReconOptions(
-        max_faces=recon.max_faces, providers=recon.providers, coin=task.settings.photos.scale
+        max_faces=recon.max_faces,
+        providers=recon.providers,
+        coin=task.settings.photos.scale,
+        fruit_model=SHIPPED if recon.fruit_model else None,
     )
     route = partial(
         reconstruct if model is None else partial(reconstruct_with_model, model=model),

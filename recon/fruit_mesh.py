@@ -16,6 +16,7 @@ from recon.closed import vertex_normals
 from recon.coin import Coin
 from recon.coverage import seeing_views, seen_and_unseen
 from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.geometry_model import point_maps
 from recon.ground_check import rim_evidence
 from recon.mat import Mat
@@ -45,8 +46,8 @@ MADE_TWICE = (
 
 @dataclass(frozen=True, kw_only=True)
 class ReconOptions:
-    """What a batch may set: faces of the mesh, fineness of the hull (ball level), and the search for
-    relief.
+    """What a batch may set: faces of the mesh, fineness of the hull (ball level), the search for relief, and
+    the fruit model that is asked where outlines are found (None: none).
     """
 
     max_faces: int = 6000
@@ -55,6 +56,7 @@ class ReconOptions:
     height_sd_mm: float = 0.2
     providers: tuple[str, ...] = ("CPUExecutionProvider",)
     coin: Coin | None = None
+    fruit_model: Path | None = SHIPPED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,23 +99,29 @@ def reconstruct(
     every library runs in one thread with a fixed seed. Where the photos contradict the mesh, as with white
     fruit on white paper of which the first block lacks a side, it is made once more from a block that fewer
     photos must agree on. Raises ReconFailure: too-few-views, mat-not-found, no-overlap, no-fruit,
-    fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted, missing-library.
+    fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted, bad-geometry-model,
+    missing-library.
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
     clock = StageClock(progress)
+    model = None
+    if options.fruit_model is not None:
+        model = fruit_model(options.fruit_model, providers=options.providers)
     with one_thread(), clock.stage("poses", 0.0):
         poses = (
             cameras_from_mat(photos, mat) if mat else cameras_from_motion(photos, height_mm=height_mm or 1.0)
         )
         pairs = [straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)]
     try:
-        return _reconstructed(photos, poses, pairs, mat, height_mm, options, AGREEMENT, clock)
+        return _reconstructed(photos, poses, pairs, mat, height_mm, options, model, AGREEMENT, clock)
     except ReconFailure as failure:
         if failure.problem is not ReconProblem.SURFACE_CONTRADICTED:
             raise
         try:
-            second = _reconstructed(photos, poses, pairs, mat, height_mm, options, LOOSE_AGREEMENT, clock)
+            second = _reconstructed(
+                photos, poses, pairs, mat, height_mm, options, model, LOOSE_AGREEMENT, clock
+            )
         except ReconFailure:
             raise failure from None
         return replace(second, notes=(MADE_TWICE,))
@@ -126,6 +134,7 @@ def _reconstructed(
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions,
+    model: FruitModel | None,
     agreement: float,
     clock: StageClock,
 ) -> Reconstruction:
@@ -139,6 +148,7 @@ def _reconstructed(
                 high_mm=poses.box[1],
                 level=options.level,
                 agreement=agreement,
+                model=model,
             )
             images, cameras = (
                 [images[i] for i in fruit.used.tolist()],
@@ -230,12 +240,16 @@ def reconstruct_with_model(
     options: ReconOptions | None = None,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """The same from the points of a geometry model (ONNX) instead of outlines; scale and frame as in
-    `reconstruct`.
+    """The same with a model of the user's own (ONNX), of either kind, told by its outputs.
 
-    Raises ReconFailure: bad-geometry-model, and what `reconstruct` raises.
+    A fruit model takes the shipped one's place in `reconstruct`; the points of a geometry model take the
+    outlines' place, with scale and frame as there. Raises ReconFailure: bad-geometry-model, and what
+    `reconstruct` raises.
     """
     options = options or ReconOptions()
+    if is_fruit_model(model, providers=options.providers):
+        own = replace(options, fruit_model=model)
+        return reconstruct(photos, mat=mat, height_mm=height_mm, options=own, progress=progress)
     _require_scale(photos, mat, height_mm)
     clock = StageClock(progress)
     with one_thread():

@@ -1,19 +1,15 @@
 """A learned geometry model (ONNX, VGGT's names): photos in, one 3D point for each pixel out."""
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
-
-os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
-import onnxruntime
 from jaxtyping import Float, UInt8
 
-from recon.failure import ReconFailure, ReconProblem
 from recon.model_cameras import camera_places, first_place, unprojected
+from recon.onnx_session import bad_model, opened
 from recon.photos import Photo
 
 MULTIPLE = 14
@@ -52,25 +48,27 @@ def point_maps(
     in radians. Runs on the first of `providers` that this machine has. Raises ReconFailure
     (bad-geometry-model) that names the file and the input, output or provider that is missing or misshapen.
     """
-    session = _session(model, providers)
+    session = opened(model, providers)
     inputs = {i.name: i.shape for i in session.get_inputs()}
     if list(inputs) != ["images"]:
-        raise _bad(model, f"takes the inputs {sorted(inputs)}", 'one input "images" of shape (1, S, 3, H, W)')
+        raise bad_model(
+            model, f"takes the inputs {sorted(inputs)}", 'one input "images" of shape (1, S, 3, H, W)'
+        )
     shape = inputs["images"]
     if len(shape) != 5 or (shape[2] not in (3, "3") and isinstance(shape[2], int)):
-        raise _bad(model, f'has the input "images" of shape {shape}', "(1, S, 3, H, W)")
+        raise bad_model(model, f'has the input "images" of shape {shape}', "(1, S, 3, H, W)")
     offered = {o.name for o in session.get_outputs()}
     if not any(set(names) <= offered for names in ENOUGH):
         missing = '"world_points"'
         half = {"depth": "pose_enc", "pose_enc": "depth"}
         lacks = next((f'"{other}" beside its "{own}"' for own, other in half.items() if own in offered), None)
-        raise _bad(
+        raise bad_model(
             model,
             f"has no output {lacks or missing} (its outputs are {', '.join(sorted(offered)) or 'none'})",
             '"world_points", or "depth" with "pose_enc"',
         )
     if isinstance(shape[1], int) and shape[1] != len(photos):
-        raise _bad(
+        raise bad_model(
             model, f"takes exactly {shape[1]} photos, not {len(photos)}", "a model for any number of photos"
         )
     height, width = photos[0].image.shape[:2]
@@ -82,7 +80,7 @@ def point_maps(
     )
     kind = session.get_inputs()[0].type
     if kind not in KINDS:
-        raise _bad(model, f'takes "images" as {kind}', "float or float16")
+        raise bad_model(model, f'takes "images" as {kind}', "float or float16")
     images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None].astype(KINDS[kind])
     wanted = [
         n for n in ("world_points", "world_points_conf", "depth", "depth_conf", "pose_enc") if n in offered
@@ -90,7 +88,7 @@ def point_maps(
     try:
         outputs = dict(zip(wanted, session.run(wanted, {"images": images}), strict=True))
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-        raise _bad(
+        raise bad_model(
             model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
         ) from error
     grid = (1, len(photos), rows, columns)
@@ -100,10 +98,10 @@ def point_maps(
     }  # fmt: skip
     for name, full in expected.items():
         if name in outputs and outputs[name].shape != full:
-            raise _bad(model, f'gives "{name}" of shape {outputs[name].shape}', f"{full}")
+            raise bad_model(model, f'gives "{name}" of shape {outputs[name].shape}', f"{full}")
     poses = None if "pose_enc" not in outputs else np.asarray(outputs["pose_enc"][0], float)
     if poses is not None and not (np.isfinite(poses).all() and poses[:, 3:7].any(axis=1).all()):
-        raise _bad(
+        raise bad_model(
             model, 'gives a "pose_enc" without a turn', "finite numbers and quaternions that are not 0"
         )
     if poses is None or "world_points" in outputs:
@@ -116,40 +114,15 @@ def point_maps(
     trust = np.ones(points.shape[:3]) if confidence is None else np.asarray(confidence[0], float)
     trust = np.where(np.isfinite(points).all(3) & np.isfinite(trust), trust, -np.inf)
     if np.isfinite(trust).sum() < FEWEST_POINTS:
-        raise _bad(model, f"gives {int(np.isfinite(trust).sum())} finite points", f"at least {FEWEST_POINTS}")
+        raise bad_model(
+            model, f"gives {int(np.isfinite(trust).sum())} finite points", f"at least {FEWEST_POINTS}"
+        )
     scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
     points = np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0)
     places = first_place(points[0], trust[0]) if poses is None else camera_places(poses)
     return PointMaps(points, trust, scale, places)
 
 
-def _session(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
-    if not model.is_file():
-        raise _bad(model, "does not exist", "an ONNX file")
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    known = onnxruntime.get_available_providers()
-    usable = [name for name in providers if name in known]
-    if not usable:
-        raise _bad(
-            model,
-            f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
-            f"onnxruntime has not",
-            f"one of {', '.join(known)} in providers",
-        )
-    try:
-        return onnxruntime.InferenceSession(str(model), options, providers=usable)
-    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-        raise _bad(model, f"cannot be loaded ({error})", "an ONNX model") from error
-
-
 def _prepared(image: UInt8[np.ndarray, "h w 3"], columns: int, rows: int) -> Float[np.ndarray, "3 r c"]:
     small = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)[:, :, ::-1]
     return np.asarray(small.transpose(2, 0, 1), np.float32) / np.float32(255)
-
-
-def _bad(model: Path, found: str, expected: str) -> ReconFailure:
-    return ReconFailure(
-        ReconProblem.BAD_GEOMETRY_MODEL, f"The geometry model {model} {found}; expected {expected}."
-    )

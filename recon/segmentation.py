@@ -12,6 +12,7 @@ from recon import mask as colour
 from recon.camera import Camera
 from recon.carve import AGREEMENT, Block, carve
 from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_model import FruitModel
 from recon.mask import Behind, Window
 from recon.plate import GroundViews, Plate, clean_plate, ground_views
 from recon.star_cut import star_cuts
@@ -25,6 +26,10 @@ PRIOR_ODDS, PRIOR_SHARE = 8.0, 0.03
 UNKNOWN_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
+BLURRED_ODDS, MOST_LEARNED_ODDS = 2.0, 4.0
+"""Log odds of the fruit model count less the first, at most the second: within 2 of nought lies its blurred
+edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
+0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
 LEARNT = 2
 THINNED = 2
 """Scales of the ground's noise and the share of the strange are means over tens of thousands of pixels: every
@@ -33,13 +38,16 @@ second pixel and line tells them as well."""
 
 @dataclass(frozen=True)
 class View:
-    """A photo's window around the fruit: Lab colours, and their cells in a histogram."""
+    """A photo's window around the fruit: Lab colours, their cells in a histogram, and what the fruit model
+    adds to the log odds of fruit (0 without one).
+    """
 
     index: int
     window: Window
     camera: Camera
     colours: Float[np.ndarray, "h w 3"]
     cells: Int[np.ndarray, "h w"]
+    learned: Float[np.ndarray, "h w"]
 
 
 @dataclass(frozen=True)
@@ -52,12 +60,15 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Scene:
-    """Undistorted photos of one fruit on the plane z = 0, and the box (mm) that it stands in."""
+    """Undistorted photos of one fruit on the plane z = 0, the box (mm) that it stands in, and the fruit model
+    that is asked, if any.
+    """
 
     images: Sequence[UInt8[np.ndarray, "h w 3"]]
     cameras: Sequence[Camera]
     low_mm: Float[np.ndarray, "3"]
     high_mm: Float[np.ndarray, "3"]
+    model: FruitModel | None = None
 
     @cached_property
     def ground(self) -> GroundViews:
@@ -72,13 +83,32 @@ class Scene:
 
     def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[View]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
-        views = []
+        windows = {}
         for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
             window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
             if window is not None:
-                colours = window.small_lab()
-                views.append(View(i, window, camera, colours, colour.cells_of(colours)))
+                windows[i] = window
+        views = []
+        for (i, window), learned in zip(windows.items(), self._learned(windows), strict=True):
+            colours = window.small_lab()
+            views.append(View(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
         return views
+
+    def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "h w"]]:
+        """What the fruit model adds to the log odds in each window."""
+        sizes = [w.small_size_px for w in windows.values()]
+        if self.model is None or not windows:
+            return [np.zeros(size[::-1], np.float32) for size in sizes]
+        told = self.model.log_odds(
+            [self.images[i] for i in windows],
+            [w.corner_px for w in windows.values()],
+            sizes,
+            [w.shrink for w in windows.values()],
+        )
+        return [
+            np.clip(x - np.clip(x, -BLURRED_ODDS, BLURRED_ODDS), -MOST_LEARNED_ODDS, MOST_LEARNED_ODDS)
+            for x in told
+        ]
 
 
 def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
@@ -94,7 +124,7 @@ def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
     odds, known, masks = [], [], []
     for view in views:
         behind = colour.ground_behind(view.window, plate, scatter, view.camera)
-        odds.append(colour.first_odds(view.colours, behind))
+        odds.append(colour.first_odds(view.colours, behind) + view.learned)
         known.append(behind.known)
         masks.append(colour.tidy(odds[-1]) | ~behind.known)
     try:
@@ -146,15 +176,15 @@ def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scen
 @dataclass(frozen=True)
 class _Told:
     """What does not change while the fruit's colours are learned: the pixels (counted line by line) of which
-    the odds are asked, elsewhere the prior says all; their densities under the plate and the surroundings and
-    the share of the strange; the prior; and where the plate is known.
+    the odds are asked, elsewhere prior and fruit model say all; their densities under the plate and the
+    surroundings and the share of the strange; what prior and model say; and where the plate is known.
     """
 
     asked: Int[np.ndarray, " n"]
     on_plate: Float[np.ndarray, " n"]
     other: Float[np.ndarray, " n"]
     strange: Float[np.ndarray, " n"]
-    prior: Float[np.ndarray, "h w"]
+    before: Float[np.ndarray, "h w"]
     known: Bool[np.ndarray, "h w"]
 
 
@@ -219,7 +249,7 @@ def _told(
         on_plate=colour.ground_density(view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise),
         other=colour.density_at(palette, view.cells.ravel()[asked]),
         strange=strange.ravel()[asked],
-        prior=prior,
+        before=prior + view.learned,
         known=behind.known,
     )
 
@@ -230,7 +260,7 @@ def _odds(
     found = colour.colour_odds(
         colour.density_at(fruit, cells.ravel()[told.asked]), told.on_plate, told.other, told.strange
     )
-    odds = told.prior.copy()
+    odds = told.before.copy()
     known = told.known.ravel()[told.asked]
     odds.ravel()[told.asked] += np.where(known, found, np.clip(found, *UNKNOWN_ODDS))
     return odds

@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from recon.camera import Camera
 from recon.carve import AGREEMENT, Block
 from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_model import FruitModel
 from recon.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.mask import Window
 from recon.outline import enlarged, kept_near, outline_of, sharpened, silhouette_of_outline, snapped
@@ -108,16 +109,18 @@ def find_fruit(
     high_mm: Float[np.ndarray, "3"],
     level: int,
     agreement: float = AGREEMENT,
+    model: FruitModel | None = None,
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
     Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown
     in the plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the next.
-    `agreement`: the share of the views that must take a cell of the first block for fruit.
+    `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is asked,
+    too, which pixels are fruit.
     Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
     whole).
     """
-    scene = Scene(images, cameras, low_mm, high_mm)
+    scene = Scene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)
     scene, names = _whole(scene, block)
     centre = block.points.mean(0)
@@ -280,7 +283,11 @@ def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
     if len(whole) == given:
         return scene, np.arange(given)
     kept = Scene(
-        [scene.images[i] for i in whole], [scene.cameras[i] for i in whole], scene.low_mm, scene.high_mm
+        [scene.images[i] for i in whole],
+        [scene.cameras[i] for i in whole],
+        scene.low_mm,
+        scene.high_mm,
+        scene.model,
     )
     return kept, np.array(whole, int)
 

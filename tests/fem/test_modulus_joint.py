@@ -82,7 +82,7 @@ def pressed(*surface_sd_mm):
 
 
 @pytest.mark.parametrize(
-    "under_pads_mm, counts_mm",
+    ("under_pads_mm", "counts_mm"),
     [
         ((0.3, 0.4), np.sqrt((0.09 + 0.16) / 2)),
         ((0.3, None), np.sqrt((0.09 + 0.04) / 2)),

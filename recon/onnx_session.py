@@ -1,0 +1,41 @@
+"""ONNX files: opened with one thread on the first provider at hand, refused by name."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
+import onnxruntime
+
+from recon.failure import ReconFailure, ReconProblem
+
+
+def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
+    """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
+    that names the file where it is missing, is no ONNX model, or none of the providers is there.
+    """
+    if not model.is_file():
+        raise bad_model(model, "does not exist", "an ONNX file")
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    known = onnxruntime.get_available_providers()
+    usable = [name for name in providers if name in known]
+    if not usable:
+        raise bad_model(
+            model,
+            f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
+            f"onnxruntime has not",
+            f"one of {', '.join(known)} in providers",
+        )
+    try:
+        return onnxruntime.InferenceSession(str(model), options, providers=usable)
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        raise bad_model(model, f"cannot be loaded ({error})", "an ONNX model") from error
+
+
+def bad_model(model: Path, found: str, expected: str) -> ReconFailure:
+    """The failure that a model is not what was expected."""
+    return ReconFailure(
+        ReconProblem.BAD_GEOMETRY_MODEL, f"The geometry model {model} {found}; expected {expected}."
+    )

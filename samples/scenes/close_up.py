@@ -1,0 +1,105 @@
+"""Small square pictures of a scene's fruit, each with the share of every pixel that the fruit covers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from samples.cubed_sphere import even_sphere
+from samples.fruit import box_mm
+from samples.photos import _denoiser, _mitsuba
+from samples.scenes.draw import Scene
+from samples.scenes.phone import developed, exposed
+from samples.scenes.render import RenderOptions, _layers, _window_sensor, load_world
+from samples.viewpoints import View
+
+_FINER = 3
+_WIDEST, _NARROWEST = 3.2, 1.15
+_LEVELS = (0.30, 0.80)
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloseUp:
+    """A BGR picture, and how much of each pixel the fruit covers, 0 to 255."""
+
+    image: UInt8[np.ndarray, "s s 3"]
+    cover: UInt8[np.ndarray, "s s"]
+
+
+def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOptions) -> Iterator[CloseUp]:
+    """One picture for each view of the scene, path-traced with `samples` per pixel.
+
+    The square is 1.15 to 3.2 times as wide as the fruit's box (evenly in its logarithm) and lies so that the
+    box is about inside. Ground that is not in shadow is exposed to 0.30 to 0.80 of full scale; then the
+    scene's camera pipeline. Raises RendererMissing.
+    """
+    mi, oidn = _mitsuba(), _denoiser()
+    rng = np.random.default_rng([scene.seed, 30])
+    world = load_world(mi, scene, options=options)
+    lit = mi.load_dict(
+        {"type": "aov", "aovs": "a:albedo,n:sh_normal", "path": {"type": "path", "max_depth": options.depth}}
+    )
+    which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
+    box = scene.fruit.skin.points_mm(even_sphere(12).directions)
+    middle = np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]])
+    level = float(rng.uniform(*_LEVELS))
+    for k, view in enumerate(scene.views):
+        seen, window = _square(view, box, rng, side_px=side_px)
+        world.stand(view)
+        layers = np.array(
+            mi.render(
+                world.scene, sensor=mi.load_dict(_window_sensor(mi, seen, window)), integrator=lit,
+                spp=samples, seed=k,
+            )
+        )  # fmt: skip
+        light = oidn(*_layers(layers))
+        left, top, width, height = (_FINER * side for side in window)
+        fine, finer = _enlarged(seen, _FINER), (left, top, width, height)
+        met = mi.render(
+            world.scene, sensor=mi.load_dict(_window_sensor(mi, fine, finer)), integrator=which, spp=1
+        )
+        shape = np.array(met)[..., 0]
+        column, row = np.rint(fine.pixels(middle)[0] - [left, top]).astype(int)
+        on_fruit = (shape == shape[row, column]).astype(np.float32)  # nothing hides the fruit's middle
+        cover = cv2.resize(on_fruit, (side_px, side_px), interpolation=cv2.INTER_AREA)
+        counted = exposed(
+            light, gain=level / _ground_level(light, cover), pipeline=scene.pipeline, shot=scene.shots[k]
+        )
+        image = developed(counted, pipeline=scene.pipeline, rng=rng)
+        _, stored = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, scene.pipeline.jpeg_quality])
+        yield CloseUp(
+            image=np.asarray(cv2.imdecode(stored, cv2.IMREAD_COLOR), np.uint8),
+            cover=np.rint(255 * cover).astype(np.uint8),
+        )
+
+
+def _square(
+    view: View, box: Float[np.ndarray, "n 3"], rng: np.random.Generator, *, side_px: int
+) -> tuple[View, tuple[int, int, int, int]]:
+    """The view at the scale at which the drawn square is `side_px` wide, and that square in it."""
+    pixels = view.pixels(box)
+    low, high = pixels.min(0), pixels.max(0)
+    extent = float((high - low).max())
+    wide = extent * _NARROWEST * (_WIDEST / _NARROWEST) ** float(rng.uniform())
+    centre = (low + high) / 2 + 0.55 * (wide - extent) * rng.uniform(-1, 1, 2)
+    seen = _enlarged(view, side_px / wide)
+    corner = np.rint((centre - wide / 2) * (seen.focal_px / view.focal_px)).astype(int)
+    return seen, (int(corner[0]), int(corner[1]), side_px, side_px)
+
+
+def _enlarged(view: View, factor: float) -> View:
+    return replace(
+        view,
+        focal_px=view.focal_px * factor,
+        width_px=round(view.width_px * factor),
+        height_px=round(view.height_px * factor),
+    )
+
+
+def _ground_level(light: Float[np.ndarray, "s s 3"], cover: Float[np.ndarray, "s s"]) -> float:
+    """The 70th percentile of the luminance beside the fruit; of all where the fruit fills the picture."""
+    luminance = light @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+    beside = luminance[cover < 0.02]
+    return float(max(np.percentile(beside if beside.size > 100 else luminance, 70), 1e-4))

@@ -1,0 +1,100 @@
+"""The fruit model: windows and squares fit together, the shipped one finds fruit it never saw, others are
+refused by name.
+"""
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+from tiny_onnx import write_constant_model
+
+from recon.failure import ReconFailure, ReconProblem
+from recon.fruit_mesh import reconstruct_with_model
+from recon.fruit_model import SHIPPED, SIDE_PX, FruitModel, fruit_model, is_fruit_model
+from recon.mat import standard_mat
+
+
+class RednessInCells:
+    """Stands in for a session: every 2 x 2 pixels' mean of red, less a half."""
+
+    def run(self, names, feeds):
+        red = feeds["images"][:, :1]
+        n, _, rows, columns = red.shape
+        return [red.reshape(n, 1, rows // 2, 2, columns // 2, 2).mean((3, 5)) - 0.5]
+
+
+@pytest.mark.parametrize(
+    ("corner", "size", "shrink"),
+    [((150, 90), (120, 100), 2), ((0, 0), (150, 160), 2), ((300, 100), (300, 400), 1)],
+)
+def test_odds_lie_where_the_window_has_what_they_speak_of(corner, size, shrink):
+    """A red disc of known place: the odds' zero lies on its rim, to half a cell of the model."""
+    y, x = np.mgrid[:520, :640]
+    image = np.zeros((520, 640, 3), np.uint8)
+    centre, radius = np.array([250.3, 180.6]), 70.0
+    image[np.hypot(x - centre[0], y - centre[1]) < radius, 2] = 255
+    odds = FruitModel(SHIPPED, RednessInCells()).log_odds([image], [corner], [size], [shrink])[0]
+    assert odds.shape == size[::-1]
+    row, column = np.nonzero(odds > 0)
+    pixels = np.stack([column, row], 1) * shrink + np.array(corner) + (shrink - 1) / 2
+    away = np.linalg.norm(pixels - centre, axis=1)
+    cell = max(size) * shrink / (SIDE_PX / 2)
+    inside = (x >= corner[0]) & (y >= corner[1])
+    inside &= (x < corner[0] + size[0] * shrink) & (y < corner[1] + size[1] * shrink)
+    true = inside & (np.hypot(x - centre[0], y - centre[1]) < radius)
+    assert away.max() < radius + cell
+    assert len(pixels) * shrink**2 == pytest.approx(true.sum(), rel=0.03)
+    assert pixels.mean(0) == pytest.approx([x[true].mean(), y[true].mean()], abs=0.5 * cell)
+
+
+def test_the_shipped_model_finds_an_egg_it_never_saw():
+    egg, cameras = Egg(), ring(6)
+    photos = photographed(cameras, egg=egg, mat=standard_mat())
+    windows = []
+    for camera in cameras:
+        column, row = np.rint(camera.project(egg.centre[None])[0]).astype(int)
+        windows.append((int(column) - 70, int(row) - 70))
+    found = fruit_model().log_odds([p.image for p in photos], windows, [(140, 140)] * 6, [1] * 6)
+    overlaps = []
+    for camera, corner, odds in zip(cameras, windows, found, strict=True):
+        rows, columns = np.mgrid[:140, :140]
+        rays = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2) - camera.middle_px
+        ahead = np.column_stack([rays / camera.focal_px, np.ones(len(rays))]) @ camera.cam_from_world[:3, :3]
+        a = np.sum((ahead / egg.semi_mm) ** 2, 1)
+        off = (camera.place - egg.centre) / egg.semi_mm
+        b = np.sum(ahead / egg.semi_mm * off, 1)
+        true = (b**2 - a * (off @ off - 1) > 0).reshape(140, 140)
+        overlaps.append((true & (odds > 0)).sum() / (true | (odds > 0)).sum())
+    assert np.mean(overlaps) > 0.9, overlaps
+
+
+def test_another_kind_of_model_is_told_by_its_outputs(tmp_path):
+    path = tmp_path / "points.onnx"
+    shape = (1, 4, 3, 14, 14)
+    write_constant_model(path, {"world_points": np.zeros((1, 4, 14, 14, 3))}, input_shape=shape)
+    assert not is_fruit_model(path)
+    assert is_fruit_model(SHIPPED)
+
+
+def test_a_fruit_model_of_another_shape_is_refused_with_file_found_and_expected(tmp_path):
+    path = tmp_path / "small.onnx"
+    write_constant_model(path, {"fruit_log_odds": np.zeros((1, 1, 32, 32))}, input_shape=("n", 3, 64, 64))
+    with pytest.raises(
+        ReconFailure, match=r"small\.onnx takes .*64.*expected .*\(n, 3, 192, 192\)"
+    ) as raised:
+        fruit_model(path)
+    assert raised.value.problem is ReconProblem.BAD_GEOMETRY_MODEL
+
+
+def test_a_fruit_model_of_the_users_own_is_asked_in_the_shipped_ones_place(tmp_path):
+    """One that sees fruit nowhere outvotes the ground's colours: no whole fruit stands there."""
+    path = tmp_path / "blind.onnx"
+    nowhere = np.full((6, 1, 96, 96), -50.0)
+    write_constant_model(path, {"fruit_log_odds": nowhere}, input_shape=("n", 3, SIDE_PX, SIDE_PX))
+    photos = photographed(ring(6), egg=Egg(), mat=standard_mat())
+    with pytest.raises(ReconFailure) as raised:
+        reconstruct_with_model(photos, path, mat=standard_mat(), height_mm=None)
+    assert raised.value.problem in (ReconProblem.NO_FRUIT, ReconProblem.FRUIT_CUT_OFF)
+
+
+def test_the_shipped_model_is_small():
+    assert SHIPPED.stat().st_size < 6 * 2**20
