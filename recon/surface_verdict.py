@@ -121,14 +121,14 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
 
 
 def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], vertex: int) -> str:
-    """Where a vertex is, as a person at the mat would say it."""
+    """Where a vertex is, as a person says it who faces the suture: y points to the right."""
     normal = vertex_normals(vertices, faces)[vertex]
     middle = (vertices.min(0) + vertices.max(0)) / 2
     x, y = vertices[vertex, :2] - middle[:2]
     level = "near the top" if normal[2] > 0.8 else "on the lower side" if normal[2] < -0.3 else "on the flank"
     turn = float(np.degrees(np.arctan2(y, x)))
     side = (
-        ("towards the suture", "left of the suture", "away from the suture", "right of the suture")[
+        ("towards the suture", "right of the suture", "away from the suture", "left of the suture")[
             round(turn / 90) % 4
         ]
         if abs(normal[2]) < 0.95

@@ -98,12 +98,12 @@ def test_the_error_on_a_patch_is_the_root_mean_square_over_its_area():
     assert sd_on_patch_mm(above, corners, faces, sd_mm) == pytest.approx(0.1 * np.sqrt(26 / 6), rel=1e-3)
 
 
-def test_places_are_told_as_one_would_at_the_mat():
+def test_places_are_told_as_one_would_who_faces_the_suture_as_in_the_reports_map():
     x, y, z = (int((skin()[:, k]).argmax()) for k in range(3))
     assert (
         place_in_words(skin(), FACES, x) == "on the flank, towards the suture, about 24 mm above the ground,"
     )
-    assert "left of the suture" in place_in_words(skin(), FACES, y)
+    assert "right of the suture" in place_in_words(skin(), FACES, y)
     assert place_in_words(skin(), FACES, z).startswith("near the top, in the middle, about 48 mm")
 
 
