@@ -107,9 +107,13 @@ def adjusted(
     k = 7 * len(scene.poses)
     away = np.linalg.norm(system.miss_px, axis=1)
     sigma_px = float(np.median(away)) / np.sqrt(2 * np.log(2))
-    spread = float(np.sqrt(max(np.linalg.pinv(system.H)[k, k], 0.0)))
+    where, sd = _prior_spreads(prior, len(scene.poses))
+    held = np.zeros_like(system.H)
+    held[where, where] = 1 / sd**2
+    sigma_px = max(sigma_px, 1e-3)
+    covariance = np.linalg.pinv((system.H - held) / sigma_px**2 + held)
     found = PlaneScene(state.poses, np.exp(state.common + state.own), state.k1, state.ground)
-    return Adjusted(found, away, spread * max(sigma_px, 1e-3))
+    return Adjusted(found, away, float(np.sqrt(max(covariance[k, k], 0.0))))
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,12 @@ class _System:
     def points(self, step: Float[np.ndarray, " c"]) -> Float[np.ndarray, "n 2"]:
         """The points' step that goes with the cameras'."""
         return np.asarray(-np.einsum("nij,nj->ni", self.inverse, self.slope + self.coupling @ step))
+
+
+def _prior_spreads(prior: _Prior, views: int) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
+    """Where own and common log focal lengths and k1 stand among the unknowns, and their prior spreads."""
+    where = np.concatenate([7 * np.arange(views) + 6, [7 * views, 7 * views + 1]])
+    return where, np.concatenate([np.full(views, prior.own_sd), [prior.common_sd, K1_SD]])
 
 
 def _moved(state: _State, step: Float[np.ndarray, " c"], points: Float[np.ndarray, "n 2"]) -> _State:
@@ -214,10 +224,8 @@ def _normal(
     heavy = np.repeat(weight, 2)
     H = flat.T @ (heavy[:, None] * flat)
     g = flat.T @ (heavy * miss.ravel())
-    own_at = 7 * np.arange(v) + 6
-    sd = np.concatenate([np.full(v, prior.own_sd), [prior.common_sd, K1_SD]])
+    where, sd = _prior_spreads(prior, v)
     off = np.concatenate([state.own, [state.common - prior.common, state.k1]])
-    where = np.concatenate([own_at, [7 * v, 7 * v + 1]])
     H[where, where] += 1 / sd**2
     g[where] += off / sd**2
     cost += float(np.sum((off / sd) ** 2))

@@ -1,0 +1,70 @@
+"""Bundle adjustment on the ground plane: planted cameras come back, the focal length's error bar holds."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from recon.plane_bundle import PlaneScene, Sightings, adjusted, projected
+
+SIZE = (720, 960)
+MIDDLE = np.array([(SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2])
+FOCAL_PX, K1 = 1100.0, -0.03
+VIEWS, POINTS = 8, 120
+
+
+def looking_at_the_origin(azimuth_deg, elevation_deg, distance):
+    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
+    away = np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+    )
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(-away, right), -away])
+    pose[:3, 3] = -pose[:3, :3] @ (distance * away)
+    return pose
+
+
+def planted(rng, *, noise_px, breathing=0.0):
+    poses = np.stack(
+        [looking_at_the_origin(45.0 * k, 25 + 5 * (k % 3), 3.0 + 0.1 * (k % 2)) for k in range(VIEWS)]
+    )
+    focals_px = FOCAL_PX * np.exp(breathing * rng.normal(size=VIEWS))
+    scene = PlaneScene(poses, focals_px, K1, rng.uniform(-0.8, 0.8, (POINTS, 2)))
+    view, point = (g.ravel() for g in np.meshgrid(np.arange(VIEWS), np.arange(POINTS)))
+    places = projected(scene, view, scene.ground[point], MIDDLE) + noise_px * rng.normal(size=(len(view), 2))
+    return scene, Sightings(view, point, places, np.tile(np.eye(2), (len(view), 1, 1)))
+
+
+def disturbed(scene, rng):
+    poses = scene.poses.copy()
+    poses[:, :3, 3] += 0.03 * rng.normal(size=(VIEWS, 3))
+    ground = scene.ground + 0.01 * rng.normal(size=scene.ground.shape)
+    return replace(scene, poses=poses, focals_px=np.full(VIEWS, 1.03 * FOCAL_PX), k1=0.0, ground=ground)
+
+
+def test_exact_sightings_give_the_planted_cameras_back():
+    rng = np.random.default_rng(1)
+    scene, seen = planted(rng, noise_px=0.0)
+    found = adjusted(disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX), 0.6))
+    assert np.median(found.miss_px) < 0.05
+    assert found.scene.focals_px == pytest.approx(scene.focals_px, rel=2e-3)
+    assert found.scene.k1 == pytest.approx(K1, abs=3e-3)
+    places = [-p[:3, :3].T @ p[:3, 3] for p in found.scene.poses]
+    true = [-p[:3, :3].T @ p[:3, 3] for p in scene.poses]
+    apart = [np.linalg.norm(np.array(x)[:, None] - np.array(x), axis=2) for x in (true, places)]
+    assert np.allclose(apart[1] * apart[0].sum() / apart[1].sum(), apart[0], atol=0.005)
+
+
+@pytest.mark.parametrize("noise_px", [0.1, 0.5])
+def test_the_focal_lengths_error_bar_is_as_wide_as_its_errors(noise_px):
+    errors = []
+    for draw in range(16):
+        rng = np.random.default_rng([draw, 7])
+        scene, seen = planted(rng, noise_px=noise_px, breathing=0.002)
+        found = adjusted(
+            disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX) + 0.03 * rng.normal(), 0.03)
+        )
+        off = np.mean(np.log(found.scene.focals_px)) - np.log(FOCAL_PX)
+        errors.append(off / found.focal_sd)
+    assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.7
