@@ -96,7 +96,7 @@ def ground_tracks(
 def _whitening(spread: Float[np.ndarray, "k 2 2"]) -> Float[np.ndarray, "k 2 2"]:
     """W with W spread W' = unit, scaled so that the median observation keeps its size."""
     W = np.linalg.inv(np.linalg.cholesky(spread))
-    return np.asarray(W / np.median(np.sqrt(np.abs(np.linalg.det(W)))))
+    return np.asarray(W / np.median(np.sqrt(np.abs(np.linalg.det(W)))) if len(W) else W)
 
 
 def compacted(
