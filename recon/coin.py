@@ -26,7 +26,8 @@ cameras 0.3 % off, by where the search began."""
 SPOTS = 180
 TRIAL_RADII = 15
 LEAST_STEP = 3.0
-"""A rim's step of colour, CIE Lab, over two of 41 places across it."""
+"""Least step of colour that counts as an edge, CIE Lab units: over four of the 41 places across a rim, and a
+picture element in the view from above."""
 OUTERMOST = 0.5
 """Of the steps along a ray that reach this share of its strongest, the outermost is the rim: coins
 have rings."""
@@ -77,22 +78,21 @@ def coin_scale(
     cameras: Sequence[Camera],
     coin: Coin,
     *,
-    size: float,
+    unit_mm: float,
     spread: float = 0.12,
 ) -> CoinScale:
     """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
 
-    `size` is the cameras' unit in mm, known to about `spread`. The rim is a circle of the coin's thickness
+    `unit_mm` is the cameras' unit in mm, known to about `spread`. The rim is a circle of the coin's thickness
     above the plane. It is sought in the photos' mean from above; then every photo's steps of colour across
     the half of the rim that is farther from the camera (the nearer half shows the edge and its shadow)
     settle centre and radius together, with Cauchy's weights. The middle of the fruit is at x = y = 0.
     Raises ReconFailure (no-scale) where no circle of that size shows in three photos.
     """
-    unit = 1.0 / size
     high = coin.thickness_mm - EDGE_MM
-    about = coin.diameter_mm / 2 * unit
+    about = coin.diameter_mm / 2 / unit_mm
     seen = [_Edges.of(image) for image in images]
-    x = _sought(seen, cameras, about, high * unit, spread)
+    x = _sought(seen, cameras, about, high / unit_mm, spread)
     for step in (spread + 0.06, spread, spread, 0.1, 0.1, 0.1):
         height = high * 2 * float(x[2]) / coin.diameter_mm
         spots = [
@@ -197,12 +197,12 @@ def _sought(
         gy = np.stack([cv2.Sobel(picture[..., k], cv2.CV_32F, 0, 1) for k in range(3)], 2) / 8
         strongest = np.argmax(gx**2 + gy**2, axis=2)[..., None]
         gx, gy = (np.take_along_axis(g, strongest, 2)[..., 0] for g in (gx, gy))
-        size = np.hypot(gx, gy)
+        steep = np.hypot(gx, gy)
         shown = cv2.erode(((picture != 0).any(2)).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
-        rows, columns = np.nonzero((size > LEAST_STEP) & shown)
+        rows, columns = np.nonzero((steep > LEAST_STEP) & shown)
         if len(rows) == 0:
             continue
-        ux, uy = gx[rows, columns] / size[rows, columns], gy[rows, columns] / size[rows, columns]
+        ux, uy = gx[rows, columns] / steep[rows, columns], gy[rows, columns] / steep[rows, columns]
         for k, radius in enumerate(radii):
             own = np.zeros((side, side), np.float32)
             for sign in (-1.0, 1.0):

@@ -99,7 +99,7 @@ def scale_without_mat(
     if coin is None:
         return Scale(factor=factor, sd=by_height, warnings=(look,) if unseen > UNSURE else ())
     try:
-        found = coin_scale(images, cameras, coin, size=factor)
+        found = coin_scale(images, cameras, coin, unit_mm=factor)
     except ReconFailure as failure:
         said = (f"{failure.detail.rstrip('.')}; the scale is that of height_mm.",)
         return Scale(factor=factor, sd=by_height, warnings=(*said, look) if unseen > UNSURE else said)
