@@ -13,7 +13,8 @@ HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
 """Bounds of the bands of the rim that are compared, by direction above the horizontal: shadows lie low, and
 straight below there is no left and right."""
 FEWEST_SAMPLES = 30
-"""Samples that each side of a band must have: an eighth of a photo's band times 24 photos has 190."""
+"""Samples that each side of a band must have: of a photo's 96 evenly around the rim 8 lie
+within the 30 degrees of a band's side, so that 24 photos have 190 and four photos suffice."""
 NOTICED_PX = 0.5
 """Left against right from which on it counts, px of the photo as checked. On the sets that it was chosen on
 0.3 at most without a flash, 1.5 and 2.4 with one: benchmarks/photo_evidence.py, "left-right"."""
