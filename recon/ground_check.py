@@ -111,8 +111,7 @@ def _evidence(
         out["offset"][mine], out["sd"][mine] = mean, sd
         beside = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        odd = (odds > 1.5) & ok
-        out["odd"][mine] = (odd & (odds > 0))[:, beside].mean(1)
+        out["odd"][mine] = ((odds > 1.5) & ok)[:, beside].mean(1)
         out["dim"][mine] = ((dim > lit) & (odds < 0) & ok)[:, beside].mean(1)
         out["through"][mine] = ((odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
