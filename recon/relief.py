@@ -56,19 +56,6 @@ class Relief:
     regions: tuple[Region, ...]
 
 
-def with_relief(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
-    cameras: Sequence[Camera],
-    *,
-    support: Float[np.ndarray, " n"],
-) -> tuple[Float[np.ndarray, "n 3"], float]:
-    """`relief`'s vertices, and the share of them that it measured."""
-    found = relief(vertices, faces, images, cameras, support=support)
-    return found.vertices, float(found.measured.mean())
-
-
 def relief(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
