@@ -111,7 +111,8 @@ def require_enough(count: int, *, where: str) -> None:
 
 
 def exif_focal_px(data: bytes, *, longest_px: int) -> float | None:
-    """Focal length in pixels from the EXIF tag FocalLengthIn35mmFilm of a JPEG, None where there is none.
+    """Focal length in pixels from the EXIF tag FocalLengthIn35mmFilm of a JPEG or of a HEIC's EXIF block;
+    None where there is none.
 
     f_px = f_35 / 36 mm * longest side. Tag numbers: Exif 2.32 (CIPA DC-008), 0x8769 and 0xA405.
     """
