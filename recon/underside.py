@@ -57,7 +57,9 @@ def _merged(
     )
     kept = [w for w in upright.warnings if w not in seen_doubts(upright.quality)]
     said = [
-        f"In {WHERE}: {w}" for w in (*checked.warnings, *over.warnings) if w not in seen_doubts(over.quality)
+        f"In {WHERE}: {w}"
+        for w in (*checked.warnings, *over.warnings, *over.notes)
+        if w not in seen_doubts(over.quality)
     ]
     if found.by_convention:
         said.append(
