@@ -24,6 +24,7 @@ LIBRARIES = (
     "onnxruntime",
     "open3d",
     "opencv-python-headless",
+    "pi-heif",
     "pycolmap",
     "pymeshlab",
     "pymetis",
