@@ -215,6 +215,8 @@ def _edge_of(
 
 
 def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, " *n"]:
-    """Student's t density in three dimensions, five degrees of freedom."""
+    """Student's t density in three dimensions, five degrees of freedom: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
+    at its top for unit scales.
+    """
     square = np.sum((off / scale) ** 2, axis=-1)
-    return np.asarray(0.1206 / np.prod(scale, axis=-1) * (1 + square / 5) ** -4.0)
+    return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / 5) ** -4.0)

@@ -11,7 +11,7 @@ from mat_scene import Egg, photographed, ring
 from recon.closed import vertex_normals
 from recon.coverage import seeing_views
 from recon.failure import ReconFailure, ReconProblem
-from recon.ground_check import rim_evidence
+from recon.ground_check import rim_evidence, student
 from recon.hull import ball
 from recon.mat import standard_mat
 from recon.surface_error import sd_on_patch_mm, surface_error
@@ -96,6 +96,15 @@ def test_the_error_on_a_patch_is_the_root_mean_square_over_its_area():
     above = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.2)])
     # the integral of (0.1 x)² over x in 1..3, over the length
     assert sd_on_patch_mm(above, corners, faces, sd_mm) == pytest.approx(0.1 * np.sqrt(26 / 6), rel=1e-3)
+
+
+def test_the_density_of_colours_integrates_to_one():
+    side = np.linspace(-60.0, 60.0, 161)
+    scale = np.array([2.0, 1.0, 1.5])
+    grid = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
+    assert student(grid * scale / 2, scale).sum() * np.prod(scale / 2) * (side[1] - side[0]) ** 3 == (
+        pytest.approx(1.0, abs=0.005)
+    )
 
 
 def test_places_are_told_as_one_would_who_faces_the_suture_as_in_the_reports_map():
