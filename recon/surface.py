@@ -6,7 +6,9 @@ from jaxtyping import Float, Int
 from recon.failure import ReconFailure, ReconProblem
 from recon.native import open3d
 
-DEPTH = 7
+DEPTH = 6
+"""Of the octree: 64 cells over about 1.1 fruit. Four true surfaces came back 0.004 to 0.011 mm off, with 7
+0.003 to 0.008 mm, which costs 3 to 4 CPU seconds more, decimation included (8000 faces)."""
 
 
 def poisson_surface(

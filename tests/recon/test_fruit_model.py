@@ -88,7 +88,7 @@ def test_a_fruit_model_of_another_shape_is_refused_with_file_found_and_expected(
 def test_a_fruit_model_of_the_users_own_is_asked_in_the_shipped_ones_place(tmp_path):
     """One that sees fruit nowhere outvotes the ground's colours: no whole fruit stands there."""
     path = tmp_path / "blind.onnx"
-    nowhere = np.full((6, 1, 96, 96), -50.0)
+    nowhere = np.full((1, 1, 96, 96), -50.0)
     write_constant_model(path, {"fruit_log_odds": nowhere}, input_shape=("n", 3, SIDE_PX, SIDE_PX))
     photos = photographed(ring(6), egg=Egg(), mat=standard_mat())
     with pytest.raises(ReconFailure) as raised:
