@@ -54,25 +54,27 @@ def rims_of(
     pairs = [_shrunk(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
     outside = [_outside_px(c, vertices, faces) for _, c in pairs]
     gains = _gains(pairs, outside, vertices)
-    sights = [
-        _sight(image, camera, far, gain)
-        for (image, camera), far, gain in zip(pairs, outside, gains, strict=True)
-    ]
+    sights = []
+    for far, gain in zip(outside, gains, strict=True):
+        image, camera = pairs.pop(0)  # hundreds of MB in all
+        sights.append(_sight(image, camera, far, gain))
     return sights, [_rim(s, vertices, normals, faces) for s in sights]
 
 
 def _shrunk(
     image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
-    """The photo shrunk by a whole factor, lightly blurred, and its camera."""
-    factor = max(1, round(float(np.ptp(camera.project(vertices), axis=0).max()) / DIAMETER_PX))
-    if factor > 1:
-        rows, columns = (n // factor for n in image.shape[:2])
-        image = cv2.resize(
-            image[: rows * factor, : columns * factor], (columns, rows), interpolation=cv2.INTER_AREA
-        )
-        # a row or column cut off moves the picture's middle by less than half a small pixel
-        camera = replace(camera, width_px=columns, height_px=rows, focal_px=camera.focal_px / factor)
+    """The photo shrunk until the fruit is DIAMETER_PX wide, lightly blurred, and its camera.
+
+    Columns are a multiple of 12, so that pictures of 4:3, 3:2 and 16:9 about keep their shape.
+    """
+    scale = DIAMETER_PX / float(np.ptp(camera.project(vertices), axis=0).max())
+    if scale < 1:
+        columns = max(12, 12 * round(image.shape[1] * scale / 12))
+        rows = round(image.shape[0] * columns / image.shape[1])
+        focal_px = camera.focal_px * columns / image.shape[1]
+        image = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+        camera = replace(camera, width_px=columns, height_px=rows, focal_px=focal_px)
     return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.6), np.uint8), camera
 
 
