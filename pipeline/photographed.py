@@ -76,11 +76,16 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
 
 
 def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
-    """Where the photos that were used were taken."""
+    """Where the photos that were used were taken, and without a mat, which could not be joined to them."""
     if not made.cameras:
         return None
-    places = np.array([c.place for c in made.cameras])
-    return view_plan([c.name for c in made.cameras], places, made.vertices.mean(axis=0), given=given)
+    return view_plan(
+        [c.name for c in made.cameras],
+        np.array([c.place for c in made.cameras]),
+        made.vertices.mean(axis=0),
+        given=given,
+        unplaced=made.unplaced if made.frame == "shape" else (),
+    )
 
 
 def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
@@ -93,9 +98,10 @@ def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
     unused = [name for name in by_name if name not in {c.name for c in made.cameras}]
     doubts = []
     if unused:
+        ground = "mat" if made.frame == "mat" else "ground around it"
         doubts.append(
             f"Left out: {listed(unused)}: the fruit is cut off or hidden there, its outline fits no other "
-            f"photo's, "
-            "or the camera could not be placed; retake such photos with the whole fruit and the mat in view."
+            "photo's, or the camera could not be placed; retake such photos with the whole fruit and the "
+            f"{ground} in view."
         )
     return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]

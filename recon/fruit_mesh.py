@@ -68,7 +68,8 @@ class Reconstruction:
     0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
     them each vertex faces; `sd_mm` is the standard deviation of the skin's place at each vertex, and
     `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
-    `notes` tell of what was done otherwise than usual, without a doubt of the mesh.
+    `notes` tell of what was done otherwise than usual, without a doubt of the mesh; `unplaced` are the photos
+    whose camera was not found.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -83,6 +84,7 @@ class Reconstruction:
     views: Int[np.ndarray, " n"] | None = None
     sd_mm: Float[np.ndarray, " n"] | None = None
     notes: tuple[str, ...] = ()
+    unplaced: tuple[str, ...] = ()
 
 
 def reconstruct(
@@ -228,6 +230,7 @@ def _reconstructed(
         cameras=tuple(placed),
         views=views,
         sd_mm=error.sd_mm,
+        unplaced=tuple(p.name for i, p in enumerate(photos) if i not in poses.used),
     )
 
 

@@ -65,7 +65,7 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     names = [p.name for p in photos]
     left = [name for i, name in enumerate(names) if i not in members]
     places = np.array([c.place for c in cameras])
-    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names)
+    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names, unplaced=left)
     return Poses(
         cameras=tuple(c.moved(world) for c in cameras),
         used=np.array(members, int),
@@ -97,7 +97,8 @@ def _apart(
         )
     scene = _started(pairs, largest, size, focal_px)
     places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
-    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names)
+    left = [name for i, name in enumerate(names) if i not in largest]
+    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=left)
     return ReconFailure(
         ReconProblem.NO_OVERLAP,
         f"The ground joins {listed([names[i] for i in largest])} alone. {plan_words(plan)}",

@@ -19,8 +19,9 @@ class ViewPlan:
     """Photos that could be placed, by name: `azimuth_deg` from the first photo on, to the right as one walks
     facing the fruit (anticlockwise from above), and `distance`, in fruit diameters or any one unit.
 
-    `unplaced` share nothing with these. `gaps_deg`: sides (from, to) without a photo; `stand_deg`: where the
-    next photos should be taken; `given`: all photos in the order that they were taken in.
+    `unplaced` share too little with these; photos left out for another reason are in neither. `gaps_deg`:
+    sides (from, to) without a photo; `stand_deg`: where the next photos should be taken; `given`: all photos
+    in the order that they were taken in.
     """
 
     names: tuple[str, ...]
@@ -38,12 +39,14 @@ def view_plan(
     middle: Float[np.ndarray, "3"],
     *,
     given: Sequence[str],
+    unplaced: Sequence[str] = (),
 ) -> ViewPlan:
     """The plan of photos `names` taken at `places` around `middle` (z up), of all the `given` ones in order.
 
     Azimuths count from the first of `names`. Each gap over WIDE_DEG gets photos at most STEP_DEG apart; a
-    photo that could not be placed gets one more on each side of where its neighbours in order were taken.
-    """  # fmt: skip
+    photo that could not be placed (`unplaced`) gets one more on each side of where its neighbours in order
+    were taken.
+    """
     away = places[:, :2] - middle[:2]
     angle = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
     angle = (angle - angle[0] + 1e-9) % 360.0
@@ -59,7 +62,6 @@ def view_plan(
         for count in [int(np.ceil((b - a) / STEP_DEG))]
         for k in range(1, count)
     ]
-    unplaced = tuple(name for name in given if name not in set(names))
     at = dict(zip(names, angle.tolist(), strict=True))
     for name in unplaced:
         before, after = _neighbours(name, given, at)
@@ -71,7 +73,7 @@ def view_plan(
         names=tuple(names),
         azimuth_deg=tuple(angle.tolist()),
         distance=tuple(np.linalg.norm(places - middle, axis=1).tolist()),
-        unplaced=unplaced,
+        unplaced=tuple(unplaced),
         gaps_deg=tuple(gaps),
         stand_deg=tuple(sorted(stand)),
         given=tuple(given),

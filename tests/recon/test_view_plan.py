@@ -18,13 +18,20 @@ def _ring(azimuth_deg):
 
 def test_a_side_without_photos_and_a_photo_that_joins_none_are_named():
     placed = [GIVEN[i] for i in (0, 1, 2, 3, 4, 6)]
-    plan = view_plan(placed, _ring([10.0, 50, 95, 140, 170, 330]), np.zeros(3), given=GIVEN)
+    plan = view_plan(
+        placed, _ring([10.0, 50, 95, 140, 170, 330]), np.zeros(3), given=GIVEN, unplaced=[GIVEN[5]]
+    )
     assert [tuple(round(x) for x in gap) for gap in plan.gaps_deg] == [(160, 320)]
     assert [round(s) for s in plan.stand_deg] == [200, 240, 280]
     said = plan_words(plan)
     assert "between 160 and 320 degrees" in said
     assert "IMG_6.jpg shares too little" in said
     assert "between IMG_5.jpg and IMG_7.jpg" in said
+
+
+def test_a_photo_left_out_for_another_reason_is_not_said_to_share_too_little():
+    plan = view_plan(GIVEN[:6], _ring(np.arange(6) * 60.0), np.zeros(3), given=GIVEN)
+    assert (plan.unplaced, plan.stand_deg, plan_words(plan)) == ((), (), "")
 
 
 def test_a_full_ring_lacks_nothing():

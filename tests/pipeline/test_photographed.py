@@ -1,0 +1,57 @@
+"""What is said of photos that were not used."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pipeline.photographed import _photo_doubts, _plan
+from recon.camera import Camera
+from recon.fruit_mesh import Reconstruction
+from recon.hull import ball
+from recon.photos import Photo
+from recon.quality import NOTHING_KNOWN
+from recon.view_plan import plan_words
+
+NAMES = [f"{i}.jpg" for i in range(6)]
+
+
+def looking_in(name, azimuth):
+    away = np.array([np.cos(azimuth), np.sin(azimuth), 0.4])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    ahead = -away / np.linalg.norm(away)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+    pose[:3, 3] = -pose[:3, :3] @ (300 * away)
+    return Camera(name=name, width_px=96, height_px=72, focal_px=120.0, k1=0.0, cam_from_world=pose)
+
+
+@pytest.fixture
+def made():
+    """Four of six photos used; the fifth could not be placed, the sixth was not even tried."""
+    vertices, faces = ball(2)
+    return Reconstruction(
+        vertices=20 * vertices, faces=faces, scale_sd=0.01, surface_sd_mm=0.1,
+        quality=replace(NOTHING_KNOWN, k1=0.0), warnings=(), seconds={}, frame="shape",
+        cameras=tuple(looking_in(name, np.pi / 2 * i) for i, name in enumerate(NAMES[:4])),
+        unplaced=(NAMES[4],),
+    )  # fmt: skip
+
+
+def test_only_a_photo_that_could_not_be_joined_shares_too_little(made):
+    said = plan_words(_plan(made, NAMES))
+    assert "4.jpg shares too little" in said
+    assert "5.jpg shares" not in said
+
+
+def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
+    assert "shares too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
+
+
+@pytest.mark.parametrize(("frame", "asked"), [("mat", "the mat in view"), ("shape", "the ground around it")])
+def test_a_photo_left_out_is_asked_for_again_with_what_there_is(made, frame, asked):
+    photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:5]]
+    said = _photo_doubts(photos, replace(made, frame=frame))[0]
+    assert said.startswith("Left out: 4.jpg:")
+    assert asked in said
+    assert ("mat" in said) == (frame == "mat")
