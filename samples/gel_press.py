@@ -16,10 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from samples.factors import Solve, factorise
 from samples.failure import NotInEquilibrium
-from samples.flesh import _integrated as integrated
-from samples.flesh import assembled
-from samples.hexahedra import _with_middles as with_middles
-from samples.hexahedra import lagrange
+from samples.flesh import assembled, integrated
+from samples.hexahedra import lagrange, with_middles
 
 SHIPPED_X = (-13.0, -10.5, -8.5, -7.2, *np.arange(-6.2, 6.3, 1.0333333), 7.2, 8.5, 10.5, 13.0)
 SHIPPED_Y = (-11.0, -9.2, -8.0, -7.1, *np.arange(-6.2, 6.3, 1.0333333), 7.1, 8.0, 9.2, 11.0)

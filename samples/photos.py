@@ -4,10 +4,7 @@ Neither renderer is needed to grade: they are the optional extra `samples`, impo
 for.
 """
 
-import importlib
-import os
 from collections.abc import Callable, Iterator
-from ctypes.util import find_library
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,9 +17,9 @@ from scipy.spatial.transform import Rotation
 from recon.mat import Mat
 from samples.appearance import mat_texture, table_texture
 from samples.cubed_sphere import even_sphere
-from samples.failure import RendererMissing
 from samples.fruit import SampleFruit, box_mm
 from samples.looks import NECTARINE, Look
+from samples.renderer import denoiser, mitsuba, sensor, vertex_normals
 from samples.viewpoints import View, rings
 
 
@@ -56,8 +53,8 @@ def write_photos(
 
     The same fruit and options give the same pictures. Raises RendererMissing.
     """
-    _mitsuba()
-    _denoiser()
+    mitsuba()
+    denoiser()
     folder.mkdir(parents=True, exist_ok=True)
     low, high = box_mm(fruit.skin)
     rng = np.random.default_rng([fruit.seed, 3])
@@ -77,8 +74,8 @@ def rendered(
     fruit: SampleFruit, mat: Mat, views: tuple[View, ...], *, options: PhotoOptions
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """One BGR picture per view, rendered when asked for. Raises RendererMissing."""
-    mi = _mitsuba()
-    denoise = _denoiser()
+    mi = mitsuba()
+    denoise = denoiser()
     rng = np.random.default_rng([fruit.seed, 4])
     scene = mi.load_dict(_scene(mi, fruit, mat, options, rng))
     integrator = mi.load_dict(
@@ -88,7 +85,7 @@ def rendered(
     for k, view in enumerate(views):
         layers = np.array(
             mi.render(
-                scene, sensor=mi.load_dict(_sensor(mi, view)), integrator=integrator,
+                scene, sensor=mi.load_dict(sensor(mi, view)), integrator=integrator,
                 spp=options.samples_per_pixel, seed=k + 1,
             )
         )  # fmt: skip
@@ -163,7 +160,7 @@ def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
     values = mi.traverse(mesh)
     values["vertex_positions"] = points.astype(np.float32).ravel()
     values["faces"] = triangles.astype(np.uint32).ravel()
-    values["vertex_normals"] = _normals(points, triangles).astype(np.float32).ravel()
+    values["vertex_normals"] = vertex_normals(points, triangles).astype(np.float32).ravel()
     values.update()
     return mesh
 
@@ -179,34 +176,6 @@ def _upright(mat: Mat) -> Float[np.ndarray, "h w 3"]:
     return np.ascontiguousarray(mat_texture(mat, pixels_per_mm=max(8.0, 144.0 / mat.tag_mm))[::-1])
 
 
-def _sensor(mi: Any, view: View) -> dict[str, Any]:
-    world_from_cam = np.linalg.inv(view.cam_from_world)
-    # Mitsuba's camera looks along +z with x to the left and y up
-    pose = world_from_cam @ np.diag([-1.0, -1.0, 1.0, 1.0])
-    return {
-        "type": "perspective",
-        "fov_axis": "x",
-        "fov": float(np.degrees(2 * np.arctan(view.width_px / 2 / view.focal_px))),
-        "near_clip": 10.0,
-        "far_clip": 5000.0,
-        "to_world": mi.ScalarTransform4f(pose),
-        "film": {
-            "type": "hdrfilm", "width": view.width_px, "height": view.height_px, "pixel_format": "rgb",
-            "rfilter": {"type": "box"},  # the denoiser expects pixels whose noise is independent
-        },
-        "sampler": {"type": "independent"},
-    }  # fmt: skip
-
-
-def _normals(points: Float[np.ndarray, "n 3"], triangles: np.ndarray) -> Float[np.ndarray, "n 3"]:
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    facet = np.cross(b - a, c - a)
-    total = np.zeros_like(points)
-    for k in range(3):
-        np.add.at(total, triangles[:, k], facet)
-    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
-
-
 def _developed(
     light: Float[np.ndarray, "h w 3"], options: PhotoOptions, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
@@ -215,42 +184,3 @@ def _developed(
     srgb = np.where(tone <= 0.0031308, 12.92 * tone, 1.055 * np.maximum(tone, 1e-9) ** (1 / 2.4) - 0.055)
     levels = 255.0 * srgb + options.noise_levels * rng.normal(size=srgb.shape)
     return np.ascontiguousarray(np.clip(np.rint(levels), 0, 255)[..., ::-1], dtype=np.uint8)
-
-
-def _mitsuba() -> Any:
-    try:
-        mi = importlib.import_module("mitsuba")
-    except ImportError as missing:
-        raise RendererMissing(
-            "Photos of sample fruit need the renderer Mitsuba 3, which is not installed; "
-            "run in drupe's folder: pip install '.[samples]'"
-        ) from missing
-    if mi.variant() is None:
-        mi.set_variant("llvm_ad_rgb" if _compiler_found() else "scalar_rgb")
-    return mi
-
-
-def _compiler_found() -> bool:
-    """Whether a libLLVM is at hand that compiles this scene: 16 or later (15 and older abort the process)."""
-    if "DRJIT_LIBLLVM_PATH" in os.environ:
-        return True
-    names = (find_library(f"LLVM-{version}") for version in range(30, 15, -1))
-    found = next((name for name in names if name), None)
-    if found is not None:
-        os.environ["DRJIT_LIBLLVM_PATH"] = found
-    return found is not None
-
-
-def _denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
-    try:
-        oidn = importlib.import_module("pyoidn")
-    except ImportError as missing:
-        raise RendererMissing(
-            "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
-            "run in drupe's folder: pip install '.[samples]'"
-        ) from missing
-
-    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
-        return np.asarray(oidn.denoise(colour, albedo=albedo, normal=normal, hdr=True))
-
-    return denoise

@@ -50,16 +50,19 @@ def rings(
                 [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
             )
             aim = np.asarray(aim_mm) + closer * rng.normal(0, 3.0, 3)
-            cam_from_world = _look(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
+            cam_from_world = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
             views.append(
                 View(cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px)
             )
     return tuple(views)
 
 
-def _look(
+def look_at(
     eye: Float[np.ndarray, " 3"], aim: Float[np.ndarray, " 3"], *, roll: float
 ) -> Float[np.ndarray, "4 4"]:
+    """World to camera (4 x 4, mm) of a camera at `eye` that looks at `aim`, turned by `roll` (radians) about
+    its axis; without roll the world's z axis is upright in the picture.
+    """
     ahead = (aim - eye) / np.linalg.norm(aim - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)

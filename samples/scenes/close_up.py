@@ -9,10 +9,10 @@ from jaxtyping import Float, UInt8
 
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
-from samples.photos import _denoiser, _mitsuba
+from samples.renderer import denoiser, layers_of, mitsuba, window_sensor
 from samples.scenes.draw import Scene
 from samples.scenes.phone import developed, exposed
-from samples.scenes.render import RenderOptions, _layers, _window_sensor, load_world
+from samples.scenes.render import RenderOptions, load_world
 from samples.viewpoints import View
 
 _FINER = 3
@@ -35,7 +35,7 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
     box is about inside. Ground that is not in shadow is exposed to 0.30 to 0.80 of full scale; then the
     scene's camera pipeline. Raises RendererMissing.
     """
-    mi, oidn = _mitsuba(), _denoiser()
+    mi, oidn = mitsuba(), denoiser()
     rng = np.random.default_rng([scene.seed, 30])
     world = load_world(mi, scene, options=options)
     lit = mi.load_dict(
@@ -50,15 +50,15 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
         world.stand(view)
         layers = np.array(
             mi.render(
-                world.scene, sensor=mi.load_dict(_window_sensor(mi, seen, window)), integrator=lit,
+                world.scene, sensor=mi.load_dict(window_sensor(mi, seen, window)), integrator=lit,
                 spp=samples, seed=k,
             )
         )  # fmt: skip
-        light = oidn(*_layers(layers))
+        light = oidn(*layers_of(layers))
         left, top, width, height = (_FINER * side for side in window)
         fine, finer = _enlarged(seen, _FINER), (left, top, width, height)
         met = mi.render(
-            world.scene, sensor=mi.load_dict(_window_sensor(mi, fine, finer)), integrator=which, spp=1
+            world.scene, sensor=mi.load_dict(window_sensor(mi, fine, finer)), integrator=which, spp=1
         )
         shape = np.array(met)[..., 0]
         column, row = np.rint(fine.pixels(middle)[0] - [left, top]).astype(int)

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
-from samples.photos import _denoiser, _mitsuba, _normals, _sensor
+from samples.renderer import denoiser, layers_of, mitsuba, sensor, vertex_normals, window_sensor
 from samples.scenes.coin import coin_mesh
 from samples.scenes.draw import Scene
 from samples.scenes.ground import ground_shape
@@ -47,8 +47,8 @@ def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarr
     enlarged and multiplied by the albedo at full resolution: print stays sharp, and a frame costs a quarter.
     The fruit's window is path-traced at full resolution. Raises RendererMissing.
     """
-    mi = _mitsuba()
-    oidn = _denoiser()
+    mi = mitsuba()
+    oidn = denoiser()
     world = load_world(mi, scene, options=options)
     surfaces = {"type": "aov", "aovs": "a:albedo,n:sh_normal"}
     sees = mi.load_dict(surfaces)
@@ -66,17 +66,17 @@ def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarr
 
     for k, wide in enumerate(wides):
         world.stand(wide)
-        coarse = shot(_sensor(mi, halved(wide)), lit, options.frame_samples, 3 * k)
-        clean = shot(_sensor(mi, wide), sees, options.print_samples, 3 * k + 1)
+        coarse = shot(sensor(mi, halved(wide)), lit, options.frame_samples, 3 * k)
+        clean = shot(sensor(mi, wide), sees, options.print_samples, 3 * k + 1)
         falling = coarse[..., :3] / _colour(coarse[..., 3:])
-        falling = oidn(falling, *_layers(coarse[..., 3:]))
+        falling = oidn(falling, *layers_of(coarse[..., 3:]))
         falling = cv2.resize(falling, (wide.width_px, wide.height_px), interpolation=cv2.INTER_LINEAR)
         picture = falling * _colour(clean)
         left, top, width, height = windows[k]
-        fine = shot(_window_sensor(mi, wide, windows[k]), lit, options.crop_samples, 3 * k + 2)
+        fine = shot(window_sensor(mi, wide, windows[k]), lit, options.crop_samples, 3 * k + 2)
         part = picture[top : top + height, left : left + width]
         edge = _feather(height, width)
-        part[:] = edge * oidn(*_layers(fine)) + (1 - edge) * part
+        part[:] = edge * oidn(*layers_of(fine)) + (1 - edge) * part
         yield picture
 
 
@@ -95,20 +95,16 @@ def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
     return np.asarray(surfaces[..., :3] + room + _LEAST_ALBEDO)
 
 
-def _layers(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "h w 3"]]:
-    return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
-
-
 def fruit_mask(scene: Scene, k: int, *, options: RenderOptions, finer: int = 4) -> Bool[np.ndarray, "h w"]:
     """Which pixels of view k the fruit covers by more than half, seen by a pinhole; `finer`^2 rays each."""
-    mi = _mitsuba()
+    mi = mitsuba()
     world = load_world(mi, scene, options=options)
     view = scene.views[k]
     fine = replace(
         view, focal_px=view.focal_px * finer, width_px=view.width_px * finer, height_px=view.height_px * finer
     )
     which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
-    met = mi.render(world.scene, sensor=mi.load_dict(_sensor(mi, fine)), integrator=which, spp=1)
+    met = mi.render(world.scene, sensor=mi.load_dict(sensor(mi, fine)), integrator=which, spp=1)
     shape = np.array(met)[..., 0]
     column, row = np.rint(
         fine.pixels(np.array([[0.0, 0.0, 0.5 * box_mm(scene.fruit.skin)[1][2]]]))[0]
@@ -214,7 +210,7 @@ def _mesh(
     parts["vertex_positions"] = points.astype(np.float32).ravel()
     parts["faces"] = triangles.astype(np.uint32).ravel()
     if smooth:
-        parts["vertex_normals"] = _normals(points, triangles).astype(np.float32).ravel()
+        parts["vertex_normals"] = vertex_normals(points, triangles).astype(np.float32).ravel()
     if uv is not None:
         parts["vertex_texcoords"] = uv.astype(np.float32).ravel()
     parts.update()
@@ -239,15 +235,6 @@ def _windows(
     size = np.minimum(size, full.min(axis=0))
     corner = np.clip(np.rint((low + high) / 2 - size / 2).astype(int), 0, full - size)
     return tuple((int(x), int(y), int(size[0]), int(size[1])) for x, y in corner)
-
-
-def _window_sensor(mi: Any, view: View, window: tuple[int, int, int, int]) -> dict[str, Any]:
-    """The sensor of a part of the picture."""
-    left, top, width, height = window
-    sensor = _sensor(mi, replace(view, width_px=width, height_px=height))
-    sensor["principal_point_offset_x"] = 0.5 - (view.width_px / 2 - left) / width
-    sensor["principal_point_offset_y"] = 0.5 - (view.height_px / 2 - top) / height
-    return sensor
 
 
 def _feather(height: int, width: int) -> Float[np.ndarray, "h w 1"]:

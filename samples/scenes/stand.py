@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from samples.viewpoints import View, _look
+from samples.viewpoints import View, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
 LIKELY_ODD = 0.3  # share of the sets in which a few photos come from a higher or lower place
@@ -86,7 +86,7 @@ def hand_held(
                 [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
             )
             aim = np.asarray(aim_mm) + 0.02 * camera.field_mm * rng.normal(0, 1, 3)
-            pose = _look(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 3.0)))
+            pose = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 3.0)))
             views.append(
                 View(
                     cam_from_world=pose,

@@ -1,0 +1,106 @@
+"""Mitsuba 3 and Open Image Denoise, imported when a photo is asked for, and what every picture needs of them:
+cameras, vertex normals, channels.
+"""
+
+import importlib
+import os
+from collections.abc import Callable
+from ctypes.util import find_library
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from samples.failure import RendererMissing
+from samples.viewpoints import View
+
+
+def mitsuba() -> Any:
+    """The module mitsuba with a variant set: LLVM where a compiler is found, scalar otherwise.
+
+    Raises RendererMissing.
+    """
+    try:
+        mi = importlib.import_module("mitsuba")
+    except ImportError as missing:
+        raise RendererMissing(
+            "Photos of sample fruit need the renderer Mitsuba 3, which is not installed; "
+            "run in drupe's folder: pip install '.[samples]'"
+        ) from missing
+    if mi.variant() is None:
+        mi.set_variant("llvm_ad_rgb" if _compiler_found() else "scalar_rgb")
+    return mi
+
+
+def _compiler_found() -> bool:
+    """Whether a libLLVM is at hand that compiles this scene: 16 or later (15 and older abort the process)."""
+    if "DRJIT_LIBLLVM_PATH" in os.environ:
+        return True
+    names = (find_library(f"LLVM-{version}") for version in range(30, 15, -1))
+    found = next((name for name in names if name), None)
+    if found is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = found
+    return found is not None
+
+
+def denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """Open Image Denoise as a function of colour (linear, HDR), albedo and normal. Raises RendererMissing."""
+    try:
+        oidn = importlib.import_module("pyoidn")
+    except ImportError as missing:
+        raise RendererMissing(
+            "Photos of sample fruit need Open Image Denoise (pyoidn), which is not installed; "
+            "run in drupe's folder: pip install '.[samples]'"
+        ) from missing
+
+    def denoise(colour: np.ndarray, albedo: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        return np.asarray(oidn.denoise(colour, albedo=albedo, normal=normal, hdr=True))
+
+    return denoise
+
+
+def sensor(mi: Any, view: View) -> dict[str, Any]:
+    """A view as the description of a pinhole camera (dictionary for `mi.load_dict`)."""
+    world_from_cam = np.linalg.inv(view.cam_from_world)
+    # Mitsuba's camera looks along +z with x to the left and y up
+    pose = world_from_cam @ np.diag([-1.0, -1.0, 1.0, 1.0])
+    return {
+        "type": "perspective",
+        "fov_axis": "x",
+        "fov": float(np.degrees(2 * np.arctan(view.width_px / 2 / view.focal_px))),
+        "near_clip": 10.0,
+        "far_clip": 5000.0,
+        "to_world": mi.ScalarTransform4f(pose),
+        "film": {
+            "type": "hdrfilm", "width": view.width_px, "height": view.height_px, "pixel_format": "rgb",
+            "rfilter": {"type": "box"},  # the denoiser expects pixels whose noise is independent
+        },
+        "sampler": {"type": "independent"},
+    }  # fmt: skip
+
+
+def window_sensor(mi: Any, view: View, window: tuple[int, int, int, int]) -> dict[str, Any]:
+    """The camera of a window of the picture (left, top, width, height in px)."""
+    left, top, width, height = window
+    part = sensor(mi, replace(view, width_px=width, height_px=height))
+    part["principal_point_offset_x"] = 0.5 - (view.width_px / 2 - left) / width
+    part["principal_point_offset_y"] = 0.5 - (view.height_px / 2 - top) / height
+    return part
+
+
+def layers_of(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "h w 3"]]:
+    """A rendered picture's channels in contiguous groups of three: colour, albedo, normal."""
+    return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
+
+
+def vertex_normals(
+    points: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Unit normals at vertices: the sum of the adjoining triangles' normals, weighted by their area."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    facet = np.cross(b - a, c - a)
+    total = np.zeros_like(points)
+    for k in range(3):
+        np.add.at(total, triangles[:, k], facet)
+    return np.asarray(total / np.linalg.norm(total, axis=1, keepdims=True))
