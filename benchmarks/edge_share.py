@@ -4,9 +4,10 @@
 
 A FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json. Cameras come from the mat, as in
 grading. Along the normals of the true outline (the projected true surface, drawn SUBPIXELS times finer) the
-share of fruit a = (c - B).(F - B) / |F - B|² is taken in linear light, with F and B the mean colours 2 to
-3.5 px inside and outside; printed is its median over all samples with a clear step, by distance from the true
-edge. Half of it lies inside the edge: at grazing angles a skin mirrors the ground behind it (Fresnel).
+share of fruit a = (c - B).(F - B) / |F - B|² is taken in linear light, with F and B the mean colours
+STEP_BAND_PX inside and outside, as recon/outline.py takes them; printed is its median over all samples with
+a clear step, by distance from the true edge, and where that median falls to one half. Half of it lies inside
+the edge: at grazing angles a skin mirrors the ground behind it (Fresnel).
 """
 
 import argparse
@@ -21,14 +22,13 @@ from recon.camera import Camera, straightened
 from recon.hull import sampled
 from recon.mask import window_around
 from recon.mat import parse_mat
-from recon.outline import outline_of
+from recon.outline import CLEAR_STEP, LINEAR_LIGHT, STEP_BAND_PX, outline_of
 from recon.photo_check import checked_photos
 from recon.photos import read_photos
 from recon.poses import cameras_from_mat
 
 SUBPIXELS = 6
 SHIFTS_PX = np.arange(-8, 8.1, 0.5)
-CLEAR_STEP = 0.05
 
 
 def share_across_rim(
@@ -54,9 +54,11 @@ def share_across_rim(
     away = sampled(distance, outline.points.astype(np.float32), outside=0.0)
     edge = outline.points + away[:, None] * outline.normals
     at = (edge[:, None] + SHIFTS_PX[None, :, None] * outline.normals[:, None]).astype(np.float32)
-    light = cv2.remap((window.image.astype(np.float32) / 255) ** 2.2, at, None, cv2.INTER_LINEAR)
-    fruit = light[:, (SHIFTS_PX <= -2) & (SHIFTS_PX >= -3.5)].mean(1)
-    ground = light[:, (SHIFTS_PX >= 2) & (SHIFTS_PX <= 3.5)].mean(1)
+    light = cv2.remap(cv2.LUT(window.image, LINEAR_LIGHT), at, None, cv2.INTER_LINEAR)
+    nearest, furthest = STEP_BAND_PX
+    within_band = (np.abs(SHIFTS_PX) >= nearest) & (np.abs(SHIFTS_PX) <= furthest)
+    fruit = light[:, within_band & (SHIFTS_PX < 0)].mean(1)
+    ground = light[:, within_band & (SHIFTS_PX > 0)].mean(1)
     step = fruit - ground
     square = np.sum(step**2, axis=1)
     share = np.sum((light - ground[:, None]) * step[:, None], axis=2) / np.maximum(square, 1e-9)[:, None]
@@ -72,7 +74,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=2)
     options = parser.parse_args()
     shown = (-6.0, -1.0, 0.0, 1.0)
-    print(f"{'':20}" + "".join(f"{s:+8.0f} px" for s in shown))
+    print(f"{'':20}" + "".join(f"{s:+8.0f} px" for s in shown) + "    half at, px")
     for folder in options.folders:
         mat = parse_mat(json.loads((folder / "mat.json").read_text()), source=str(folder / "mat.json"))
         photos = checked_photos(read_photos(folder / "photos"), mat).photos
@@ -83,7 +85,10 @@ def main() -> None:
             for i, camera in list(zip(poses.used.tolist(), poses.cameras, strict=True))[:: options.every]
         ]
         middle = np.median(np.concatenate(shares), axis=0)
-        print(f"{folder.name:20}" + "".join(f"{middle[s == SHIFTS_PX][0]:11.2f}" for s in shown), flush=True)
+        near = np.abs(SHIFTS_PX) <= 1
+        half_px = np.interp(0.5, middle[near][::-1], SHIFTS_PX[near][::-1])
+        columns = "".join(f"{middle[s == SHIFTS_PX][0]:11.2f}" for s in shown)
+        print(f"{folder.name:20}{columns}{half_px:15.2f}", flush=True)
 
 
 if __name__ == "__main__":

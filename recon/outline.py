@@ -25,8 +25,8 @@ BAND_PX = 12.0
 STEEPEST_REACH_PX = 3.0
 STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 """Where the colours inside and outside are taken, and which share of fruit the true edge has between them. At
-grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.15 to 0.35 px too far
-in: at the true edge the share is 0.31 to 0.48, 0.38 in the median of ten sets (benchmarks/edge_share.py)."""
+grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
+in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets (benchmarks/edge_share.py)."""
 CLEAR_STEP = 0.05
 LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
 """Light of each pixel value, of a display's usual gamma."""
