@@ -14,6 +14,10 @@ K1_SD = 0.05
 """Spread of the radial term about none: what phones leave after their own correction."""
 LOSS_PX = 1.0
 STEPS = 40
+ROUNDS, STEADY = 4, 0.02
+"""How often the misses' spread is told anew at most, and the change of its logarithm that ends it (a tenth of
+what 60 points tell of it)."""
+LEAST_SPREAD_PX = 1e-3
 
 
 @dataclass(frozen=True)
@@ -77,10 +81,11 @@ def adjusted(
     breathing_sd: float = BREATHING_SD,
     loss_px: float = LOSS_PX,
 ) -> Adjusted:
-    """Least squares of the misses in pixels, with Cauchy's weights, over poses, focal lengths, k1 and points.
+    """Poses, focal lengths, k1 and points of the least misses, with Cauchy's weights, against their priors.
 
-    log f_i = log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f
-    of (mean, spread) `focal_prior`. Levenberg and Marquardt's steps; points eliminated (Schur), each a 2 x 2
+    The cost is the misses' over sigma² plus the priors' over their spreads squared; sigma, the misses' own
+    spread (px), is told by their median, at the start and in ROUNDS after each solution. log f_i = log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f
+    of (mean, spread) `focal_prior`; `loss_px` is where a miss counts half. Levenberg and Marquardt's steps; points eliminated (Schur), each a 2 x 2
     block (Triggs et al. 2000, Bundle adjustment: a modern synthesis). Similarities of the ground are left to
     the damping. `size`: (height, width) of the photos.
     """
@@ -88,12 +93,34 @@ def adjusted(
     common = float(np.mean(np.log(scene.focals_px)))
     state = _State(scene.poses, common, np.log(scene.focals_px) - common, scene.k1, scene.ground)
     prior = _Prior(focal_prior[0], focal_prior[1], breathing_sd)
+    system = _normal(state, seen, middle, prior, loss_px, 1.0)
+    for _ in range(ROUNDS):
+        sigma_px = _spread_px(system)
+        state, system = _solved(state, seen, middle, prior, loss_px, sigma_px)
+        if abs(np.log(_spread_px(system) / sigma_px)) < STEADY:
+            break
+    k = 7 * len(scene.poses)
+    away = np.linalg.norm(system.miss_px, axis=1)
+    covariance = np.linalg.pinv(system.H)
+    found = PlaneScene(state.poses, np.exp(state.common + state.own), state.k1, state.ground)
+    return Adjusted(found, away, float(np.sqrt(max(covariance[k, k], 0.0))))
+
+
+def _solved(
+    state: "_State",
+    seen: Sightings,
+    middle: Float[np.ndarray, "2"],
+    prior: "_Prior",
+    loss_px: float,
+    sigma_px: float,
+) -> "tuple[_State, _System]":
+    """The least cost at one spread of the misses."""
     damping = 1e-4
-    system = _normal(state, seen, middle, prior, loss_px)
+    system = _normal(state, seen, middle, prior, loss_px, sigma_px)
     for _ in range(STEPS):
         step = np.linalg.solve(system.H + damping * np.diag(np.diag(system.H)), -system.g)
         tried = _moved(state, step, system.points(step))
-        new = _normal(tried, seen, middle, prior, loss_px)
+        new = _normal(tried, seen, middle, prior, loss_px, sigma_px)
         if new.cost < system.cost:
             done = system.cost - new.cost < 1e-5 * system.cost
             state, system = tried, new
@@ -104,16 +131,13 @@ def adjusted(
             damping *= 8
             if damping > 1e6:
                 break
-    k = 7 * len(scene.poses)
+    return state, system
+
+
+def _spread_px(system: "_System") -> float:
+    """Of the misses in each direction, as the median of a Rayleigh distribution tells it."""
     away = np.linalg.norm(system.miss_px, axis=1)
-    sigma_px = float(np.median(away)) / np.sqrt(2 * np.log(2))
-    where, sd = _prior_spreads(prior, len(scene.poses))
-    held = np.zeros_like(system.H)
-    held[where, where] = 1 / sd**2
-    sigma_px = max(sigma_px, 1e-3)
-    covariance = np.linalg.pinv((system.H - held) / sigma_px**2 + held)
-    found = PlaneScene(state.poses, np.exp(state.common + state.own), state.k1, state.ground)
-    return Adjusted(found, away, float(np.sqrt(max(covariance[k, k], 0.0))))
+    return max(float(np.median(away)) / np.sqrt(2 * np.log(2)), LEAST_SPREAD_PX)
 
 
 @dataclass(frozen=True)
@@ -176,7 +200,12 @@ def _moved(state: _State, step: Float[np.ndarray, " c"], points: Float[np.ndarra
 
 
 def _normal(
-    state: _State, seen: Sightings, middle: Float[np.ndarray, "2"], prior: _Prior, loss_px: float
+    state: _State,
+    seen: Sightings,
+    middle: Float[np.ndarray, "2"],
+    prior: _Prior,
+    loss_px: float,
+    sigma_px: float,
 ) -> _System:
     v, n, size = len(state.poses), len(state.ground), 7 * len(state.poses) + 2
     at = state.ground[seen.point]
@@ -189,8 +218,8 @@ def _normal(
     pixel = f[:, None] * xy * (1 + state.k1 * r2)[:, None]
     miss = np.einsum("kij,kj->ki", seen.whiten, pixel + middle - seen.places_px)
     square = np.sum(miss**2, 1)
-    weight = 1 / (1 + square / loss_px**2)
-    cost = float(np.sum(loss_px**2 * np.log1p(square / loss_px**2)))
+    weight = 1 / (1 + square / loss_px**2) / sigma_px**2
+    cost = float(np.sum(loss_px**2 * np.log1p(square / loss_px**2))) / sigma_px**2
     bend = (1 + state.k1 * r2)[:, None, None] * np.eye(2) + 2 * state.k1 * xy[:, :, None] * xy[:, None, :]
     to_xy = np.zeros((len(at), 2, 3))
     to_xy[:, 0, 0] = to_xy[:, 1, 1] = 1 / z
