@@ -84,10 +84,11 @@ def adjusted(
     """Poses, focal lengths, k1 and points of the least misses, with Cauchy's weights, against their priors.
 
     The cost is the misses' over sigma² plus the priors' over their spreads squared; sigma, the misses' own
-    spread (px), is told by their median, at the start and in ROUNDS after each solution. log f_i = log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f
-    of (mean, spread) `focal_prior`; `loss_px` is where a miss counts half. Levenberg and Marquardt's steps; points eliminated (Schur), each a 2 x 2
-    block (Triggs et al. 2000, Bundle adjustment: a modern synthesis). Similarities of the ground are left to
-    the damping. `size`: (height, width) of the photos.
+    spread (px), is told by their median, at the start and anew after each solution (ROUNDS). log f_i =
+    log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f of (mean,
+    spread) `focal_prior`; `loss_px` is where a miss counts half. Levenberg and Marquardt's steps; points
+    eliminated (Schur), each a 2 x 2 block (Triggs et al. 2000, Bundle adjustment: a modern synthesis).
+    Similarities of the ground are left to the damping. `size`: (height, width) of the photos.
     """
     middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
     common = float(np.mean(np.log(scene.focals_px)))
@@ -137,7 +138,7 @@ def _solved(
 def _spread_px(system: "_System") -> float:
     """Of the misses in each direction, as the median of a Rayleigh distribution tells it."""
     away = np.linalg.norm(system.miss_px, axis=1)
-    return max(float(np.median(away)) / np.sqrt(2 * np.log(2)), LEAST_SPREAD_PX)
+    return max(float(np.median(away) / np.sqrt(2 * np.log(2))), LEAST_SPREAD_PX)
 
 
 @dataclass(frozen=True)
