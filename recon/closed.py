@@ -52,6 +52,22 @@ def facing(
     return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
 
 
+def rim_crossings(
+    points: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    i: Int[np.ndarray, " e"],
+    j: Int[np.ndarray, " e"],
+    place: Float[np.ndarray, "3"],
+) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Edges (i, j) whose one end faces a camera at `place` and whose other does not: their ends a and b, and
+    the share t of the way from a to b where n . (place - x), linear along the edge, is zero.
+    """
+    towards = np.einsum("ij,ij->i", place - points, normals)
+    crossing = (towards[i] > 0) != (towards[j] > 0)
+    a, b = i[crossing], j[crossing]
+    return a, b, towards[a] / (towards[a] - towards[b])
+
+
 def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
     """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
     i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])

@@ -1,7 +1,11 @@
 """What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
 
-The outlines that a mesh was settled on agree with it by construction. This looks again, with no outline:
-a point of the support plane that the mesh leaves free in several photos must keep its colour in them all.
+The outlines that a mesh was settled on agree with it by construction. This looks again, without the outlines
+and the plate that they came from: a point of the support plane that the mesh leaves free in several photos
+must keep its colour in them all. It is a second look, not independent evidence. Photos, cameras and support
+plane are the same, the mesh itself says where ground and skin are looked at, and the colours are modelled
+alike (shadows and histograms of recon/mask.py). What misleads both, such as a wrong camera or ground mirrored
+in the skin, goes unnoticed here.
 """
 
 from collections.abc import Sequence
@@ -13,7 +17,14 @@ from scipy import ndimage
 
 from recon.camera import Camera
 from recon.ground_colours import Profiles, profiles_of
-from recon.mask import DARKEST_SHADOW, cells_of, colour_density, density_at
+from recon.mask import (
+    DARKEST_SHADOW,
+    DEGREES_OF_FREEDOM,
+    LEAST_NOISE_LAB,
+    cells_of,
+    colour_density,
+    density_at,
+)
 from recon.rim_samples import Rim, rims_of
 
 REACH_PX = 10
@@ -25,9 +36,12 @@ MOST_EVIDENCE = 3.0
 MOST_OF_SHADOW = 0.5
 """The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
 CORRELATED = 0.6
-"""Share by which a pixel's evidence counts, as neighbours on a profile are alike: blur, texture."""
-EDGE_EVIDENCE, EDGE_LAB = 8.0, 25.0
-"""Most that a step of colour across the edge counts for, and the step (Lab units) that counts so much."""
+"""Share by which a pixel's evidence counts, as neighbours on a profile are alike: blur, texture. To it comes
+half as much from either neighbouring sample."""
+EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
+"""Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
+STEP_POOLING), and the step (Lab units) that counts so much."""
+STEP_POOLING = (0.25, 0.5, 0.25)
 STEP_PX = 3
 """The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
 USUAL_PX = 1.5
@@ -147,20 +161,30 @@ def _densities(
 ]:
     """Densities of one photo's profile colours as lit ground, darkened ground, and skin; and in 0..1 how far
     skin and ground can be told apart at all there.
+
+    The counterpart of recon.mask's ground_noise and ground_density, from other data. There the ground is the
+    plate, its noise is estimated over a whole window that a shadow may half cover (a low quantile), and the
+    window tells how common and how dark shadows are. Here the ground is what the other photos show, with a
+    spread for every pixel and channel; its noise comes from a few thousand pixels of profiles (their median
+    deviation), too few to tell of shadows, which are taken as even over k with the prior SHADOW_SHARE.
+    Degrees of freedom, least noise and darkest shadow are recon.mask's.
     """
     colours, known = profiles.colours[mine], profiles.known[mine]
     ground = profiles.ground[mine]
     off = colours - np.clip(colours, profiles.lowest[mine], profiles.highest[mine])
     sure = known & (offsets >= 6)
     noise = np.array([2.0, 1.5, 1.5])
+    least = np.array(LEAST_NOISE_LAB)[[0, 1, 1]]
     if sure.sum() > 50:
-        noise = np.clip(1.48 * np.median(np.abs(off[sure]), axis=0), [1.5, 1.0, 1.0], [6.0, 5.0, 5.0])
+        noise = np.clip(1.48 * np.median(np.abs(off[sure]), axis=0), least, [6.0, 5.0, 5.0])
     scale = np.hypot(noise, profiles.spread[mine])
     lit = student(off, scale)
     k = (colours[..., 0] + 16) / (ground[..., 0] + 16)
     tint = colours[..., 1:] - k[..., None] * ground[..., 1:]
     square = np.sum((tint / (1.5 * scale[..., 1:])) ** 2, axis=-1)
-    plane = 1 / (2 * np.pi * 2.25 * np.prod(scale[..., 1:], axis=-1)) * (1 + square / 5) ** -3.5
+    plane = (
+        1 / (2 * np.pi * 2.25 * np.prod(scale[..., 1:], axis=-1)) * (1 + square / DEGREES_OF_FREEDOM) ** -3.5
+    )
     dim = np.where(
         (k > DARKEST_SHADOW) & (k <= 1), plane / ((1 - DARKEST_SHADOW) * (ground[..., 0] + 16)), 0.0
     )
@@ -201,9 +225,7 @@ def _edge_of(
     """Posterior mean and standard deviation of the edge's offset (px), pooled over the next samples."""
     pooled = ndimage.convolve1d(odds, [0.5, 1.0, 0.5], axis=0, mode="wrap") * CORRELATED
     total = np.cumsum(pooled, axis=1)
-    score = (
-        2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, [0.5, 1.0, 0.5], axis=0, mode="wrap")
-    )
+    score = 2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, STEP_POOLING, axis=0, mode="wrap")
     inner = np.abs(offsets) <= reach
     score, at = score[:, inner], offsets[inner]
     score = score - np.log1p((at / USUAL_PX) ** 2)
@@ -215,8 +237,8 @@ def _edge_of(
 
 
 def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, " *n"]:
-    """Student's t density in three dimensions, five degrees of freedom: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
+    """Student's t density in three dimensions, DEGREES_OF_FREEDOM = 5: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
     at its top for unit scales.
     """
     square = np.sum((off / scale) ** 2, axis=-1)
-    return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / 5) ** -4.0)
+    return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / DEGREES_OF_FREEDOM) ** -4.0)

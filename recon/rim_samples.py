@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.camera import Camera
-from recon.closed import vertex_normals
+from recon.closed import rim_crossings, vertex_normals
 from recon.hull import drawn
 from recon.mask import Window
 
@@ -161,11 +161,8 @@ def _rim(
     """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
     camera = sight.camera
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    a, b = edges[edges[:, 0] < edges[:, 1]].T
-    towards = np.einsum("ij,ij->i", camera.place - vertices, normals)
-    crossing = (towards[a] > 0) != (towards[b] > 0)
-    a, b = a[crossing], b[crossing]
-    t = towards[a] / (towards[a] - towards[b])
+    i, j = edges[edges[:, 0] < edges[:, 1]].T
+    a, b, t = rim_crossings(vertices, normals, i, j, camera.place)
     points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
     pixel = camera.project(points)
     outer = np.abs(looked_up(sight.outside_px, pixel)) < 1.6

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from recon.camera import Camera
-from recon.closed import neighbour_mean, vertex_normals
+from recon.closed import neighbour_mean, rim_crossings, vertex_normals
 from recon.hull import Silhouette
 
 ROUNDS, WARY = 8, 5
@@ -68,7 +67,7 @@ def settled(
         normals = vertex_normals(x, faces)
         rows, values, pixel_mm = [], [], []
         for s in silhouettes:
-            a, b, t = _rims(x, normals, i, j, s.camera)
+            a, b, t = rim_crossings(x, normals, i, j, s.camera.place)
             depth = (1 - t) * s.depth_mm(x[a]) + t * s.depth_mm(x[b])
             near = np.abs(depth) < (REACH_SHARE if turn else 2 * REACH_SHARE) * size
             rows.append(np.stack([a, b, 1 - t, t])[:, near])
@@ -106,20 +105,6 @@ def settled(
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
     return Settled(x, held, float(np.median(np.abs(misses))))
-
-
-def _rims(
-    x: Float[np.ndarray, "n 3"],
-    normals: Float[np.ndarray, "n 3"],
-    i: Int[np.ndarray, " e"],
-    j: Int[np.ndarray, " e"],
-    camera: Camera,
-) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Edges that cross the rim seen from a camera, and the share of the way from i to j where they do."""
-    facing = np.einsum("ij,ij->i", camera.place - x, normals)
-    crossing: Bool[np.ndarray, " e"] = (facing[i] > 0) != (facing[j] > 0)
-    a, b = i[crossing], j[crossing]
-    return a, b, facing[a] / (facing[a] - facing[b])
 
 
 def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
