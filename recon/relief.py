@@ -138,6 +138,13 @@ def _finer(
 ) -> tuple[Float[np.ndarray, "m 3"], Bool[np.ndarray, " m"]]:
     """A surface found, improved on a finer mesh inside a zone while the second half of the views agrees
     better with what the first half finds; and where it was measured. `again`: over the whole range first.
+
+    The second half is asked up to 3 + MOST_ROUNDS times: once or twice whether regions are kept (`judged`),
+    once for `again`, once a round. As the same views decide each time, they are strictly held out only when
+    first asked, and their gain over all steps is no unbiased score of the result. What protects against
+    following their noise: they are never searched, only accept or refuse what the first half found as a
+    whole; and each step must raise their mean correlation over the zone by LEAST_AGAIN_GAIN or
+    LEAST_FINE_GAIN, well above zero, or the rounds end.
     """
 
     def spread(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
