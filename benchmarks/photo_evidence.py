@@ -4,9 +4,10 @@
 
 Each folder has photos, mat.json, fruit_truth.ply and cameras_truth.json. A line is printed for the mesh that
 `reconstruct` makes and for that mesh made wrong without a look at the truth: KINDS. A mesh is bad where it is
-off by more than 0.3 mm (root mean square over the skin that two cameras see) or 2 % of volume, sound where by
-less than half of both; `said` where the self-check warns or refuses. `within`: share of the skin seen where
-|error| < 2 sd. `left-right`: recon.camera_shadow, px. KEPT holds reconstructions for the next run.
+off by more than MISSED_RMS_MM (root mean square over the skin that two cameras see) or MISSED_VOLUME of
+benchmarks/photo_bank_score.py, sound where by less than half of both; `said` where the self-check warns or
+refuses. `within`: share of the skin seen where |error| < 2 sd. `left-right`: recon.camera_shadow, px. KEPT
+holds reconstructions for the next run.
 """
 
 import argparse
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from photo_bank_score import MISSED_RMS_MM, MISSED_VOLUME
 from recon_score import Truth, read_truth, signed_distance_mm
 
 from recon.camera import Camera, straightened
@@ -36,7 +38,6 @@ from recon.stage_clock import one_thread
 from recon.surface_error import surface_error
 from recon.surface_verdict import surface_doubts, surface_offset
 
-BAD_RMS_MM, BAD_VOLUME = 0.3, 0.02
 KINDS: dict[str, tuple[str, float, float]] = {
     "made": ("none", 0.0, 0.0),
     "shrunk 1 %": ("scale", -0.01, 0.0),
@@ -161,8 +162,8 @@ def told(made: dict[str, Any], truth: Truth, kind: str, name: str) -> dict[str, 
         words = [f"refused: {failure.detail}"]
     rms_mm = float(np.sqrt(area @ off**2))
     volume = volume_mm3(vertices, faces) / volume_mm3(truth.vertices, truth.faces) - 1
-    bad = rms_mm > BAD_RMS_MM or abs(volume) > BAD_VOLUME
-    sound = rms_mm < BAD_RMS_MM / 2 and abs(volume) < BAD_VOLUME / 2
+    bad = rms_mm > MISSED_RMS_MM or abs(volume) > MISSED_VOLUME
+    sound = rms_mm < MISSED_RMS_MM / 2 and abs(volume) < MISSED_VOLUME / 2
     return {
         "rms_mm": rms_mm, "volume_error": volume, "is": "bad" if bad else "sound" if sound else "between",
         "stated_mm": float(np.sqrt(area @ sd_mm**2)), "within": float(area @ (np.abs(off) < 2 * sd_mm)),
