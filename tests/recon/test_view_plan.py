@@ -2,7 +2,9 @@
 
 import pickle
 
+import cv2
 import numpy as np
+import pytest
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.view_plan import plan_words, view_plan
@@ -52,10 +54,53 @@ def test_a_failure_brings_its_plan_back_from_a_worker():
     assert back.views == plan
 
 
-def test_the_picture_is_a_png():
-    plan = view_plan(GIVEN, _ring(np.arange(7) * 20.0), np.zeros(3), given=GIVEN)
-    picture = view_plan_picture(
-        names=plan.names, azimuth_deg=plan.azimuth_deg, distance=plan.distance, unplaced=("a.jpg",),
-        gaps_deg=plan.gaps_deg, stand_deg=plan.stand_deg,
-    )  # fmt: skip
-    assert picture[:8] == b"\x89PNG\r\n\x1a\n"
+def _picture(**changed):
+    plan = {
+        "names": ("a.jpg", "b.jpg"), "azimuth_deg": (0.0, 180.0), "distance": (300.0, 300.0), "unplaced": (),
+        "gaps_deg": (), "stand_deg": (),
+    }  # fmt: skip
+    coded = view_plan_picture(**{**plan, **changed})
+    return cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_COLOR).astype(int)
+
+
+def _side(before, after, box):
+    """How many pixels differ between two pictures inside a box (top, bottom, left, right as shares)."""
+    rows, columns = before.shape[:2]
+    top, bottom, left, right = (
+        round(s * n) for s, n in zip(box, (rows, rows, columns, columns), strict=True)
+    )
+    return int((np.abs(after - before).max(axis=2) > 8)[top:bottom, left:right].sum())
+
+
+RIGHT, LEFT = (0.1, 0.85, 0.58, 1.0), (0.1, 0.85, 0.0, 0.42)
+BELOW, ABOVE = (0.6, 0.89, 0.0, 1.0), (0.1, 0.4, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "drawn", "untouched"),
+    [
+        # 0 degrees lies below, and degrees run to the right
+        ({"gaps_deg": ((45.0, 135.0),)}, RIGHT, LEFT),
+        ({"gaps_deg": ((225.0, 315.0),)}, LEFT, RIGHT),
+        ({"stand_deg": (90.0,)}, RIGHT, LEFT),
+        ({"stand_deg": (270.0,)}, LEFT, RIGHT),
+        ({"azimuth_deg": (0.0, 150.0)}, ABOVE, BELOW),
+        ({"azimuth_deg": (30.0, 180.0)}, BELOW, ABOVE),
+    ],
+)
+def test_gaps_standing_places_and_photos_are_drawn_on_their_side_and_nowhere_else(changed, drawn, untouched):
+    before, after = _picture(), _picture(**changed)
+    assert _side(before, after, drawn) > 100
+    assert _side(before, after, untouched) == 0
+
+
+def test_a_wide_gap_is_shaded_over_its_whole_sector():
+    before, after = _picture(), _picture(gaps_deg=((10.0, 170.0),))
+    assert _side(before, after, (0.15, 0.45, 0.58, 0.8)) > 100
+    assert _side(before, after, (0.55, 0.85, 0.58, 0.8)) > 100
+
+
+def test_photos_that_could_not_be_placed_are_listed_at_the_bottom():
+    before, after = _picture(), _picture(unplaced=("c.jpg",))
+    assert _side(before, after, (0.93, 1.0, 0.0, 1.0)) > 100
+    assert _side(before, after, (0.0, 0.9, 0.0, 1.0)) == 0
