@@ -44,13 +44,13 @@ STEP_POOLING), and the step (Lab units) that counts so much."""
 STEP_POOLING = (0.25, 0.5, 0.25)
 STEP_PX = 3
 """The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
-USUAL_PX = 1.5
+PRIOR_SCALE_PX = 1.5
 """Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
 Evidence of three units moves the edge by seven pixels all the same. With this and STEP_PX the edge's error
 fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px (benchmarks/photo_evidence.py)."""
 SHADOW_SHARE = 0.15
 """Prior share of ground beside a fruit that is darkened."""
-UNUSUAL = 2e-7
+LEAST_DENSITY = 2e-7
 """Density (per Lab unit cubed) of colours that neither model expects."""
 
 
@@ -60,9 +60,9 @@ class RimEvidence:
 
     Sample i is the point (1 - t) a + t b of the mesh's edge between vertices `a` and `b`, as photo `view`
     sees it. `offset_mm` is the posterior mean of the edge's place (positive: the fruit reaches further than
-    the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `odd` is the share of the
-    profile's pixels outside the rim that show no ground, `dim` that show it darkened, `through` the share
-    inside the rim that shows ground as it is. `known`: three other photos tell the ground's colour there.
+    the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `dim` is the share of the
+    profile's pixels outside the rim that show the ground darkened, `through` the share inside the rim that
+    shows it as it is. `known`: three other photos tell the ground's colour there.
     `turn`: direction from the fruit's middle in the picture (radians; 0 right, pi / 2 up).
     """
 
@@ -73,7 +73,6 @@ class RimEvidence:
     offset_mm: Float[np.ndarray, " k"]
     sd_mm: Float[np.ndarray, " k"]
     pixel_mm: Float[np.ndarray, " k"]
-    odd: Float[np.ndarray, " k"]
     dim: Float[np.ndarray, " k"]
     through: Float[np.ndarray, " k"]
     known: Bool[np.ndarray, " k"]
@@ -93,7 +92,7 @@ def rim_evidence(
     neighbours), as it is or darkened (L* + 16, a*, b* scaled by one k in DARKEST_SHADOW..1); skin is what
     this photo shows further inside; l shrinks to 0 where the two look alike. With an edge at d the profile's
     evidence is sum_{o < d} l - sum_{o > d} l, and a step of colour that the ground does not explain adds to
-    it; the posterior over d (Cauchy prior of scale USUAL_PX) gives `offset_mm` and `sd_mm`.
+    it; the posterior over d (Cauchy prior of scale PRIOR_SCALE_PX) gives `offset_mm` and `sd_mm`.
     Cameras have no distortion.
     """
     sights, rims = rims_of(images, cameras, vertices, faces)
@@ -108,24 +107,23 @@ def _evidence(
     rims: Sequence[Rim], profiles: Profiles, offsets: Float[np.ndarray, " o"], reach: int
 ) -> RimEvidence:
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
-    out = {k: np.zeros(len(view)) for k in ("offset", "sd", "odd", "dim", "through")}
+    out = {k: np.zeros(len(view)) for k in ("offset", "sd", "dim", "through")}
     known = np.zeros(len(view), bool)
     for k in range(len(rims)):
         mine = view == k
         if mine.sum() < 8:
             continue
-        lit, dim, skin, apart = _densities(profiles, mine, offsets)
+        lit, dim, skin, separable = _densities(profiles, mine, offsets)
         ok = profiles.known[mine]
         ground = (1 - SHADOW_SHARE) * lit + SHADOW_SHARE * dim
-        odds = np.log(skin + UNUSUAL) - np.log(ground + UNUSUAL)
+        odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
         least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
-        odds = np.where(ok, apart * np.clip(odds, least, MOST_EVIDENCE), 0.0)
+        odds = np.where(ok, separable * np.clip(odds, least, MOST_EVIDENCE), 0.0)
         step = _steps(profiles, mine)
         mean, sd = _edge_of(odds, step, offsets, reach)
         out["offset"][mine], out["sd"][mine] = mean, sd
         beside = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        out["odd"][mine] = ((odds > 1.5) & ok)[:, beside].mean(1)
         out["dim"][mine] = ((dim > lit) & (odds < 0) & ok)[:, beside].mean(1)
         out["through"][mine] = ((odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
@@ -138,7 +136,6 @@ def _evidence(
         offset_mm=out["offset"] * joined["pixel_mm"],
         sd_mm=out["sd"] * joined["pixel_mm"],
         pixel_mm=joined["pixel_mm"],
-        odd=out["odd"],
         dim=out["dim"],
         through=out["through"],
         known=known,
@@ -199,8 +196,8 @@ def _densities(
         near = student(of - middle[:, None], np.maximum(wide, [4.0, 2.5, 2.5])[:, None])
         return np.asarray(0.5 * near + 0.5 * density_at(palette, cells_of(of)))
 
-    apart = np.log(student(0 * off, scale) + UNUSUAL) - np.log(skin(ground) + UNUSUAL)
-    return lit, dim, skin(colours), np.clip(apart / MOST_EVIDENCE, 0, 1)
+    separable = np.log(student(0 * off, scale) + LEAST_DENSITY) - np.log(skin(ground) + LEAST_DENSITY)
+    return lit, dim, skin(colours), np.clip(separable / MOST_EVIDENCE, 0, 1)
 
 
 def _steps(profiles: Profiles, mine: Bool[np.ndarray, " k"]) -> Float[np.ndarray, "k o"]:
@@ -228,7 +225,7 @@ def _edge_of(
     score = 2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, STEP_POOLING, axis=0, mode="wrap")
     inner = np.abs(offsets) <= reach
     score, at = score[:, inner], offsets[inner]
-    score = score - np.log1p((at / USUAL_PX) ** 2)
+    score = score - np.log1p((at / PRIOR_SCALE_PX) ** 2)
     weight = np.exp(score - score.max(1, keepdims=True))
     weight /= weight.sum(1, keepdims=True)
     mean = weight @ at
@@ -238,7 +235,7 @@ def _edge_of(
 
 def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, " *n"]:
     """Student's t density in three dimensions, DEGREES_OF_FREEDOM = 5: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
-    at its top for unit scales.
+    at its top for unit scales. recon.mask has one and two dimensions, in single precision for whole windows.
     """
     square = np.sum((off / scale) ** 2, axis=-1)
     return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / DEGREES_OF_FREEDOM) ** -4.0)

@@ -7,9 +7,17 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from recon.rim_samples import FEWEST_SIGHTINGS, FREE_PX, Rim, Sight, foot, looked_up, seen_free
+from recon.rim_samples import (
+    CLEARANCE_PX,
+    FEWEST_SIGHTINGS,
+    Rim,
+    Sight,
+    ground_centre,
+    interpolated,
+    visible_ground,
+)
 
-FURTHEST = 6.0
+FARTHEST_DIAMETERS = 6.0
 """Ground further from the fruit than this many diameters is not looked up: a wall may stand there."""
 
 
@@ -35,7 +43,7 @@ def profiles_of(
 
     A photo tells nothing of its own rims' ground. `known` where FEWEST_SIGHTINGS photos or more tell.
     """
-    middle, radius = foot(vertices)
+    middle, radius = ground_centre(vertices)
     points, colours, reached = [], [], []
     for s, rim in zip(sights, rims, strict=True):
         pixels = (rim.pixel[:, None] + offsets[:, None] * rim.normal[:, None]).reshape(-1, 2)
@@ -48,20 +56,22 @@ def profiles_of(
         spot = s.camera.place + along[:, None] * rays
         inside = ((pixels > 0) & (pixels < [s.camera.width_px - 1, s.camera.height_px - 1])).all(1)
         points.append(spot)
-        reached.append(down & inside & (np.linalg.norm(spot - middle, axis=1) < 2 * FURTHEST * radius))
-        colours.append(looked_up(s.colours, pixels))
+        reached.append(
+            down & inside & (np.linalg.norm(spot - middle, axis=1) < 2 * FARTHEST_DIAMETERS * radius)
+        )
+        colours.append(interpolated(s.colours, pixels))
     spots, reach = np.concatenate(points), np.concatenate(reached)
     own = np.repeat(np.arange(len(sights)), [len(p) for p in points])
     count = len(spots)
     stack = np.full((3, len(sights), count, 3), 255, np.uint8)
     seen = np.zeros((len(sights), count), bool)
     for k, s in enumerate(sights):
-        pixels, free = seen_free(s.camera, s.outside_px, spots, FREE_PX)
+        pixels, free = visible_ground(s.camera, s.outside_px, spots, CLEARANCE_PX)
         free &= reach & (own != k)
         seen[k] = free
-        stack[0, k, free] = looked_up(s.colours, pixels[free])
-        stack[1, k, free] = looked_up(s.lowest, pixels[free], cv2.INTER_NEAREST)
-        stack[2, k, free] = looked_up(s.highest, pixels[free], cv2.INTER_NEAREST)
+        stack[0, k, free] = interpolated(s.colours, pixels[free])
+        stack[1, k, free] = interpolated(s.lowest, pixels[free], cv2.INTER_NEAREST)
+        stack[2, k, free] = interpolated(s.highest, pixels[free], cv2.INTER_NEAREST)
     sightings = seen.sum(0)
     shape = (-1, len(offsets), 3)
 

@@ -1,4 +1,4 @@
-"""Photos as the self-check looks at them, small and of one brightness, and the mesh's rim in them."""
+"""Photos as the self-check uses them, downscaled and of one brightness, and the mesh's rim in them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,16 +13,18 @@ from recon.hull import drawn
 from recon.mask import Window
 
 DIAMETER_PX = 260.0
-"""Photos are shrunk until the fruit is at most this wide (px): finer pixels cost time and tell no more."""
+"""Photos are downscaled until the fruit is about this wide (px): finer pixels cost time and tell no more."""
 RIM_SAMPLES = 96
-FREE_PX = 4.0
+CLEARANCE_PX = 4.0
 """A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
 FEWEST_SIGHTINGS = 3
 
 
 @dataclass(frozen=True)
 class Sight:
-    """A photo shrunk, as 8-bit Lab with its range over eight neighbours, and the mesh's distance in it."""
+    """A downscaled photo as 8-bit Lab with its range over eight neighbours, and the signed distance from the
+    mesh's silhouette in it (px, positive outside).
+    """
 
     camera: Camera
     colours: UInt8[np.ndarray, "h w 3"]
@@ -49,9 +51,9 @@ def rims_of(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
 ) -> tuple[list[Sight], list[Rim]]:
-    """Every photo shrunk, at the brightness of the median photo, and its rim samples."""
+    """Every photo downscaled, at the brightness of the median photo, and its rim samples."""
     normals = vertex_normals(vertices, faces)
-    pairs = [_shrunk(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
+    pairs = [_downscaled(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
     outside = [_outside_px(c, vertices, faces) for _, c in pairs]
     gains = _gains(pairs, outside, vertices)
     sights = []
@@ -61,7 +63,7 @@ def rims_of(
     return sights, [_rim(s, vertices, normals, faces) for s in sights]
 
 
-def _shrunk(
+def _downscaled(
     image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
 ) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
     """The photo shrunk until the fruit is DIAMETER_PX wide, lightly blurred, and its camera.
@@ -81,14 +83,14 @@ def _shrunk(
 def _outside_px(
     camera: Camera, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "h w"]:
-    """Signed distance to the mesh's drawing, px, positive outside."""
+    """Signed distance to the mesh's silhouette, px, positive outside."""
     window = Window(np.empty((camera.height_px, camera.width_px, 0), np.uint8), (0, 0), 1)
     inside = drawn(vertices, faces, window, camera)
     out = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5)
     return np.asarray(out - cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
 
 
-def looked_up(
+def interpolated(
     picture: np.ndarray, pixels: Float[np.ndarray, "k 2"], flags: int = cv2.INTER_LINEAR
 ) -> np.ndarray:
     """Values at pixels; what misses the picture gets its border."""
@@ -99,14 +101,17 @@ def looked_up(
     return np.asarray(found.reshape(len(maps), *picture.shape[2:])[: len(pixels)])
 
 
-def seen_free(
-    camera: Camera, outside_px: Float[np.ndarray, "h w"], points: Float[np.ndarray, "k 3"], free_px: float
+def visible_ground(
+    camera: Camera,
+    outside_px: Float[np.ndarray, "h w"],
+    points: Float[np.ndarray, "k 3"],
+    clearance_px: float,
 ) -> tuple[Float[np.ndarray, "k 2"], Bool[np.ndarray, " k"]]:
     """Pixels of ground points, and which of them are in the picture and free of the mesh."""
     ahead = camera.into(points)[:, 2] > 0
     pixels = camera.project(points)
     inside = ((pixels > 2) & (pixels < [camera.width_px - 3, camera.height_px - 3])).all(1)
-    return pixels, ahead & inside & (looked_up(outside_px, pixels) > free_px)
+    return pixels, ahead & inside & (interpolated(outside_px, pixels) > clearance_px)
 
 
 def _gains(
@@ -115,14 +120,14 @@ def _gains(
     vertices: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "v 3"]:
     """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
-    middle, radius = foot(vertices)
+    middle, radius = ground_centre(vertices)
     turn, far = np.meshgrid(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.linspace(1.2, 3.0, 12))
     ring = np.column_stack([(far * np.cos(turn)).ravel(), (far * np.sin(turn)).ravel(), 0 * turn.ravel()])
     points = ring * radius + middle
     colours = np.full((len(pairs), len(points), 3), np.nan)
     for k, ((image, camera), out) in enumerate(zip(pairs, outside, strict=True)):
-        pixels, seen = seen_free(camera, out, points, 2 * FREE_PX)
-        colours[k, seen] = np.log(looked_up(image, pixels[seen]).reshape(-1, 3) + 8.0)
+        pixels, seen = visible_ground(camera, out, points, 2 * CLEARANCE_PX)
+        colours[k, seen] = np.log(interpolated(image, pixels[seen]).reshape(-1, 3) + 8.0)
     known = np.isfinite(colours[..., 0]).sum(0) >= FEWEST_SIGHTINGS
     if known.sum() < 30:
         return np.ones((len(pairs), 3))
@@ -133,7 +138,7 @@ def _gains(
     return np.clip(gains, 0.4, 2.5)
 
 
-def foot(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+def ground_centre(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
     """The ground point under the mesh's middle, and half its width."""
     low, high = vertices.min(0), vertices.max(0)
     middle = (low + high) / 2
@@ -165,7 +170,7 @@ def _rim(
     a, b, t = rim_crossings(vertices, normals, i, j, camera.place)
     points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
     pixel = camera.project(points)
-    outer = np.abs(looked_up(sight.outside_px, pixel)) < 1.6
+    outer = np.abs(interpolated(sight.outside_px, pixel)) < 1.6
     inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
     keep = np.flatnonzero(outer & inside)
     turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)

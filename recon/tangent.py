@@ -13,14 +13,14 @@ from scipy.sparse.linalg import splu
 from recon.closed import neighbour_mean, rim_crossings, vertex_normals
 from recon.hull import Silhouette
 
-ROUNDS, WARY = 8, 5
+ROUNDS, CAUTIOUS_ROUNDS = 8, 5
 STIFFNESS = 6.0
 REACH_SHARE = 0.03
 LEAST_SPREAD_PX = 0.35
 SPREADS = 3.0
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
 """How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in
-the WARY first rounds; over the SHADED before that it counts ever less."""
+the CAUTIOUS_ROUNDS first rounds; over the SHADED before that it counts ever less."""
 SPREADING = 6
 
 
@@ -84,7 +84,7 @@ def settled(
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
         if floor_mm is not None:
             down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
-            none_from = NONE_AT_FIRST_FROM if turn < WARY else NONE_FROM
+            none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
             weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
         normal_of = A.T @ sparse.diags(weight) @ A + STIFFNESS * (L.T @ L)
         right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))

@@ -90,7 +90,7 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
     """
     mu = E_MPa / (2 * (1 + poisson_ratio))
     lam = E_MPa * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
-    slopes, volumes = integrated(bricks.nodes_mm[bricks.cells])
+    slopes, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
     if volumes.min() <= 0:
         raise ValueError(f"{int((volumes.min(axis=1) <= 0).sum())} bricks of the sample mesh are inside out")
     count = len(bricks.nodes_mm)
@@ -122,7 +122,7 @@ def _holding() -> Float[np.ndarray, " 6"]:
     return HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
 
 
-def integrated(
+def shape_gradients(
     corners: Float[np.ndarray, "m 27 3"],
 ) -> tuple[Float[np.ndarray, "m 27 27 3"], Float[np.ndarray, "m 27"]]:
     """Gradients of the shape functions (1/mm; cell, point, node, axis) and volumes (mm³) of the 27 Gauss

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from samples.factors import Solve, factorise
 from samples.failure import NotInEquilibrium
-from samples.flesh import assembled, integrated
-from samples.hexahedra import lagrange, with_middles
+from samples.flesh import assembled, shape_gradients
+from samples.hexahedra import lagrange, with_midpoints
 
 SHIPPED_X = (-13.0, -10.5, -8.5, -7.2, *np.arange(-6.2, 6.3, 1.0333333), 7.2, 8.5, 10.5, 13.0)
 SHIPPED_Y = (-11.0, -9.2, -8.0, -7.1, *np.arange(-6.2, 6.3, 1.0333333), 7.1, 8.0, 9.2, 11.0)
@@ -80,8 +80,8 @@ def gel_block(
     depths: Sequence[float] = SHIPPED_DEPTHS,
 ) -> GelBlock:
     """Mesh and condense a block; `depths` are relative cell borders, loads reach `reach_mm` far."""
-    x, y = with_middles(np.asarray(x_mm)), with_middles(np.asarray(y_mm))
-    z = -thickness_mm * with_middles(np.asarray(depths))[::-1]
+    x, y = with_midpoints(np.asarray(x_mm)), with_midpoints(np.asarray(y_mm))
+    z = -thickness_mm * with_midpoints(np.asarray(depths))[::-1]
     a, b, c = len(x), len(y), len(z)
     number = np.arange(a * b * c).reshape(c, a, b)
     corner = np.meshgrid(*[np.arange(0, n - 2, 2) for n in (c, a, b)], indexing="ij")
@@ -92,7 +92,7 @@ def gel_block(
     grid = np.meshgrid(z, x, y, indexing="ij")
     nodes = np.stack([grid[1], grid[2], grid[0]], axis=-1).reshape(-1, 3)
     mu, lam = E_MPa / (2 * (1 + nu)), E_MPa * nu / ((1 + nu) * (1 - 2 * nu))
-    slopes, volumes = integrated(nodes[cells])
+    slopes, volumes = shape_gradients(nodes[cells])
     stiffness = assembled(cells, slopes, volumes, mu, lam, len(nodes))
     fixed = 3 * a * b
     solve = factorise(stiffness[fixed:][:, fixed:])

@@ -39,13 +39,13 @@ def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fi
     A node at direction d and relative depth s lies at (1 - s) skin(d) + s pit(d): the skin and the pit are
     met exactly at the nodes, and in between to the fourth order of the cell's size.
     """
-    fine = with_middles(np.radians(fineness.degrees))
+    fine = with_midpoints(np.radians(fineness.degrees))
     graded = np.concatenate([-fine[:0:-1], fine])
     even = np.linspace(-np.pi / 4, np.pi / 4, 2 * fineness.along + 1)
     sphere = cubed_sphere(even, graded, graded)
     directions = sphere.directions @ _frame(axis)
     skin, pit = fruit.skin.points_mm(directions), fruit.pit.points_mm(directions)
-    stations = with_middles(np.asarray(fineness.depths))[::-1]
+    stations = with_midpoints(np.asarray(fineness.depths))[::-1]
     nodes = np.concatenate([(1 - s) * skin + s * pit for s in stations])
     skin_cells = sphere.biquadratic_cells()
     per_shell = len(directions)
@@ -61,7 +61,7 @@ def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fi
     )
 
 
-def with_middles(borders: Float[np.ndarray, " a"]) -> Float[np.ndarray, " b"]:
+def with_midpoints(borders: Float[np.ndarray, " a"]) -> Float[np.ndarray, " b"]:
     """Cell borders and the middle between each two: n borders give 2 n - 1 places."""
     full = np.empty(2 * len(borders) - 1)
     full[::2] = borders
