@@ -6,8 +6,8 @@ from mat_scene import Egg, ring
 from scipy.ndimage import gaussian_filter1d
 
 from recon.camera import Camera
-from recon.closed import volume_mm3
-from recon.hull import Silhouette, visual_hull
+from recon.closed import rim_crossings, volume_mm3
+from recon.hull import Silhouette, ball, visual_hull
 from recon.mask import Window
 from recon.outline import Outline, silhouette_of_outline
 from recon.tangent import Settled, settled
@@ -89,3 +89,15 @@ def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
     hull, found, faces = hull_and_settled(24, noise_px=0.0, shadow_px=8.0)
     beyond = volume_mm3(hull, faces) / EGG.volume_mm3 - 1
     assert volume_mm3(found.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
+
+
+def test_the_rim_of_a_ball_lies_on_the_polar_plane_of_the_camera():
+    directions, faces = ball(4)
+    i, j = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).T
+    radius, place = 20.0, np.array([50.0, -30.0, 80.0])
+    a, b, t = rim_crossings(radius * directions, directions, i, j, place)
+    rim = radius * ((1 - t)[:, None] * directions[a] + t[:, None] * directions[b])
+    # x . c = r² for every point x at which a tangent from c touches; the chords are linear in between
+    assert len(rim) > 60
+    assert np.allclose(rim @ place, radius**2, rtol=1e-9)
+    assert np.all((t >= 0) & (t <= 1))
