@@ -24,13 +24,16 @@ LEAST_SD = 0.005
 """Relative error that the photos' own scatter does not show: 0.1 to 1.0 % on a coin 38 pixels wide, with
 cameras 0.3 % off, by where the search began."""
 SPOTS = 180
-TRIAL_RADII = 15
+RADIUS_STEP = 0.02
+"""Of the tried radii, relative: over an element of 1 / 9 radius, five steps of it."""
 LEAST_STEP = 3.0
 """Least step of colour that counts as an edge, CIE Lab units: over four of the 41 places across a rim, and a
 picture element in the view from above."""
 OUTERMOST = 0.5
 """Of the steps along a ray that reach this share of its strongest, the outermost is the rim: coins
 have rings."""
+OUTERMOST_VOTES = 0.8
+"""Of the tried radii that reach this share of the most votes, the largest is the first guess."""
 FEWEST_VIEWS = 3
 LEAST_SHARE = 0.45
 """Of the rim's far half, found near one circle in a photo that counts."""
@@ -79,14 +82,14 @@ def coin_scale(
     coin: Coin,
     *,
     unit_mm: float,
-    spread: float = 0.12,
+    spread: float,
 ) -> CoinScale:
     """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
 
-    `unit_mm` is the cameras' unit in mm, known to about `spread`. The rim is a circle of the coin's thickness
-    above the plane. It is sought in the photos' mean from above; then every photo's steps of colour across
-    the half of the rim that is farther from the camera (the nearer half shows the edge and its shadow)
-    settle centre and radius together, with Cauchy's weights. The middle of the fruit is at x = y = 0.
+    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim is a circle of the
+    coin's thickness above the plane. It is sought in the photos' mean from above; then every photo's steps of
+    colour across the half of the rim that is farther from the camera (the nearer half shows the edge and its
+    shadow) settle centre and radius together, with Cauchy's weights. The middle of the fruit is at x = y = 0.
     Raises ReconFailure (no-scale) where no circle of that size shows in three photos.
     """
     high = coin.thickness_mm - EDGE_MM
@@ -187,8 +190,9 @@ def _sought(
     side = int(2 * half / element)
     y, x = np.mgrid[:side, :side]
     flat = np.stack([x.ravel() * element - half, y.ravel() * element - half, np.full(x.size, height)], 1)
-    radii = about * (1 + np.linspace(-spread, spread, TRIAL_RADII))
-    votes = np.zeros((TRIAL_RADII, side, side), np.float32)
+    trials = 2 * int(np.ceil(spread / RADIUS_STEP)) + 1
+    radii = about * (1 + np.linspace(-spread, spread, trials))
+    votes = np.zeros((trials, side, side), np.float32)
     for edges, camera in zip(seen, cameras, strict=True):
         pixels = camera.project(flat).reshape(side, side, 2)
         ahead = camera.into(flat)[:, 2].reshape(side, side) > 0
@@ -214,7 +218,9 @@ def _sought(
             votes[k] += np.minimum(cv2.GaussianBlur(own, (0, 0), 1.0), 8.0)
     total = votes.max(axis=0) + 0.2 * votes.sum(axis=0)
     row, column = np.unravel_index(int(np.argmax(total)), total.shape)
-    return np.array([column * element - half, row * element - half, about])
+    near = votes[:, max(row - 1, 0) : row + 2, max(column - 1, 0) : column + 2].max(axis=(1, 2))
+    outermost = int(np.flatnonzero(near >= OUTERMOST_VOTES * near.max())[-1])
+    return np.array([column * element - half, row * element - half, radii[outermost]])
 
 
 def _not_found(coin: Coin, views: int) -> ReconFailure:

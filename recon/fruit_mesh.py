@@ -33,6 +33,7 @@ from recon.stage_clock import Progress, StageClock, one_thread
 from recon.surface import distances_mm, poisson_surface
 from recon.surface_error import surface_error
 from recon.surface_verdict import surface_doubts, surface_offset
+from recon.unseen_top import top_share
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
@@ -158,10 +159,12 @@ def _reconstructed(
             )
         with clock.stage("relief", 0.7):
             vertices, relief_share, hollow = fruit.vertices, 0.0, np.zeros(len(fruit.vertices))
+            top_measured = 0.0
             if options.relief:
                 found = relief(vertices, fruit.faces, images, cameras, support=fruit.support)
                 vertices, relief_share = found.vertices, float(found.measured.mean())
                 hollow = np.where(found.measured, 0.0, found.bridged)
+                top_measured = top_share(vertices, found.measured)
             skin = cKDTree(vertices)
         with clock.stage("surface", 0.85):
             mesh = closed_surface(
@@ -182,6 +185,7 @@ def _reconstructed(
                     height_sd_mm=options.height_sd_mm,
                     surface_sd=outline_mm,
                     coin=options.coin,
+                    top_measured=top_measured,
                 )
                 factor, scale_sd, scale_doubts = scale.factor, scale.sd, scale.warnings
                 vertices = vertices * factor

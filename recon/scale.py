@@ -12,16 +12,16 @@ from recon.camera import Camera
 from recon.coin import Coin, coin_scale
 from recon.failure import ReconFailure
 from recon.mat import Mat
+from recon.unseen_top import expected_excess
 
 PRINT_SCALE_SD = 0.001
-TOP_SHARE = 0.35
-"""Standard deviation of the top's height over (1 / cos(elevation) - 1) heights, where the lowest photo looks
-down on the top at that elevation: outlines touch a ball so far below its top, and rise above it as a cone.
-Phone photos (benchmarks/photo_phone.py; elevation): -1.3 % (10), -4.0, -0.3 % (30), -6.6, -5.1 % (33 deg)."""
 UNSURE = 0.005
 """Relative error of the scale that is said: 0.15 mm at the skin of a fruit of 60 mm."""
 APART_SD = 3.0
 """Standard deviations by which coin and height may differ unsaid."""
+NEAREST_COIN, FARTHEST_COIN = 0.12, 0.3
+"""Of the height's scale the coin is sought at least so far (a height misread by a tenth is found out), and at
+most: beyond it the coin's own rings are met."""
 Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
@@ -79,40 +79,51 @@ def scale_without_mat(
     height_sd_mm: float,
     surface_sd: float,
     coin: Coin | None,
+    top_measured: float = 0.0,
 ) -> Scale:
     """Scale from the height of the fruit, or from a coin beside it, which the height then checks.
 
-    The height's error is the caliper's, that of two mesh ends (`surface_sd`, in the mesh's unit), and of a
-    top that no photo shows from the side. Without a coin to be found the height counts, with a warning.
+    A mesh whose top no photo shows from the side is too tall: it is taken to be height_mm (1 + excess) tall,
+    with the excess that recon.unseen_top expects of the share of the top that no relief has measured (1 -
+    `top_measured`). The height's error is the caliper's, that of two mesh ends
+    (`surface_sd`, in the mesh's unit), and the excess's. A coin is sought within three of these standard
+    deviations. Without a coin to be found the height counts, with a warning.
     """
-    factor = height_mm / float(np.ptp(vertices[:, 2]))
-    top = vertices.mean(0) * [1, 1, 2]
-    away = np.array([c.place for c in cameras]) - top
+    low, high = vertices.min(0), vertices.max(0)
+    tall = float(high[2] - low[2])
+    middle = np.array([*(low + high)[:2] / 2, low[2]])
+    away = np.array([c.place for c in cameras]) - [*middle[:2], high[2]]
     lowest = float(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1)).min())
-    unseen = TOP_SHARE * (1 / np.cos(max(lowest, 0.0)) - 1)
-    by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), unseen))
+    to_middle = np.eye(4)
+    to_middle[:3, 3] = -middle
+    excess = expected_excess([c.moved(to_middle) for c in cameras], high - low, lowest).times(
+        1 - top_measured
+    )
+    factor = height_mm * (1 + excess.value) / tall
+    by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), excess.sd))
     look = (
-        f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees, so that its "
-        f"height, which gives the scale, is known to {100 * by_height:.1f} % only: take some photos from "
-        "just above the table, or lay a coin beside the fruit ([photos] coin)."
+        f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees. The mesh is "
+        f"expected to be {100 * excess.value:.1f} % too tall there, which the scale allows for; it is known "
+        f"to {100 * by_height:.1f} % only: take some photos from just above the table, or lay a coin beside "
+        "the fruit ([photos] coin)."
     )
     if coin is None:
-        return Scale(factor=factor, sd=by_height, warnings=(look,) if unseen > UNSURE else ())
+        return Scale(factor=factor, sd=by_height, warnings=(look,) if excess.sd > UNSURE else ())
+    spread = float(np.clip(APART_SD * by_height, NEAREST_COIN, FARTHEST_COIN))
     try:
-        found = coin_scale(images, cameras, coin, unit_mm=factor)
+        found = coin_scale(images, cameras, coin, unit_mm=factor, spread=spread)
     except ReconFailure as failure:
         said = (f"{failure.detail.rstrip('.')}; the scale is that of height_mm.",)
-        return Scale(factor=factor, sd=by_height, warnings=(*said, look) if unseen > UNSURE else said)
+        return Scale(factor=factor, sd=by_height, warnings=(*said, look) if excess.sd > UNSURE else said)
     apart = found.factor / factor - 1
     if abs(apart) <= APART_SD * np.hypot(found.sd, by_height):
-        tall = (
-            f"By the coin the mesh is {height_mm * (1 + apart):.1f} mm tall, by height_mm {height_mm:g} mm: "
+        wrong_top = (
+            f"By the coin the mesh is {found.factor * tall:.1f} mm tall, by height_mm {height_mm:g} mm: "
             f"no photo shows the top from the side (the lowest looks down on it at {np.degrees(lowest):.0f} "
             "degrees), and the mesh is likely wrong there; take some photos from just above the table."
         )
-        return Scale(
-            factor=found.factor, sd=found.sd, warnings=(tall,) if abs(apart) > APART_SD * found.sd else ()
-        )
+        doubted = abs(found.factor * tall / height_mm - 1) > APART_SD * found.sd
+        return Scale(factor=found.factor, sd=found.sd, warnings=(wrong_top,) if doubted else ())
     return Scale(
         factor=found.factor,
         sd=found.sd,

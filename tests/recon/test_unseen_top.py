@@ -1,0 +1,78 @@
+"""How much too tall a fruit comes out whose top no photo shows from the side."""
+
+import numpy as np
+import pytest
+
+from recon.camera import Camera
+from recon.scale import scale_without_mat
+from recon.unseen_top import expected_excess, hull_excess, settled_excess, top_share
+
+
+def looking_down(count, elevation_deg, *, tall_mm=60.0, distance_mm=330.0):
+    """Cameras all around, each of which sees the top of the fruit at the elevation."""
+    cameras, e = [], np.radians(elevation_deg)
+    for i, a in enumerate(2 * np.pi * np.arange(count) / count):
+        away = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        place = np.array([0.0, 0.0, tall_mm]) + distance_mm * away
+        ahead = np.array([0.0, 0.0, tall_mm / 2]) - place
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross(ahead, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(ahead, [0.0, 0.0, 1.0]))
+        pose = np.eye(4)
+        pose[:3, :3] = np.stack([right, np.cross(ahead, right), ahead])
+        pose[:3, 3] = -pose[:3, :3] @ place
+        cameras.append(
+            Camera(name=f"{i}", width_px=960, height_px=720, focal_px=1100.0, k1=0.0, cam_from_world=pose)
+        )
+    return cameras
+
+
+@pytest.mark.parametrize("elevation_deg", [0.0, 15.0, 30.0, 45.0])
+def test_the_hull_of_a_ball_is_too_tall_by_the_cosine(elevation_deg):
+    closed_form = (1 / np.cos(np.radians(elevation_deg)) - 1) / 2
+    assert hull_excess(np.ones(3), np.radians(elevation_deg)) == pytest.approx(closed_form)
+
+
+def test_of_a_flat_fruit_it_is_what_its_tangent_plane_says():
+    """The plane z + x tan e = c' touches x²/a² + z²/c² = 1 where c'² = c² + a² tan² e."""
+    a, c, e = 3.0, 2.0, np.radians(35.0)
+    x = a**2 * np.tan(e) / np.hypot(c, a * np.tan(e))
+    z = c * np.sqrt(1 - (x / a) ** 2)
+    assert hull_excess(np.array([a, a, c]), e) == pytest.approx((z + x * np.tan(e) - c) / (2 * c))
+
+
+def test_the_settled_ball_lies_between_its_truth_and_its_hull():
+    low, high = (settled_excess(looking_down(12, e), np.full(3, 60.0)) for e in (20.0, 45.0))
+    assert abs(low) < 0.01
+    assert 0.05 < high < hull_excess(np.ones(3), np.radians(45.0))
+
+
+def test_from_the_side_nothing_is_taken_off():
+    found = expected_excess(looking_down(8, 0.0), np.full(3, 60.0), 0.0)
+    assert (found.value, found.sd) == (0.0, 0.0)
+
+
+def test_the_scale_of_a_ball_made_too_tall_is_put_right():
+    """A ball of 60 mm as its settled mesh from 45 degrees: its height is not that of the fruit."""
+    cameras = looking_down(12, 45.0)
+    ball = np.random.default_rng(2).normal(size=(4000, 3))
+    ball = 30 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + [0, 0, 30]
+    made = ball * [1, 1, 1 + settled_excess(cameras, np.full(3, 60.0))]
+    made[0] = [0, 0, 0]
+
+    def scale(top_measured):
+        return scale_without_mat(
+            made, [], cameras, height_mm=60.0, height_sd_mm=0.2, surface_sd=0.1, coin=None,
+            top_measured=top_measured,
+        )  # fmt: skip
+
+    plain, found = scale(1.0), scale(0.0)
+    assert plain.factor < 0.95
+    assert abs(found.factor - 1) < 1.5 * found.sd
+    assert abs(found.factor - 1) < 0.6 * abs(plain.factor - 1)
+    assert "too tall" in found.warnings[0]
+
+
+def test_a_top_that_was_measured_is_not_doubted():
+    z = np.array([0.0, 0.95, 1.0])
+    vertices = np.stack([0 * z, 0 * z, z], axis=1)
+    assert top_share(vertices, np.array([False, True, False])) == 0.5
