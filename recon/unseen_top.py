@@ -28,7 +28,7 @@ SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
 SETTLED_SD = 0.35
 """Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER tan e of their
 height, e up to 25 degrees (what bridges the cavity bulges over its shoulder). The relative standard
-deviations of that and of the ellipsoid's excess (python benchmarks/unseen_top.py BANK: drawn stone fruits)."""
+deviations of that and of the ellipsoid's excess (python benchmarks/unseen_top.py BANK)."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 
