@@ -93,3 +93,13 @@ def test_a_top_that_no_photo_shows_from_the_side_is_doubted_by_the_coin():
     )
     assert "lay a coin" in alone.warnings[0]
     assert alone.sd > 2 * found.sd
+
+
+def test_the_coin_is_sought_as_far_as_the_heights_error_reaches():
+    """A height known to 8 % and 20 % too great."""
+    cameras = ring(12, width=960, height=720)
+    box = np.array([[x, y, z] for x in (-20.0, 20) for y in (-20.0, 20) for z in (0.0, 40)])
+    found = scale_without_mat(
+        box, _pictures(cameras), cameras, height_mm=48.0, height_sd_mm=4.0, surface_sd=0.1, coin=EURO
+    )
+    assert found.factor == pytest.approx(1.0, rel=0.01)
