@@ -25,10 +25,10 @@ ball at 45 degrees a cone."""
 NO_CONE = 0.02
 """Excess of a hull under which the settled surface's is under 0.2 %, and not worked out."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
-SETTLED_SD = 0.35
-"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER tan e of their
-height, e up to 25 degrees (what bridges the cavity bulges over its shoulder). The relative standard
-deviations of that and of the ellipsoid's excess (python benchmarks/unseen_top.py BANK)."""
+SETTLED_SD = 0.5
+"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
+of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
+The relative standard deviations of that and of the ellipsoid's excess (benchmarks/unseen_top.py BANK)."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 
@@ -54,15 +54,17 @@ def top_share(vertices: Float[np.ndarray, "n 3"], measured: Bool[np.ndarray, " n
 def expected_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elevation_rad: float) -> Excess:
     """The excess of a mesh of size `box` that stands on z = 0 at x = y = 0, seen by these cameras.
 
-    value = settled_excess of an ellipsoid + SHOULDER tan(min(e, 25 degrees)); `elevation_rad`: e, at which
-    the lowest photo looks down on its top. The mesh's own height counts half of the hull's excess too much.
+    value = settled_excess of an ellipsoid + SHOULDER (a / c)² tan(min(e, 25 degrees)), c half the height and
+    a the mean of the other semi-axes; `elevation_rad`: e, at which the lowest photo looks down on the top.
+    The mesh's own height is taken to count half of the hull's excess too much.
     """
     hull = hull_excess(box / 2, elevation_rad)
     cone = 0.0
     if hull > NO_CONE:
         cone = max(settled_excess(cameras, box / [1.0, 1.0, 1.0 + hull / 2]), 0.0)
     down = min(max(elevation_rad, 0.0), float(np.radians(SHOULDER_TO_DEG)))
-    shoulder = SHOULDER * float(np.tan(down))
+    wide = float(box[0] + box[1]) / (2 * float(box[2]) / (1 + hull / 2))
+    shoulder = SHOULDER * wide**2 * float(np.tan(down))
     return Excess(value=cone + shoulder, sd=float(np.hypot(SETTLED_SD * cone, SHOULDER_SD * shoulder)))
 
 
