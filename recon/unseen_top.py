@@ -40,9 +40,16 @@ class Excess:
     value: float
     sd: float
 
-    def times(self, share: float) -> "Excess":
-        """That of a share of the top."""
-        return Excess(value=share * self.value, sd=share * self.sd)
+    def left(self, measured: float) -> "Excess":
+        """What is left where a share of the top was measured: its summit is among them with that probability.
+
+        Mean and variance of a mixture: of this excess with probability p = 1 - measured, and of none.
+        """
+        p = 1.0 - measured
+        return Excess(
+            value=p * self.value,
+            sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2)),
+        )
 
 
 def top_share(vertices: Float[np.ndarray, "n 3"], measured: Bool[np.ndarray, " n"]) -> float:
