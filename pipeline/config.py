@@ -8,7 +8,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.confirmed import ConfirmedEffect
@@ -91,15 +91,20 @@ class Photos(_Strict):
     coin: str | None = None
     coin_mm: Annotated[float, Field(ge=10, le=50)] | None = None
 
-    @model_validator(mode="after")
-    def _known(self) -> Self:
-        if self.coin is not None and self.coin_mm is not None:
-            raise ValueError("give coin or coin_mm, not both")
-        if self.coin is not None:
+    @field_validator("coin")
+    @classmethod
+    def _known(cls, coin: str | None) -> str | None:
+        if coin is not None:
             try:
-                coin_named(self.coin)
+                coin_named(coin)
             except ReconFailure as failure:
                 raise ValueError(failure.detail) from None
+        return coin
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.coin is not None and self.coin_mm is not None:
+            raise ValueError("give coin or coin_mm, not both")
         return self
 
     @property

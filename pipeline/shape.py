@@ -59,7 +59,8 @@ def fruit_shape(task: FruitTask) -> Shape:
     """
     shape = _fruit_shape(task)
     on_mat = task.mat is not None
-    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=on_mat, body=task.body)
+    by_coin = task.settings.photos.scale is not None
+    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=on_mat, by_coin=by_coin, body=task.body)
     record = shape.record
     if task.body.stem_and_suture:
         stance = stance_of(shape.vertices, shape.faces)

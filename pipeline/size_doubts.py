@@ -14,7 +14,13 @@ LEAST_APART = 0.02
 
 
 def size_doubts(
-    given: Given, mesh: MeshRecord, prior: PitPrior | None, *, on_mat: bool, body: Body = STONE_FRUIT
+    given: Given,
+    mesh: MeshRecord,
+    prior: PitPrior | None,
+    *,
+    on_mat: bool,
+    by_coin: bool = False,
+    body: Body = STONE_FRUIT,
 ) -> list[str]:
     """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
 
@@ -25,7 +31,7 @@ def size_doubts(
     check = _what_to_check(given, mesh, on_mat=on_mat)
     return [
         *(f"{doubt}: {check}" for doubt in wrong),
-        *_alone(given, mesh, on_mat),
+        *_alone(given, mesh, on_mat or by_coin),
     ]
 
 
@@ -94,10 +100,11 @@ def _kind(mesh: MeshRecord, prior: PitPrior | None) -> Iterator[str]:
         )
 
 
-def _alone(given: Given, mesh: MeshRecord, on_mat: bool) -> Iterator[str]:
-    if mesh.source == "photos" and not on_mat and given.diameter_mm is None and given.mass_g is None:
+def _alone(given: Given, mesh: MeshRecord, checked: bool) -> Iterator[str]:
+    if mesh.source == "photos" and not checked and given.diameter_mm is None and given.mass_g is None:
         yield (
             f"The size rests on height_mm ({given.height_mm:g}) alone; one percent of it is three of the "
             f"volume: "
-            "fill diameter_mm or mass_g in fruits.csv, or use the mat, so that a slip would show."
+            "fill diameter_mm or mass_g in fruits.csv, lay a coin beside the fruit ([photos] coin), or use the "
+            "mat, so that a slip would show."
         )

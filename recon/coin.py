@@ -67,13 +67,18 @@ def known_coins() -> dict[str, Coin]:
 
 
 def coin_named(name: str) -> Coin:
-    """The coin of that name; raises ReconFailure (no-scale) that names the nearest, or all."""
+    """The coin of that name, capitals or not; raises ReconFailure (no-scale) that names all coins."""
     coins = known_coins()
-    if name in coins:
-        return coins[name]
+    same = {known.casefold(): coin for known, coin in coins.items()}
+    if name.strip().casefold() in same:
+        return same[name.strip().casefold()]
     near = difflib.get_close_matches(name, coins, n=1)
-    hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(coins)}; or give coin_mm."
-    raise ReconFailure(ReconProblem.NO_SCALE, f'found the coin "{name}"; {hint}')
+    meant = f'did you mean "{near[0]}"? ' if near else ""
+    known = ", ".join(f"{coin.name} ({coin.diameter_mm:g} mm)" for coin in coins.values())
+    raise ReconFailure(
+        ReconProblem.NO_SCALE,
+        f'no coin here is called "{name}"; {meant}known are {known}; of another coin give its diameter as coin_mm',
+    )
 
 
 def coin_scale(

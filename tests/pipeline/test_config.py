@@ -76,7 +76,12 @@ def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
     assert read_settings(path).photos.scale.diameter_mm == 23.25
     path.write_text('category = "plum"\n[photos]\ncoin_mm = 24.26\n')
     assert read_settings(path).photos.scale.diameter_mm == 24.26
+    path.write_text('category = "plum"\n[photos]\ncoin = "1 Euro"\n')
+    assert read_settings(path).photos.scale.diameter_mm == 23.25
     (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 eur"\n')
-    assert 'did you mean "1 euro"' in said
+    assert '"photos.coin": found' in said
+    assert 'no coin here is called "1 eur"; did you mean "1 euro"? known are' in said
+    assert "2 euro (25.75 mm)" in said
+    assert ".." not in said
     (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 euro"\ncoin_mm = 23.25\n')
     assert "not both" in said

@@ -47,7 +47,9 @@ def test_a_mat_of_half_the_size_shows_by_the_kind_of_fruit():
 def test_size_from_height_alone_is_said_and_a_second_number_settles_it():
     (doubt,) = doubts(on_mat=False, height_mm=56.0)
     assert "rests on height_mm (56) alone" in doubt
+    assert "[photos] coin" in doubt
     assert doubts(on_mat=False, height_mm=56.0, diameter_mm=60.0) == []
+    assert size_doubts(Given(height_mm=56.0), MESH, PRIOR, on_mat=False, by_coin=True) == []
     (doubt,) = doubts(on_mat=False, height_mm=56.0, diameter_mm=57.0)
     assert "mm wide" in doubt
     assert "check the units (mm, g), that the photos show this fruit, and height_mm (56)" in doubt
