@@ -77,7 +77,8 @@ def coin_named(name: str) -> Coin:
     known = ", ".join(f"{coin.name} ({coin.diameter_mm:g} mm)" for coin in coins.values())
     raise ReconFailure(
         ReconProblem.NO_SCALE,
-        f'no coin here is called "{name}"; {meant}known are {known}; of another coin give its diameter as coin_mm',
+        f'no coin here is called "{name}"; {meant}known are {known}; of another coin give its diameter as '
+        "coin_mm",
     )
 
 
