@@ -104,6 +104,6 @@ def _alone(given: Given, mesh: MeshRecord, checked: bool) -> Iterator[str]:
     if mesh.source == "photos" and not checked and given.diameter_mm is None and given.mass_g is None:
         yield (
             f"The size rests on height_mm ({given.height_mm:g}) alone; one percent of it is three of the "
-            "volume: fill diameter_mm or mass_g in fruits.csv, lay a coin beside the fruit ([photos] coin), or "
-            "use the mat, so that a slip would show."
+            "volume: fill diameter_mm or mass_g in fruits.csv, lay a coin beside the fruit ([photos] coin), "
+            "or use the mat, so that a slip would show."
         )
