@@ -29,6 +29,10 @@ SETTLED_SD = 0.5
 """Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
 of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
 The relative standard deviations of that and of the ellipsoid's excess (benchmarks/unseen_top.py BANK)."""
+SIDEWAYS_DEG = 25.0
+"""Where the lowest photo looks down on the top less steeply, nothing is expected: an egg without a cavity,
+seen from 15 degrees, and a nectarine from 18 come out right so (tests/recon/test_fruit_mesh.py,
+benchmarks/recon.py --route height); with the shoulder's term the egg was 2 % too large."""
 TOP_SHARE = 0.1
 """Of the height, what counts as the top of which relief may tell."""
 
@@ -63,8 +67,10 @@ def expected_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elev
 
     value = settled_excess of an ellipsoid + SHOULDER (a / c)² tan(min(e, 25 degrees)), c half the height and
     a the mean of the other semi-axes; `elevation_rad`: e, at which the lowest photo looks down on the top.
-    The mesh's own height is taken to count half of the hull's excess too much.
+    The mesh's own height is taken to count half of the hull's excess too much. None below SIDEWAYS_DEG.
     """
+    if elevation_rad < np.radians(SIDEWAYS_DEG):
+        return Excess(value=0.0, sd=0.0)
     hull = hull_excess(box / 2, elevation_rad)
     cone = 0.0
     if hull > NO_CONE:
