@@ -115,6 +115,17 @@ def table(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
+def write_rows(out: Path, rows: list[dict[str, Any]]) -> None:
+    """Rows as CSV, floats to five digits; a column for every key that some row has."""
+    out.parent.mkdir(parents=True, exist_ok=True)
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    with out.open("w", newline="") as file:
+        writer = csv.DictWriter(file, columns)
+        writer.writeheader()
+        for row in rows:
+            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+
+
 def main() -> int:
     """Prints a line a set and the table; writes the rows."""
     parser = argparse.ArgumentParser(
@@ -147,13 +158,7 @@ def main() -> int:
                 else row["refused"]
             )
             print(f"{row['set']} {verdict(row):13} {numbers}  {row.get('said', '')}", flush=True)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    with options.out.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    write_rows(options.out, rows)
     print(table(rows))
     return 0
 

@@ -13,7 +13,6 @@ off by more than MISSED_RMS_MM or MISSED_VOLUME of benchmarks/photo_bank_score.p
 """
 
 import argparse
-import csv
 import json
 import multiprocessing
 import sys
@@ -22,6 +21,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from photo_bank_score import verdict as of_bank
+from photo_bank_score import write_rows
 
 TARGET_RMS_MM = 0.2
 """What few photos without a mat are to reach on the seen surface, or be refused."""
@@ -122,8 +123,6 @@ def camera_errors(folder: Path, used: list[str], places: np.ndarray) -> dict[str
 
 def verdict(row: dict[str, Any]) -> str:
     """right, warned, refused, over target (unsaid, but not as far off as to be missed) or missed."""
-    from photo_bank_score import verdict as of_bank
-
     told = of_bank(row)
     return "over target" if told == "right" and float(row["rms_seen_mm"]) > TARGET_RMS_MM else told
 
@@ -181,13 +180,7 @@ def main() -> int:
                 f"{row['set']} {row['photos']:2} {verdict(row):13} {numbers}  {row.get('said', '')}",
                 flush=True,
             )
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    columns = list(dict.fromkeys(key for row in rows for key in row))
-    with options.out.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        for row in rows:
-            writer.writerow({k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()})
+    write_rows(options.out, rows)
     print(table(rows))
     return 0
 

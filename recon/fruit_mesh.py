@@ -37,8 +37,9 @@ from recon.unseen_top import top_share
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
-photos contradict. White fruit under a flash: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with 0.6; dark
-and red fruit the other way round (benchmarks/photo_bank_score.py, sets 26 and 34 against 12 and 54)."""
+photos contradict. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
+0.6; dark and red fruit the other way round (benchmarks/photo_bank_score.py --without-model, sets 26 and 34
+against 12 and 54)."""
 MADE_TWICE = (
     "The photos contradicted the first mesh, so it was made again from a looser start; check "
     "its picture, and use a ground of another colour than the fruit next time."

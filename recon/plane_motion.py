@@ -93,7 +93,9 @@ def _apart(
     if len(largest) < FEWEST_VIEWS:
         return ReconFailure(
             ReconProblem.NO_OVERLAP,
-            "No three photos show the same ground: lay a printed cloth or paper under.",
+            f"Of {len(photos)} photos no three show the same ground (the most that join: {len(largest)}); "
+            f"expected {FEWEST_VIEWS} or more: lay a printed cloth or paper under the fruit and take them "
+            "again.",
         )
     scene = _started(pairs, largest, size, focal_px)
     places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
@@ -163,7 +165,9 @@ def _refined(
     if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
-            "The ground that the photos share is not flat, or has too little texture.",
+            "The ground that the photos share is not flat, or has too little texture; expected at least "
+            f"{FEWEST_TRACKS} patches that lie on one plane to {MOST_MISS_PX:g} px: lay a printed cloth or "
+            "paper flat under the fruit, or use the mat (drupe mat).",
         )
     return found
 

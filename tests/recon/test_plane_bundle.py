@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from level_camera import looking_at_the_origin
 
 from recon.plane_bundle import PlaneScene, Sightings, adjusted, projected
 
@@ -11,18 +12,6 @@ SIZE = (720, 960)
 MIDDLE = np.array([(SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2])
 FOCAL_PX, K1 = 1100.0, -0.03
 VIEWS, POINTS = 8, 120
-
-
-def looking_at_the_origin(azimuth_deg, elevation_deg, distance):
-    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    away = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(-away, right), -away])
-    pose[:3, 3] = -pose[:3, :3] @ (distance * away)
-    return pose
 
 
 def planted(rng, *, noise_px, breathing=0.0):

@@ -2,25 +2,13 @@
 
 import numpy as np
 import pytest
+from level_camera import looking_at_the_origin
 
 from recon.plane_start import start_cameras
 
 SIZE = (720, 960)
 FOCAL_PX = 1100.0
 K = np.array([[FOCAL_PX, 0, (SIZE[1] - 1) / 2], [0, FOCAL_PX, (SIZE[0] - 1) / 2], [0, 0, 1.0]])
-
-
-def looking_at_the_origin(azimuth_deg, elevation_deg, distance):
-    """cam_from_world (x right, y down, z ahead) of a camera held level, world z up."""
-    azimuth, elevation = np.radians([azimuth_deg, elevation_deg])
-    away = np.array(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
-    )
-    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(-away, right), -away])
-    pose[:3, 3] = -pose[:3, :3] @ (distance * away)
-    return pose
 
 
 def homographies_from_first(poses):
