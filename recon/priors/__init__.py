@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.failure import ReconFailure, ReconProblem
+from recon.priors.plausible import Plausible, read_plausible
 
 FOLDER = Path(__file__).parent
 LEFT = "given_by_batch"
@@ -68,7 +69,8 @@ class PitPrior:
     half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
     `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh.
     `fruit_mm` is the least and the greatest size (cube root of the box's volume) that a whole fruit of the
-    kind is taken to have, if the file says so. A `measured` pit takes the superellipsoid's place, in its own
+    kind is taken to have, if the file says so; `plausible`: the ranges outside which a number that staff give
+    is a slip, if the file has the table. A `measured` pit takes the superellipsoid's place, in its own
     size. `axis_ratios` and `poisson_ratio` are None in a category that leaves them to the batch. `body`: what
     else is expected of the whole. `sources` says where each number comes from.
     """
@@ -85,6 +87,7 @@ class PitPrior:
     fruit_mm: tuple[float, float] | None = None
     measured: MeasuredPit | None = None
     body: Body = STONE_FRUIT
+    plausible: Plausible | None = None
 
     @property
     def has_pit(self) -> bool:
@@ -213,6 +216,7 @@ def _prior(entries: _Entries) -> PitPrior:
         poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2) if ratio else 0.0,
         fruit_mm=entries.limits("fruit_mm", 5.0, 200.0) if "fruit_mm" in table else None,
         body=_body(entries),
+        plausible=read_plausible(table.get("plausible"), refuse=lambda said: _bad(f"{entries.path}: {said}")),
         sources=entries.sources,
     )
     named = {f.name for one in (PitPrior, Body) for f in fields(one)} - {"sources", "measured", "body"}
