@@ -190,7 +190,13 @@ def test_every_number_of_a_shipped_prior_has_its_source():
     for category in FRUIT:
         prior = load_prior(category)
         assert prior.fruit_mm is not None
-        fields = {f.name for f in dataclasses.fields(prior)} - {"category", "sources", "measured", "body", "plausible"}
+        fields = {f.name for f in dataclasses.fields(prior)} - {
+            "category",
+            "sources",
+            "measured",
+            "body",
+            "plausible",
+        }
         assert fields == set(prior.sources)
     phantom = load_prior("phantom")
     assert set(phantom.sources) >= {f.name for f in dataclasses.fields(phantom.body)}
