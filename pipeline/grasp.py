@@ -107,27 +107,29 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
 
 
 def history(grasp: PlacedGrasp) -> GraspHistory:
-    """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame."""
-    return GraspHistory(
-        time_s=grasp.contact.time_s,
-        phase=tuple(grasp.contact.phase),
-        pads=tuple(
+    """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame.
+
+    Markers around the patch that lie beside the fruit, and never touch, are left out.
+    """
+    pads = []
+    for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True):
+        used = contact.patch & (pad.on_skin | (contact.onset >= 0))
+        pads.append(
             PadHistory(
                 name=contact.name,
-                rest_mm=contact.rest_mm[contact.patch],
-                surface_mm=pad.surface_mm[contact.patch],
-                position_mm=contact.position_mm[:, contact.patch],
-                gel_displacement_mm=contact.gel_displacement_mm[:, contact.patch],
-                force_N=contact.force_N[:, contact.patch],
-                episode=contact.episode[:, contact.patch],
+                rest_mm=contact.rest_mm[used],
+                surface_mm=pad.surface_mm[used],
+                position_mm=contact.position_mm[:, used],
+                gel_displacement_mm=contact.gel_displacement_mm[:, used],
+                force_N=contact.force_N[:, used],
+                episode=contact.episode[:, used],
                 displacement_sd_mm=contact.displacement_noise.sd,
                 force_sd_N=contact.force_noise.sd,
                 lag1=contact.displacement_noise.lag1,
                 surface_sd_mm=grasp.surface_sd_mm.get(contact.name),
             )
-            for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True)
-        ),
-    )
+        )
+    return GraspHistory(time_s=grasp.contact.time_s, phase=tuple(grasp.contact.phase), pads=tuple(pads))
 
 
 def grasp_case(grasp: PlacedGrasp) -> GraspCase:

@@ -11,7 +11,7 @@ millimetre, a press is one or two.
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from tactile.contact import Contact, PadContact
 from tactile.failure import TactileFailure, TactileProblem
@@ -27,6 +27,8 @@ FEWEST_HITS = 0.5
 class PadRegistration:
     """Of one pad: `surface_mm` is where each marker sits on the mesh, at its first touch or nearest to one.
 
+    `on_skin`: the pad's normal through the marker meets the mesh. A gel is often wider than a small fruit: what
+    lies beside the fruit has no place on it, and its `surface_mm` is beside the fruit too.
     `shift_mm` is the mean distance of first touches from the mesh along the pad's normal (positive: the mesh
     lies ahead), a measure and no correction: nothing is moved by it. `residual_mm` is the root mean square
     deviation of those distances from it.
@@ -34,6 +36,7 @@ class PadRegistration:
 
     name: str
     surface_mm: Float[np.ndarray, "n 3"]
+    on_skin: Bool[np.ndarray, " n"]
     normal: Float[np.ndarray, " 3"]
     shift_mm: float
     residual_mm: float
@@ -64,7 +67,8 @@ def _register_pad(
     where = pad.position_mm[frame, np.arange(len(frame))]
     normal = pad.pose[peak, :3, 2]
     depth = _depth_along(where, normal, triangles)
-    met = touched & np.isfinite(depth)
+    on_skin = np.isfinite(depth)
+    met = touched & on_skin
     shift = float(np.mean(depth[met])) if met.any() else np.inf
     if met.sum() < max(1.0, FEWEST_HITS * touched.sum()) or abs(shift) > FARTHEST_SHARE * size_mm:
         found = f"first touches {abs(shift):.1f} mm from" if np.isfinite(shift) else "first touches beside"
@@ -75,10 +79,11 @@ def _register_pad(
             "hand-eye "
             "calibration, the units (mm) and how the fruit stood.",
         )
-    depth = np.where(np.isfinite(depth), depth, shift)
+    depth = np.where(on_skin, depth, shift)
     return PadRegistration(
         name=pad.name,
         surface_mm=where + depth[:, None] * normal,
+        on_skin=on_skin,
         normal=normal,
         shift_mm=shift,
         residual_mm=float(np.std(depth[met])),

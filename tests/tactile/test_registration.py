@@ -43,6 +43,20 @@ def test_markers_sit_on_the_mesh_where_they_touched(contact, ball):
         assert np.abs(across).max() < 0.03
 
 
+def test_what_lies_beside_a_small_fruit_is_not_on_its_skin(contact, ball):
+    vertices, faces = ball
+    normal = contact.pads[0].pose[0, :3, 2]
+    off_axis = np.linalg.norm(vertices - np.outer(vertices @ normal, normal), axis=1)
+    rim = 6.0
+    cap = faces[(off_axis[faces] < rim).all(axis=1)]
+    place = register(contact, vertices, cap, source="x")[0]
+    position = contact.pads[0].position_mm[0]
+    across = np.linalg.norm(position - np.outer(position @ normal, normal), axis=1)
+    assert place.on_skin[across < rim - 1].all()
+    assert not place.on_skin[across > rim].any()
+    assert (across > rim).any()
+
+
 def test_first_touches_lie_within_what_the_ball_gave_way(contact, ball):
     # Half of a frame's step and half of the sagitta have gone into the ball before a marker is seen to touch.
     for place in register(contact, *ball, source="x"):
