@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch import Batch, as_named, open_batch
-from pipeline.config import Pit, Positive, Settings, read_toml
+from pipeline.config import Name, Pit, Relative, Settings, Shift, read_toml
 from pipeline.layout import CaseFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
 from pipeline.records import Given
@@ -24,15 +24,15 @@ ASSUMED_POISSON_RATIO_SD = 0.015
 class CaseSettings(BaseModel):
     """case.toml: what is assumed of the fruit. Keys beyond these are left aside, and it is said so."""
 
-    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
-    category: Annotated[str, Field(min_length=1)]
+    category: Name
     poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] = ASSUMED_POISSON_RATIO_SD
-    offset_sd_mm: Positive | None = None
-    size_sd: Positive | None = None
-    mesh_sd_mm: Positive | None = None
-    thickness_mm: Positive | None = None
+    offset_sd_mm: Shift | None = None
+    size_sd: Relative | None = None
+    mesh_sd_mm: Annotated[float, Field(gt=0, le=10)] | None = None
+    thickness_mm: Annotated[float, Field(gt=0, le=200)] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

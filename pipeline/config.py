@@ -4,7 +4,7 @@ import datetime
 import difflib
 import itertools
 import math
-import tomllib
+import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
@@ -15,26 +15,39 @@ from pipeline.confirmed import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
 from recon.coin import Coin, coin_named
 from recon.failure import ReconFailure
+from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+MOST_BYTES = 1_000_000
+"""Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Words = Annotated[str, Field(max_length=10_000)]
+Relative = Annotated[float, Field(gt=0, le=0.5)]
+"""A standard deviation as a share; at a half nothing is known any more."""
+Shift = Annotated[float, Field(gt=0, le=20)]
+"""A standard deviation in mm: at 20 mm a pit lies outside its fruit."""
 Model = TypeVar("Model", bound=BaseModel)
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _printable(cls, value: Any) -> Any:
+        return printable(value).strip() if isinstance(value, str) else value
 
 
 class GradingClass(_Strict):
     """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
 
-    name: Annotated[str, Field(min_length=1)]
-    E_max_MPa: Positive | None = None
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    E_max_MPa: Annotated[float, Field(gt=0, le=1e9)] | None = None
 
 
 class Grading(_Strict):
     """The batch's own limits, softest class first; the last class has no upper limit."""
 
-    classes: tuple[GradingClass, ...] = ()
+    classes: Annotated[tuple[GradingClass, ...], Field(max_length=50)] = ()
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
@@ -63,9 +76,9 @@ class Pit(_Strict):
     Of prior "none", a fruit that brings no pit.ply has no pit.
     """
 
-    prior: str | None = None
-    offset_sd_mm: Positive | None = None
-    size_sd: Positive | None = None
+    prior: Name | None = None
+    offset_sd_mm: Shift | None = None
+    size_sd: Relative | None = None
 
     @property
     def none(self) -> bool:
@@ -79,16 +92,16 @@ class Recon(_Strict):
     model is asked which pixels are fruit.
     """
 
-    geometry_model: str | None = None
+    geometry_model: Name | None = None
     fruit_model: bool = True
-    providers: tuple[str, ...] = ("CPUExecutionProvider",)
+    providers: Annotated[tuple[Name, ...], Field(max_length=20)] = ("CPUExecutionProvider",)
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 
 
 class Photos(_Strict):
     """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter."""
 
-    coin: str | None = None
+    coin: Name | None = None
     coin_mm: Annotated[float, Field(ge=10, le=50)] | None = None
 
     @field_validator("coin")
@@ -134,30 +147,30 @@ class Flesh(_Strict):
 class Device(_Strict):
     """A named piece of equipment, for the record."""
 
-    name: str
-    serial: str | None = None
+    name: Annotated[str, Field(max_length=200)]
+    serial: Name | None = None
 
 
 class Sensor(Device):
     """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
     skin, where the maker or a calibration says."""
 
-    gel_scale_sd: Positive | None = None
-    force_scale_sd: Positive | None = None
-    pose_sd_mm: Positive | None = None
+    gel_scale_sd: Relative | None = None
+    force_scale_sd: Relative | None = None
+    pose_sd_mm: Shift | None = None
 
 
 class Settings(_Strict):
     """Everything a batch says of itself in `batch.toml`; only the category is required."""
 
-    category: Annotated[str, Field(min_length=1)]
-    cultivar: str | None = None
-    lot: str | None = None
-    harvest_date: datetime.date | None = None
-    pulp_temperature_C: Annotated[float, Field(gt=-5, lt=60)] | None = None
+    category: Name
+    cultivar: Words | None = None
+    lot: Words | None = None
+    harvest_date: Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1))] | None = None
+    pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
-    notes: str | None = None
+    notes: Words | None = None
     sensor: Sensor | None = None
     gripper: Device | None = None
     pit: Pit = Pit()
@@ -166,7 +179,7 @@ class Settings(_Strict):
     mesh: FleshMesh = FleshMesh()
     flesh: Flesh = Flesh()
     grading: Grading = Grading()
-    mismatch: tuple[ConfirmedEffect, ...] = ()
+    mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
 
 
 def read_settings(path: Path) -> Settings:
@@ -181,18 +194,16 @@ def read_settings(path: Path) -> Settings:
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
     """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
+    if not path.is_symlink() and not path.exists():
+        raise BatchRefused([Problem(str(path), missing)])
     try:
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
-        raise BatchRefused([Problem(str(path), missing)]) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BatchRefused([Problem(str(path), f"cannot be read as UTF-8 text ({error}).")]) from None
-    try:
-        return model.model_validate(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
-        raise BatchRefused([Problem(str(path), f"is not valid TOML: {error}.")]) from None
+        return model.model_validate(toml_of(read_text(path, most_bytes=MOST_BYTES)))
+    except NotReadable as error:
+        hint = "" if not_plain(path) else "; correct it there, or save it again as UTF-8 text"
+        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
     except ValidationError as error:
-        raise BatchRefused([Problem(str(path), _sentence(e, model)) for e in error.errors()]) from None
+        said = dict.fromkeys(_sentence(e, model) for e in error.errors())
+        raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
 
 
 _MISSING = (
@@ -214,10 +225,60 @@ def _sentence(error: Any, model: type[BaseModel]) -> str:
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
         return f'unknown key "{key}"; {hint}'
-    message = error["msg"].removeprefix("Value error, ")
-    if isinstance(error["input"], dict | list):
-        return f'"{key}": {message}.'
-    return f'"{key}": found {error["input"]!r}; {message[0].lower()}{message[1:]}.'
+    return f'"{key}": {_expected(error)}{_likely_slip(str(location[-1]), error["input"])}.'
+
+
+def _expected(error: Any) -> str:
+    """What was found and what was expected, in plain words."""
+    kind, limits = error["type"], error.get("ctx", {})
+    found = reprlib.repr(error["input"])
+    if kind in {"value_error", "assertion_error"}:
+        message = error["msg"].removeprefix("Value error, ")
+        shown = isinstance(error["input"], dict | list)
+        return message if shown else f"found {found}; {message[:1].lower()}{message[1:]}"
+    if kind == "too_long":
+        return f"holds {limits['actual_length']} entries; at most {limits['max_length']} are read"
+    if kind == "string_too_long":
+        return f"is longer than {limits['max_length']} characters; shorten it"
+    if kind == "string_too_short":
+        return f"found {found}; expected a text that is not empty"
+    words = {
+        "greater_than_equal": "expected {ge} or more",
+        "greater_than": "expected more than {gt}",
+        "less_than_equal": "expected at most {le}",
+        "less_than": "expected less than {lt}",
+        "literal_error": "expected {expected}",
+        "finite_number": "expected a finite number",
+    }
+    if kind in words:
+        plain = {name: f"{v:g}" if isinstance(v, float) else v for name, v in limits.items()}
+        return f"found {found}; {words[kind].format(**plain)}"
+    for part, expected in (
+        ("float", "a number (with a decimal point)"),
+        ("int", "a whole number"),
+        ("bool", "true or false"),
+        ("string", "a text in quotes"),
+        ("date", "a date like 2026-08-14"),
+        ("tuple", "a list in [ ]"),
+        ("dict", "a table"),
+        ("model", "a table"),
+    ):
+        if kind.startswith(part):
+            return f"found {found}; expected {expected}"
+    return f"found {found}; {error['msg'][:1].lower()}{error['msg'][1:]}"
+
+
+def _likely_slip(key: str, value: Any) -> str:
+    """What a number out of its limits may have been meant to be."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return ""
+    if key == "pulp_temperature_C":
+        if 263 <= value <= 323:
+            return f": is it in kelvin ({value - 273.15:.1f} C)?"
+        return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
+    if key in {"size_sd", "gel_scale_sd", "force_scale_sd", "poisson_ratio_sd", "poisson_ratio"}:
+        return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
+    return ""
 
 
 def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:

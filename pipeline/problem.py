@@ -3,18 +3,24 @@
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from recon.plain_file import printable
+
 
 @dataclass(frozen=True)
 class Problem:
-    """One fault of the input: the file, and a sentence with what was found, what was expected, what to do."""
+    """One fault of the input: the file, and a sentence with what was found, what was expected, what to do.
+
+    `implausible`: the number can be read but no fruit is like that; `drupe grade --force` goes on.
+    """
 
     file: str
     sentence: str
     fruit_id: str | None = None
+    implausible: bool = False
 
     def __str__(self) -> str:
-        """One line: file first."""
-        return f"{self.file}: {' '.join(self.sentence.split())}"
+        """One line: file first; without control characters, which names of files can hold."""
+        return printable(f"{self.file}: {' '.join(self.sentence.split())}")
 
 
 class BatchRefused(Exception):

@@ -1,0 +1,154 @@
+"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait."""
+
+import errno
+import json
+import os
+import re
+import stat
+import tomllib
+import unicodedata
+from pathlib import Path
+from typing import Any
+
+DEEPEST = 20
+"""Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++[ \t]*+\.[ \t]*+){60}""")
+"""A dotted key of so many parts takes the TOML reader time with the square of them."""
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a named pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+
+
+class NotReadable(Exception):
+    """What is wrong with the file itself, as the end of a sentence: "is a named pipe, not a file"."""
+
+
+def not_plain(path: Path) -> str:
+    """Why `path` is no file that can be read, found without opening it; empty where it is one.
+
+    A link to a plain file is one, wherever that lies. A pipe, a socket or a device is not: opening one can
+    wait for ever, and a device never ends.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return f"is a link to nothing ({path.readlink()})" if path.is_symlink() else "does not exist"
+    except (OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno == errno.ELOOP:
+            return "is a link that leads back to itself"
+        return f"cannot be opened ({_why(error)})"
+    return _kind(mode)
+
+
+def read_bytes(path: Path, *, most_bytes: int) -> bytes:
+    """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
+    if wrong := not_plain(path):
+        raise NotReadable(wrong)
+    try:
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            if wrong := _kind(os.fstat(handle).st_mode):
+                raise NotReadable(wrong)
+            data = file.read(most_bytes + 1)
+    except OSError as error:
+        raise NotReadable(f"cannot be opened ({_why(error)})") from error
+    if len(data) > most_bytes:
+        raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
+    return data
+
+
+def read_text(path: Path, *, most_bytes: int) -> str:
+    """The text of a UTF-8 file, without a byte order mark; raises NotReadable."""
+    data = read_bytes(path, most_bytes=most_bytes)
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        found = f"byte 0x{data[error.start]:02x} in line {line}"
+        raise NotReadable(f"is not UTF-8 text ({found})") from error
+    if "\0" in text:
+        raise NotReadable("is no text (it holds zero bytes)")
+    return text
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The table that a TOML text holds; raises NotReadable with the line of the fault."""
+    if _LONG_KEY.search(text):
+        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)")
+    try:
+        held = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise NotReadable(f"is not valid TOML: {printable(str(error))[:200]}") from error
+    except RecursionError as error:
+        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
+    except ValueError as error:  # Python's own limit on digits
+        raise NotReadable("is not valid TOML: it holds a number of thousands of digits") from error
+    _require_shallow(held)
+    return held
+
+
+def json_of(text: str) -> Any:
+    """What a JSON text holds; raises NotReadable with the line of the fault."""
+    try:
+        held = json.loads(text)
+    except json.JSONDecodeError as error:
+        where = f"line {error.lineno}, column {error.colno}"
+        raise NotReadable(f"is not valid JSON ({where}: {error.msg[:60].lower()})") from error
+    except RecursionError as error:
+        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
+    except ValueError as error:
+        raise NotReadable("is not valid JSON (a number of thousands of digits)") from error
+    _require_shallow(held)
+    return held
+
+
+def _require_shallow(held: Any) -> None:
+    """Refuses nesting that a later reader's stack may not survive, and integers beyond 64 bits."""
+    level = [held]
+    for _ in range(DEEPEST + 1):
+        if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in level):
+            raise NotReadable("holds a whole number beyond 64 bits")
+        level = [
+            inner
+            for one in level
+            if isinstance(one, list | dict)
+            for inner in (one.values() if isinstance(one, dict) else one)
+        ]
+        if not level:
+            return
+    raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)")
+
+
+def size(count: int) -> str:
+    """Bytes in words.
+
+    >>> size(2_000_000), size(64_000)
+    ('2 MB', '64 kB')
+    """
+    return f"{count / 1e6:g} MB" if count >= 1_000_000 else f"{count / 1e3:g} kB"
+
+
+def printable(text: str) -> str:
+    r"""Text without what moves a terminal's cursor or turns a line around: control and format characters.
+
+    >>> printable("a\x1b[31mb\u202ec\nd")
+    'a[31mbc d'
+    """
+    if text.isprintable():
+        return text
+    spaced = " ".join(text.split("\n")).replace("\t", " ").replace("\r", "")
+    return "".join(c for c in spaced if unicodedata.category(c) not in {"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def _kind(mode: int) -> str:
+    found = next((word for test, word in _KINDS if test(mode)), None)
+    return "" if found is None else f"is {found}, not a file"
+
+
+def _why(error: OSError | ValueError) -> str:
+    return error.strerror or "unknown" if isinstance(error, OSError) else "no name of a file"
