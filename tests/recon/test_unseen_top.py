@@ -51,6 +51,12 @@ def test_from_the_side_nothing_is_taken_off():
     assert (found.value, found.sd) == (0.0, 0.0)
 
 
+def test_from_a_low_angle_nothing_is_taken_off_but_the_height_is_known_less_well():
+    found = expected_excess(looking_down(8, 18.0), np.full(3, 60.0), np.radians(18.0))
+    assert found.value == 0.0
+    assert 0.015 < found.sd < 0.03
+
+
 def test_the_scale_of_a_ball_made_too_tall_is_put_right():
     """A ball of 60 mm as its settled mesh from 45 degrees: its height is not that of the fruit."""
     cameras = looking_down(12, 45.0)
