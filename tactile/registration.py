@@ -66,7 +66,7 @@ def _register_pad(
     frame = np.where(touched, pad.onset, peak)
     where = pad.position_mm[frame, np.arange(len(frame))]
     normal = pad.pose[peak, :3, 2]
-    depth = _depth_along(where, normal, triangles)
+    depth = depth_along(where, normal, triangles)
     on_skin = np.isfinite(depth)
     met = touched & on_skin
     shift = float(np.mean(depth[met])) if met.any() else np.inf
@@ -90,7 +90,7 @@ def _register_pad(
     )
 
 
-def _depth_along(
+def depth_along(
     points: Float[np.ndarray, "n 3"],
     direction: Float[np.ndarray, " 3"],
     triangles: Float[np.ndarray, "f 3 3"],

@@ -1,0 +1,188 @@
+"""Values that no sensor gives: markers that are dead, frozen or clipped, frames of zeros, copied frames."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.pressing import Pressing, heaviest
+
+LIVELY = 0.5
+"""A frame tells frozen markers where more than this share of all markers differ from the frame before."""
+FROZEN_FRAMES, FROZEN_SHARE = 3, 0.25
+"""A marker counts as dead where it repeats itself exactly in so many frames, and in this share of those, in
+which half of its neighbours are pressed. A marker with noise of 4 um in steps of 0.1 um does so by chance once
+in 1e5 frames."""
+FAINT = 0.25
+"""So does one that carries less than this share of its neighbours' median where that is half the peak;
+within sound contacts no marker there has less than 0.6."""
+DEAD_SAID, DEAD_REFUSED = 0.01, 0.05
+"""Share of the contact's markers. E loses about as much: 30 % of dead markers lose 27 to 28 %."""
+CLIPPED_SAMPLES = 12
+"""Samples that share the field's greatest value exactly; sound recordings have one or two."""
+FEWEST_LEVELS = 12
+"""Different values of a field between zero and its greatest; below, its steps and not its noise rule."""
+
+
+def channel_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """What is wrong with single markers, values and frames, pad by pad."""
+    found: list[Finding] = []
+    for one in pressings:
+        found += _whole_frames(one)
+        found += _markers(one)
+        found += _values(one)
+    return found
+
+
+def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
+    """Markers in the contact that give nothing, or nothing new, and in which words."""
+    fields = {"displacement": one.pad.displacement_mm, "force": one.pad.force_N}
+    around = one.pressed[:, one.near].mean(axis=2) >= 0.5
+    dead, words = np.zeros(len(one.touched), dtype=bool), []
+    for name, values in fields.items():
+        repeats = (values[1:] == values[:-1]).all(axis=2)
+        lively = repeats.mean(axis=1) < LIVELY
+        asked = around[1:] & lively[:, None]
+        same = repeats & asked
+        frozen = (same.sum(axis=0) >= FROZEN_FRAMES) & (same.sum(axis=0) >= FROZEN_SHARE * asked.sum(axis=0))
+        faint = _faint(one, values)
+        if frozen.any():
+            zero = bool((values[1:][same[:, :] & frozen] == 0).all())
+            words.append(("zero" if zero else "frozen", name))
+        elif faint.any():
+            words.append(("dead", name))
+        dead |= frozen | faint
+    if not words:
+        return dead, ""
+    what = words[0][0]
+    return dead, f"{what} in {' and '.join(dict.fromkeys(name for _, name in words))}"
+
+
+def _faint(one: Pressing, values: Float[np.ndarray, "t n 3"]) -> Bool[np.ndarray, " n"]:
+    top = heaviest(one)
+    mean = np.abs(values[top, :, 2].mean(axis=0) - np.median(values[one.quiet, :, 2], axis=0))
+    sd = float(values[one.quiet].std()) / np.sqrt(len(top) / 1.5)
+    around = np.median(mean[one.near], axis=1)
+    peak = float(np.quantile(mean, 0.99))
+    return np.asarray((around > max(0.5 * peak, 8 * sd)) & (mean < FAINT * around))
+
+
+def _markers(one: Pressing) -> list[Finding]:
+    dead, words = dead_markers(one)
+    contact = one.touched | dead
+    share = float(dead.sum() / max(contact.sum(), 1))
+    if share <= DEAD_SAID:
+        return []
+    return [
+        Finding(
+            rank=Rank.FIELD,
+            sentence=(
+                f"{pads_said((one.pad.name,))} markers are dead: {int(dead.sum())} of the "
+                f"{int(contact.sum())} in the contact ({100 * share:.0f} %) are {words} while their "
+                "neighbours are pressed; their force is missing"
+            ),
+            pad=one.pad.name,
+            refused=share > DEAD_REFUSED,
+            relative_sd=share,
+        )
+    ]
+
+
+def _whole_frames(one: Pressing) -> list[Finding]:
+    """Frames that are all zero in a field that has noise, and frames copied from the one before."""
+    found = []
+    for name, values, noise in (
+        ("displacement", one.pad.displacement_mm, one.felt_sd_mm),
+        ("force", one.pad.force_N, one.force_sd_N),
+    ):
+        zero = (values == 0).all(axis=(1, 2))
+        beside = np.zeros_like(zero)
+        pressed = one.pressed.any(axis=1)
+        beside[1:-1] = pressed[:-2] | pressed[2:]
+        lost = zero & beside & ~zero.all()
+        if noise > 0 and lost.any():
+            found.append(
+                Finding(
+                    rank=Rank.FIELD,
+                    sentence=(
+                        f"{pads_said((one.pad.name,))} {name} is zero at every marker in {int(lost.sum())} "
+                        f"frames during the contact (the first is frame {int(np.argmax(lost))}): frames were "
+                        "lost and filled with zeros"
+                    ),
+                    pad=one.pad.name,
+                    refused=True,
+                )
+            )
+    both = [(v[1:] == v[:-1]).all(axis=(1, 2)) for v in (one.pad.displacement_mm, one.pad.force_N)]
+    copied = both[0] & both[1] & one.pressed[1:].any(axis=1)
+    if one.felt_sd_mm > 0 and copied.sum() >= 2:
+        found.append(
+            Finding(
+                rank=Rank.FIELD,
+                sentence=(
+                    f"{pads_said((one.pad.name,))} frames are duplicated: {int(copied.sum())} in the contact "
+                    f"are copies of the one before (the first is frame {int(np.argmax(copied)) + 1})"
+                ),
+                pad=one.pad.name,
+                refused=bool(copied.mean() > COPIED_REFUSED),
+                relative_sd=float(copied.mean()),
+            )
+        )
+    return found
+
+
+COPIED_REFUSED = 0.3
+
+
+def _values(one: Pressing) -> list[Finding]:
+    """Fields whose greatest value repeats, or that know few values."""
+    found = []
+    for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
+        raw = one.pad.displacement_mm if name == "displacement" else one.pad.force_N
+        normal = np.abs(raw[:, :, 2])
+        top = float(normal.max())
+        if top <= 0 or not one.pressed.any():
+            continue
+        levels = len(np.unique(normal))
+        if levels < FEWEST_LEVELS:
+            found.append(
+                Finding(
+                    rank=Rank.FIELD,
+                    sentence=(
+                        f"{pads_said((one.pad.name,))} {name} knows only {levels} different values up to "
+                        f"{top:.3g}: it was rounded (quantised) too coarsely"
+                    ),
+                    pad=one.pad.name,
+                    relative_sd=1.0 / levels,
+                    refused=levels < FEWEST_LEVELS // 3,
+                )
+            )
+            continue
+        clipped = normal >= top * (1 - 1e-6)
+        if clipped.sum() >= CLIPPED_SAMPLES and _smooth_below(normal, top):
+            share = float(clipped.sum() / max(one.pressed.sum(), 1))
+            found.append(
+                Finding(
+                    rank=Rank.FIELD,
+                    sentence=(
+                        f"{pads_said((one.pad.name,))} {name} is clipped: {int(clipped.sum())} values stand "
+                        f"at exactly {top:.3g} {'mm' if name == 'displacement' else 'N'}, the greatest of "
+                        "all; the sensor saturates"
+                    ),
+                    pad=one.pad.name,
+                    refused=share > CLIPPED_REFUSED,
+                    relative_sd=2 * share,
+                )
+            )
+        del values
+    return found
+
+
+CLIPPED_REFUSED = 0.05
+
+
+def _smooth_below(normal: Float[np.ndarray, "t n"], top: float) -> bool:
+    """Whether values just below the greatest are rarer than it: steps would fill them alike."""
+    below = (normal < top * (1 - 1e-6)) & (normal > 0.95 * top)
+    return bool((normal >= top * (1 - 1e-6)).sum() > 0.25 * below.sum())

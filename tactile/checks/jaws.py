@@ -1,0 +1,136 @@
+"""Poses against each other, against the aperture and against what the gel felt."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.pressing import Pressing
+from tactile.checks.units import LENGTH, times_said, unit_like
+from tactile.recording import Recording
+
+FACING = 0.9
+"""Cosine between one pad's normal and the other's reversed: 26 degrees. Parallel jaws have 1.000."""
+OPENING_SAID_MM = 0.3
+"""Aperture against the poses' distance, of what the jaws close; recordings here agree to 1e-6 mm."""
+MOVED = 0.2
+"""Poses that move by less than this share of the aperture's change stand still."""
+OVER_CLOSING, SLACK_MM = 1.2, 0.15
+"""The gel cannot be indented by more than its jaw has gone past the first touch."""
+
+
+def closing_mm(one: Pressing) -> float:
+    """How far the pad goes past its first touch (the last frame before any marker is pressed)."""
+    pressed = one.pressed.sum(axis=1) >= 3
+    if not pressed.any():
+        return 0.0
+    way = one.closing_mm
+    return float(way.max() - way[max(int(np.argmax(pressed)) - 1, 0)])
+
+
+def jaw_findings(
+    recording: Recording, pressings: Sequence[Pressing], *, centre_mm: Float[np.ndarray, " 3"] | None = None
+) -> list[Finding]:
+    """What poses say of each other and of the aperture; `centre_mm` is the fruit's, if a mesh is there."""
+    found: list[Finding] = []
+    poses = [one.pad.pose for one in pressings]
+    if recording.loading == "grasp" and len(poses) == 2:
+        normals = [pose[0, :3, 2] for pose in poses]
+        line = poses[1][0, :3, 3] - poses[0][0, :3, 3]
+        inward = [float(normals[0] @ line), float(-normals[1] @ line)]
+        if -float(normals[0] @ normals[1]) < FACING or min(inward) < 0:
+            return [_wrong_way(poses, inward)]
+        found += _aperture(recording, poses)
+    if centre_mm is not None and not found:
+        for one in pressings:
+            pose = one.pad.pose[0]
+            if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
+                found.append(
+                    _refused(
+                        f"{pads_said((one.pad.name,))} pose has its z axis away from the fruit; z points out "
+                        "of the gel into the fruit",
+                        pad=one.pad.name,
+                    )
+                )
+    return found
+
+
+def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """A gel that is indented by more than its jaw went."""
+    found = []
+    for one in pressings:
+        felt = float(np.quantile(np.abs(one.felt_mm[:, :, 2]).max(axis=0), 0.98))
+        closing = closing_mm(one)
+        if felt > OVER_CLOSING * closing + SLACK_MM and one.pressed.any():
+            found.append(
+                _refused(
+                    f"{pads_said((one.pad.name,))} gel is indented by {felt:.2f} mm although its jaw goes only "
+                    f"{closing:.2f} mm past the first touch: displacement, or the poses' movement, is scaled "
+                    "or of another recording",
+                    pad=one.pad.name,
+                )
+            )
+    return found
+
+
+def _aperture(recording: Recording, poses: Sequence[Float[np.ndarray, "t 4 4"]]) -> list[Finding]:
+    between = np.einsum("ti,i->t", poses[1][:, :3, 3] - poses[0][:, :3, 3], poses[0][0, :3, 2])
+    stated = recording.aperture_mm
+    moved, said = float(np.ptp(between)), float(np.ptp(stated))
+    apart = float(np.ptp(stated - between))
+    if said > 0.3 and moved < MOVED * said and unit_like(moved / said, LENGTH) is None:
+        return [
+            _refused(
+                f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by {said:.2f} mm: "
+                "poses of one instant, or of another recording"
+            )
+        ]
+    if apart <= max(OPENING_SAID_MM, 0.1 * said):
+        return []
+    scale = moved / max(said, 1e-12)
+    unit = unit_like(scale, {1 / times: name for times, name in LENGTH.items()})
+    if unit:
+        what = f"aperture_mm looks like {unit}"
+    elif unit_like(scale, LENGTH):
+        what = f"the poses look like {unit_like(scale, LENGTH)}"
+        return [_refused(f"{what}: they move {times_said(scale)} what the aperture does")]
+    else:
+        what = "aperture and poses disagree (another recording's, or another clock)"
+    return [
+        Finding(
+            rank=Rank.MACHINE,
+            sentence=(
+                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, and they "
+                f"differ by up to {apart:.2f} mm"
+            ),
+            relative_sd=0.0 if unit else 0.2,
+        )
+    ]
+
+
+def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[float]) -> Finding:
+    """Normals that do not face each other: whether transposing the rotations would make them."""
+    turned = [pose[0, :3, :3].T[:, 2] for pose in poses]
+    origins = [pose[0, :3, 3] for pose in poses]
+    line = origins[1] - origins[0]
+    if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
+        return _refused(
+            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): only turned round do "
+            "the pads face each other"
+        )
+    back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
+    if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
+        return _refused("the poses are inverted (fruit to pad instead of pad to fruit)")
+    if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
+        return _refused(
+            "the poses have the pads back to back: the z axes point away from each other; z points out of "
+            "the gel into the fruit, or the poses of left and right are exchanged (swapped)"
+        )
+    return _refused(
+        "the pads do not face each other by their poses: rotations are transposed, or poses of another session"
+    )
+
+
+def _refused(sentence: str, *, pad: str | None = None) -> Finding:
+    return Finding(rank=Rank.MACHINE, sentence=sentence, pad=pad, refused=True)

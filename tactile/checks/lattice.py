@@ -1,0 +1,179 @@
+"""The grid of markers: sites without a marker, a contact that runs over its edge, markers in another order."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial import ConvexHull, cKDTree
+
+from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.pressing import Pressing, heaviest
+from tactile.checks.units import LENGTH
+
+REGULAR = 0.75
+"""Share of the vectors between nearest markers that must be one of two steps for markers to be a grid."""
+MISSING_SAID, MISSING_REFUSED = 0.01, 0.05
+"""Share of the contact's sites. A missing marker's force is missing: 30 % of them cost E 27 %."""
+FACE_MM = (3.0, 150.0)
+"""Longest side of a gel's markers: sensors have 10 to 60 mm."""
+AT_EDGE = 0.6
+"""Mean force of the grid's outermost markers in contact over the peak; sound: up to 0.3."""
+ORDERED = 0.5
+"""Correlation of a marker with the mean of its neighbours at the peak; sound: 0.9 and more."""
+
+
+def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """What is wrong with each pad's markers as a grid."""
+    return [finding for one in pressings for finding in _pad(one)]
+
+
+def _pad(one: Pressing) -> list[Finding]:
+    lead = pads_said((one.pad.name,))
+    rest = one.pad.rest_mm[:, :2]
+    side = float(np.ptp(rest, axis=0).max())
+    if not FACE_MM[0] <= side <= FACE_MM[1]:
+        return [_unit(one, side)]
+    found = []
+    if (order := _order(one)) is not None and order < ORDERED:
+        found.append(
+            Finding(
+                rank=Rank.FIELD,
+                sentence=(
+                    f"{lead} markers are in another order (permuted) in rest_mm than in displacement and "
+                    f"force: neighbours on the gel feel unlike things (correlation {max(order, 0.0):.2f}, "
+                    "expected above 0.9)"
+                ),
+                pad=one.pad.name,
+                refused=True,
+            )
+        )
+        return found
+    sites = missing_sites(rest)
+    if len(sites) and one.touched.any():
+        near = np.asarray(cKDTree(rest).query(sites, k=4)[1])
+        lost = int((one.touched[near].mean(axis=1) >= 0.5).sum())
+        share = lost / (lost + int(one.touched.sum()))
+        if share > MISSING_SAID:
+            found.append(
+                Finding(
+                    rank=Rank.FIELD,
+                    sentence=(
+                        f"{lead} marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in "
+                        f"the contact ({100 * share:.0f} %) have no marker (missing from the arrays); their "
+                        "force is missing"
+                    ),
+                    pad=one.pad.name,
+                    refused=share > MISSING_REFUSED,
+                    relative_sd=share,
+                )
+            )
+    found += _edge(one, rest)
+    return found
+
+
+def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+    """Places of the markers' grid inside its outline that have no marker; none where markers are no grid."""
+    none = np.empty((0, 2))
+    if len(rest_mm) < 9:
+        return none
+    tree = cKDTree(rest_mm)
+    spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
+    pairs = tree.query_pairs(1.25 * spacing, output_type="ndarray")
+    steps = rest_mm[pairs[:, 1]] - rest_mm[pairs[:, 0]]
+    steps = np.where((steps @ [1.0, 1e-3] < 0)[:, None], -steps, steps)
+    basis = _basis(steps, spacing)
+    if basis is None:
+        return none
+    hull = ConvexHull(rest_mm).equations
+    moves = np.concatenate([basis, -basis])
+    filled, missing = rest_mm, none
+    for _ in range(4):
+        sites = (filled[:, None] + moves[None]).reshape(-1, 2)
+        inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < 0.02 * spacing
+        away = np.asarray(cKDTree(filled).query(sites)[0]) > 0.45 * spacing
+        new = sites[inside & away]
+        if not len(new):
+            break
+        new = new[np.unique(np.round(new / (0.45 * spacing)), axis=0, return_index=True)[1]]
+        kept: list[np.ndarray] = []
+        for site in new:
+            if all(np.linalg.norm(site - other) > 0.45 * spacing for other in kept):
+                kept.append(site)
+        missing = np.vstack([missing, *kept])
+        filled = np.vstack([filled, *kept])
+    return missing
+
+
+def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray, "2 2"] | None:
+    """The two commonest steps between nearest markers; None where others are as common."""
+    if len(steps) < 8:
+        return None
+    tree = cKDTree(steps)
+    groups = tree.query_ball_point(steps, r=0.2 * spacing)
+    first = max(range(len(steps)), key=lambda k: len(groups[k]))
+    one = steps[groups[first]].mean(axis=0)
+    angle = np.abs(steps @ one) / np.linalg.norm(steps, axis=1) / np.linalg.norm(one)
+    others = [k for k in range(len(steps)) if angle[k] < 0.87]
+    if not others:
+        return None
+    second = max(others, key=lambda k: len(groups[k]))
+    two = steps[groups[second]].mean(axis=0)
+    third = np.array([one - two, one + two])
+    fits = [
+        np.minimum(np.linalg.norm(steps - v, axis=1), np.linalg.norm(steps + v, axis=1)) < 0.25 * spacing
+        for v in (one, two, *third)
+    ]
+    return np.stack([one, two]) if np.any(fits, axis=0).mean() > REGULAR else None
+
+
+def _order(one: Pressing) -> float | None:
+    """Correlation of each marker with its neighbours at the peak, in the field with less noise."""
+    top = heaviest(one)
+    if one.touched.sum() < 20:
+        return None
+    values = []
+    for field, sd in ((one.felt_mm, one.felt_sd_mm), (one.force_N, one.force_sd_N)):
+        mean = field[top, :, 2].mean(axis=0)
+        if mean.std() < 4 * sd / np.sqrt(len(top) / 1.5):
+            return None
+        values.append(float(np.corrcoef(mean, mean[one.near].mean(axis=1))[0, 1]))
+    return max(values)
+
+
+def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
+    """A contact that is strong at the outermost markers reaches past them, where nothing is measured."""
+    hull = ConvexHull(rest).equations
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * one.spacing_mm
+    mean = one.force_N[heaviest(one), :, 2].mean(axis=0)
+    peak = float(np.quantile(mean, 0.98))
+    if peak <= 0 or not outermost.any():
+        return []
+    share = float(np.sort(mean[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
+    if share < AT_EDGE:
+        return []
+    return [
+        Finding(
+            rank=Rank.FIELD,
+            sentence=(
+                f"{pads_said((one.pad.name,))} contact runs over the edge of its markers (the outermost carry "
+                f"{100 * share:.0f} % of the peak): the force beyond them is missing; markers are missing, "
+                "or the fruit was not held in the pad's middle"
+            ),
+            pad=one.pad.name,
+            refused=True,
+        )
+    ]
+
+
+def _unit(one: Pressing, side_mm: float) -> Finding:
+    fits = [name for times, name in LENGTH.items() if 8.0 <= side_mm / times <= 60.0]
+    unit = f", as if in {' or '.join(fits)}" if fits else ""
+    return Finding(
+        rank=Rank.FIELD,
+        sentence=(
+            f"{pads_said((one.pad.name,))} rest_mm spans {side_mm:.3g} mm{unit}; expected the places of the "
+            "markers on the gel in millimetres"
+        ),
+        pad=one.pad.name,
+        refused=True,
+    )

@@ -1,0 +1,80 @@
+"""All checks of one recording, in the order in which a cause explains what follows from it."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tactile.checks.channels import channel_findings
+from tactile.checks.finding import Finding
+from tactile.checks.footprint import footprint, footprint_findings
+from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
+from tactile.checks.lattice import lattice_findings
+from tactile.checks.pressing import Pressing, pressing_of
+from tactile.checks.relation import relation_findings
+from tactile.checks.time_order import time_findings
+from tactile.recording import GelPad, Recording
+from tactile.registration import depth_along
+
+
+def recording_findings(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    *,
+    E_range_MPa: tuple[float, float] | None = None,
+    surface_sd_mm: float = 0.0,
+) -> list[Finding]:
+    """What cannot be right in `recording` of the fruit with this mesh, the likeliest cause first.
+
+    What a refused finding explains is left out: nothing of a lower rank is looked for. `E_range_MPa`: moduli
+    that the category can have, `surface_sd_mm`: the mesh's error. A bare indenter's trace is not checked.
+    """
+    pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    if len(pads) != len(recording.pads):
+        return []
+    pressings = [pressing_of(pad) for pad in pads]
+    found: list[Finding] = []
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    for stage in (
+        lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
+        lambda: time_findings(recording, pressings),
+        lambda: relation_findings(
+            pressings, closing_mm=[closing_mm(one) for one in pressings], E_range_MPa=E_range_MPa
+        ),
+        lambda: jaw_findings(recording, pressings, centre_mm=centre),
+        lambda: indentation_findings(pressings),
+        lambda: _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
+    ):
+        found += stage()
+        if any(one.refused for one in found):
+            break
+    return sorted(found, key=lambda one: (not one.refused, one.rank))
+
+
+def _on_the_fruit(
+    pressings: Sequence[Pressing],
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    surface_sd_mm: float,
+) -> list[Finding]:
+    prints = [footprint(one, vertices, faces) for one in pressings]
+    there = [one for one in prints if one is not None]
+    if len(there) < len(pressings):
+        return []
+    width = None
+    if len(pressings) == 2:
+        width = _width_mm(pressings, vertices, faces)
+    return footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
+
+
+def _width_mm(
+    pressings: Sequence[Pressing], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> float:
+    """The mesh between the two pads: their distance in the first frame less what stands ahead of each."""
+    poses = [one.pad.pose[0] for one in pressings]
+    apart = float((poses[1][:3, 3] - poses[0][:3, 3]) @ poses[0][:3, 2])
+    for one, pose in zip(pressings, poses, strict=True):
+        places = one.pad.rest_mm[one.touched] @ pose[:3, :3].T + pose[:3, 3]
+        apart -= float(np.nanmin(depth_along(places, pose[:3, 2], vertices[faces])))
+    return apart

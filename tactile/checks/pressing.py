@@ -1,0 +1,108 @@
+"""A pad's signals made ready for checks: without offsets, with their noise, and where the gel is pressed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from tactile.checks.gel_law import displacement_of
+from tactile.recording import GelPad
+
+QUIET_SHARE = 10.0
+"""Per cent of the frames that are taken to touch nothing at first; recordings here have 25 to 60 % of air."""
+QUIET_OVER = 1.5
+"""Frames whose forces, and displacements, have a root mean square up to this many times that of the quietest."""
+PRESSED_SD = 6.0
+"""A marker is pressed where its force or its displacement exceeds this many standard deviations of noise."""
+LEAST_SHARE = 0.1
+"""And this share of the largest, so that a noisy channel does not count as pressed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressing:
+    """One pad. `gel_mm` is how far each marker should have moved by its force and the gel's law, x, y, z.
+
+    `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
+    offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
+    four. `gel_mm` is None where too few markers say the area of one.
+    """
+
+    pad: GelPad
+    felt_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    gel_mm: Float[np.ndarray, "t n 3"] | None
+    felt_sd_mm: float
+    force_sd_N: float
+    gel_sd_mm: float
+    quiet: Bool[np.ndarray, " t"]
+    pressed: Bool[np.ndarray, "t n"]
+    near: Int[np.ndarray, "n k"]
+    spacing_mm: float
+
+    @property
+    def touched(self) -> Bool[np.ndarray, " n"]:
+        """Markers that are pressed in two frames at least."""
+        return np.asarray(self.pressed.sum(axis=0) >= 2)
+
+    @property
+    def closing_mm(self) -> Float[np.ndarray, " t"]:
+        """How far the pad has gone along its own normal since the first frame."""
+        pose = self.pad.pose
+        return np.asarray((pose[:, :3, 3] - pose[0, :3, 3]) @ pose[0, :3, 2])
+
+
+def pressing_of(pad: GelPad) -> Pressing:
+    """The pad's signals without their offset; what is pressed says itself."""
+    quiet = _quiet(pad)
+    felt = -(pad.displacement_mm - np.median(pad.displacement_mm[quiet], axis=0))
+    force = pad.force_N - np.median(pad.force_N[quiet], axis=0)
+    gel = displacement_of(pad, force)
+    felt_sd, force_sd = _noise(felt, quiet), _noise(force, quiet)
+    near = min(5, len(pad.rest_mm))
+    apart, who = cKDTree(pad.rest_mm).query(pad.rest_mm, k=near)
+    apart, who = np.asarray(apart).reshape(len(pad.rest_mm), -1), np.asarray(who).reshape(len(apart), -1)
+    return Pressing(
+        pad=pad,
+        felt_mm=felt,
+        force_N=force,
+        gel_mm=gel,
+        felt_sd_mm=felt_sd,
+        force_sd_N=force_sd,
+        gel_sd_mm=0.0 if gel is None else _noise(gel, quiet),
+        quiet=quiet,
+        pressed=_beyond(felt, felt_sd) | _beyond(force, force_sd),
+        near=who[:, 1:],
+        spacing_mm=float(np.median(apart[:, 1:2])) if near > 1 else 0.0,
+    )
+
+
+def _quiet(pad: GelPad) -> Bool[np.ndarray, " t"]:
+    """Frames in which force and displacement are least; a field that never changes has no say."""
+    quiet = np.ones(len(pad.force_N), dtype=bool)
+    for values in (pad.force_N, pad.displacement_mm):
+        size = np.sqrt((values**2).mean(axis=(1, 2)))
+        least = size <= QUIET_OVER * np.percentile(size, QUIET_SHARE)
+        if np.ptp(size) > 0 and (quiet & least).any():
+            quiet &= least
+    return quiet
+
+
+def _noise(values: Float[np.ndarray, "t n 3"], quiet: Bool[np.ndarray, " t"]) -> float:
+    """Standard deviation of one component in quiet frames."""
+    return float(np.sqrt((values[quiet] ** 2).mean()))
+
+
+def _beyond(values: Float[np.ndarray, "t n 3"], sd: float) -> Bool[np.ndarray, "t n"]:
+    size = np.linalg.norm(values, axis=2)
+    return np.asarray(size > max(PRESSED_SD * sd, LEAST_SHARE * float(size.max()), 1e-12))
+
+
+HEAVIEST = 5
+
+
+def heaviest(one: Pressing) -> Int[np.ndarray, " h"]:
+    """The frames in which the pad is pressed most, by force and displacement together."""
+    sizes = [np.linalg.norm(values, axis=(1, 2)) for values in (one.felt_mm, one.force_N)]
+    size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
+    return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])

@@ -1,0 +1,367 @@
+"""Force against displacement of one gel: gain, sign, axis, delay, order of markers, saturation, dead fields.
+
+Both are measured at the same markers at the same instants, and a gel's law ties them (tactile/checks/
+gel_law.py): with U the displacement felt and V the one that the forces make, V = U but for noise. Numbers
+that sound recordings show stand beside each limit; `benchmarks/field_mistakes.py --sound` prints them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.pressing import Pressing, heaviest
+from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
+
+AXES = "xyz"
+DEAD = 0.02
+"""A field whose total stays below this share of what the other one says is dead."""
+IN_STEP, OUT_OF_STEP = 0.97, 0.93
+"""Correlation over frames of the totals of U and V; sound recordings have 0.99 and more."""
+SAME_MARKERS = 0.6
+"""Correlation of U and V over markers at the peak, divided by what noise leaves of it; sound: 0.95 and more."""
+ON_ANOTHER_AXIS = 0.8
+SATURATES = 0.6
+"""Slope of V on U above half the peak over the slope below; sound 0.9 to 1.1, a sensor that reads a quarter
+less at its peak 0.7."""
+NOISE_FOR_SLOPES = 0.06
+"""Noise over peak of the less noisy field, up to which its bins tell a saturation."""
+GAIN_SAID, GAIN_REFUSED = 0.08, 0.4
+"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.05 and less, the mildest
+gain fault of the open cases (gel creep) 0.14, a nonlinear sensor 0.23."""
+E_PER_GAIN = 0.7
+"""Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relation:
+    """Of one pad: V over U, correlations over frames, markers and axes, the delay of V against U, saturation.
+
+    `lag_frames`: by how many frames V is late, with the correlation there; `axes[i, j]` correlates component
+    i of V with component j of U; `saturation` is the slope above half the peak over that below; `fading` the
+    correlation of V with U summed over frames (U written as increments).
+    """
+
+    felt_mm: float
+    gel_mm: float
+    gain: float
+    in_time: float
+    over_markers: float
+    axes: Float[np.ndarray, "3 3"]
+    lag_frames: int
+    at_lag: float
+    saturation: float
+    summed: float
+
+
+def relation_of(one: Pressing) -> Relation | None:
+    """How the pad's forces and displacements relate; None where no marker is pressed or no law is known."""
+    if one.gel_mm is None or not one.touched.any():
+        return None
+    use = one.touched
+    felt, gel = one.felt_mm[:, use], one.gel_mm[:, use]
+    U, V = felt[:, :, 2].sum(axis=1), gel[:, :, 2].sum(axis=1)
+    top = heaviest(one)
+    lag, at_lag = _lag(U, V)
+    return Relation(
+        felt_mm=float(np.abs(U).max()),
+        gel_mm=float(np.abs(V).max()),
+        gain=_slope(U, V),
+        in_time=_correlation(U, V),
+        over_markers=_over_markers(one, top, use),
+        axes=_axes(one, felt[top].mean(axis=0), gel[top].mean(axis=0), frames=len(top)),
+        lag_frames=lag,
+        at_lag=at_lag,
+        saturation=_saturation(felt[:, :, 2], gel[:, :, 2], noise=(one.felt_sd_mm, one.gel_sd_mm)),
+        summed=_correlation(np.cumsum(U), V),
+    )
+
+
+def relation_findings(
+    pressings: Sequence[Pressing], *, closing_mm: Sequence[float], E_range_MPa: tuple[float, float] | None
+) -> list[Finding]:
+    """What the gel's law says of every pad; causes that both pads share are said once.
+
+    `closing_mm`: how far each pad goes past its first touch; `E_range_MPa`: what flesh of the category can
+    have. The two say which of force, displacement and stated stiffness is wrong where a gain is.
+    """
+    relations = [relation_of(one) for one in pressings]
+    found: list[Finding] = []
+    gains: list[tuple[Pressing, Relation, float]] = []
+    for one, relation, closing in zip(pressings, relations, closing_mm, strict=True):
+        if relation is None:
+            continue
+        own = _pad_finding(one, relation)
+        if own is not None:
+            found.append(own)
+        elif abs(np.log(max(relation.gain, 1e-12))) > GAIN_SAID:
+            gains.append((one, relation, closing))
+    return [*_shared(found), *_gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
+
+
+def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
+    """Everything but a gain, the plainest cause first."""
+    name = one.pad.name
+    lead = pads_said((name,))
+    if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
+        return _refused(
+            name,
+            f"{lead} displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while "
+            f"its forces reach {_total_N(one):.2g} N; the markers were not tracked",
+        )
+    if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
+        return _refused(
+            name,
+            f"{lead} force is dead: it stays at {_total_N(one):.2g} N while its markers move "
+            f"{_peak(one.felt_mm):.2f} mm",
+        )
+    if r.in_time < -IN_STEP:
+        what = "displacement" if _pushes(one) else "force"
+        return _refused(
+            name,
+            f"{lead} {what} has the wrong sign: pressing moves markers to negative z and puts a positive "
+            "force on the fruit, expected as the format has it",
+        )
+    if exchanged := _exchanged(r):
+        i, j = exchanged
+        field = _field_exchanged(one, r)
+        return _refused(
+            name,
+            f"{lead} {field} has its axes exchanged or turned: the force along {AXES[i]} goes with the "
+            f"displacement along {AXES[j]}",
+        )
+    if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + 0.03):
+        late = "late" if r.lag_frames > 0 else "early"
+        return _refused(
+            name,
+            f"{lead} force comes {abs(r.lag_frames)} frames {late} against its displacement: the two clocks "
+            "disagree",
+        )
+    if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
+        return _refused(
+            name,
+            f"{lead} displacement is written as increments from frame to frame: summed up it follows the "
+            "force; write displacement from rest (cumulative)",
+        )
+    if r.in_time < OUT_OF_STEP:
+        return _refused(
+            name,
+            f"{lead} force and displacement do not go together over time (correlation {r.in_time:.2f}, "
+            "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
+        )
+    if r.over_markers < SAME_MARKERS:
+        return _refused(
+            name,
+            f"{lead} force and displacement are not of the same markers (correlation over markers "
+            f"{max(r.over_markers, 0):.2f}, expected above 0.9): one of the two lists its markers in another "
+            "order (permuted)",
+        )
+    if r.saturation < SATURATES:
+        what = f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below"
+        return _refused(name, f"{lead} {what}; the sensor saturates")
+    if r.saturation > 1 / SATURATES:
+        what = f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak"
+        return _refused(name, f"{lead} {what} as below; tracking saturates")
+    return None
+
+
+def _gain_findings(
+    gains: Sequence[tuple[Pressing, Relation, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
+) -> list[Finding]:
+    """Gains, said once for both pads where they agree."""
+    if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < 0.15:
+        gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
+        names = tuple(one.pad.name for one, _, _ in gains)
+        return [_gain_finding(gains[0], gain, names, share=1.0, E_range_MPa=E_range_MPa)]
+    return [
+        _gain_finding(one, one[1].gain, (one[0].pad.name,), share=1 / pads, E_range_MPa=E_range_MPa)
+        for one in gains
+    ]
+
+
+def _gain_finding(
+    one: tuple[Pressing, Relation, float],
+    gain: float,
+    names: tuple[str, ...],
+    *,
+    share: float,
+    E_range_MPa: tuple[float, float] | None,
+) -> Finding:
+    pressing, _, closing = one
+    lead = pads_said(names)
+    size = abs(float(np.log(gain)))
+    blamed = _blamed(pressing, closing, E_range_MPa)
+    said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
+    scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
+    unit_F = unit_like(gain, FORCE)
+    unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
+    if blamed == "displacement" and unit_u:
+        sentence = f"{lead} displacement looks like {unit_u}: {scaled}"
+    elif blamed == "displacement":
+        sentence = f"{lead} displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
+    elif blamed == "force" and unit_F:
+        sentence = f"{lead} forces look like {unit_F}: {said}"
+    elif blamed == "force":
+        sentence = f"{lead} forces are scaled: {said}, and no fruit of this category is as stiff or soft"
+    elif unit_k:
+        sentence = f"{lead} gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+    else:
+        unit = f" (as if in {unit_F})" if unit_F else ""
+        sentence = (
+            f"{lead} forces are {said}{unit}: a gain of the force, a scale of the displacement, or the "
+            "stiffness (kn, kt) of another gel"
+        )
+    return Finding(
+        rank=Rank.RELATION,
+        sentence=sentence,
+        pad=names[0] if len(names) == 1 else None,
+        refused=size > GAIN_REFUSED,
+        relative_sd=E_PER_GAIN * size * share,
+    )
+
+
+def _blamed(one: Pressing, closing_mm: float, E_range_MPa: tuple[float, float] | None) -> str:
+    """Force or displacement, whichever cannot be for these jaws and this fruit; else neither."""
+    felt = _peak(one.felt_mm)
+    if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
+        return "displacement"
+    if E_range_MPa is not None and closing_mm > 0:
+        into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
+        E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
+        low, high = E_range_MPa
+        if not low / HERTZ_OFF < E < high * HERTZ_OFF:
+            return "force"
+    return ""
+
+
+LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
+"""Gel's indentation over the pad's closing since first touch; sound recordings have 0.05 to 0.5."""
+NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
+"""For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
+
+
+def _refused(pad: str, sentence: str) -> Finding:
+    return Finding(rank=Rank.RELATION, sentence=sentence, pad=pad, refused=True)
+
+
+def _shared(found: Sequence[Finding]) -> list[Finding]:
+    """Both pads' findings as one where only the pad's name tells them apart up to its first number."""
+    if len(found) == 2:
+        bare = [one.sentence.replace(pads_said((one.pad or "",)), "").split(":")[0] for one in found]
+        if bare[0] == bare[1]:
+            both = found[0].sentence.replace(pads_said((found[0].pad or "",)), pads_said(("left", "right")))
+            return [Finding(rank=found[0].rank, sentence=both, refused=True)]
+    return list(found)
+
+
+def _correlation(a: Float[np.ndarray, " t"], b: Float[np.ndarray, " t"]) -> float:
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.sqrt((a @ a) * (b @ b)))
+    return float(a @ b) / size if size > 0 else 0.0
+
+
+def _over_markers(one: Pressing, frames: np.ndarray, use: Bool[np.ndarray, " n"]) -> float:
+    """Correlation over markers of U and V in these frames' mean, divided by what noise leaves of it."""
+    if one.gel_mm is None or use.sum() < 9:
+        return 1.0
+    u, v = (x[frames][:, use, 2].mean(axis=0) for x in (one.felt_mm, one.gel_mm))
+    noise = [s**2 / len(frames) * 1.5 for s in (one.felt_sd_mm, one.gel_sd_mm)]
+    share = [max(1 - n / max(float(x.var()), 1e-30), 0.0) for n, x in zip(noise, (u, v), strict=True)]
+    if min(share) < 0.2:
+        return 1.0
+    return _correlation(u, v) / float(np.sqrt(share[0] * share[1]))
+
+
+def _axes(
+    one: Pressing, u: Float[np.ndarray, "m 3"], v: Float[np.ndarray, "m 3"], *, frames: int
+) -> Float[np.ndarray, "3 3"]:
+    """Correlations over markers of the components' means over some frames; 0 where noise hides one."""
+    if len(u) < 9:
+        return np.eye(3)
+    su, sv = np.sqrt((u**2).mean(axis=0)), np.sqrt((v**2).mean(axis=0))
+    seen_u, seen_v = (
+        x > 2.5 * sd / np.sqrt(frames / 1.5)
+        for x, sd in ((su, one.felt_sd_mm), (sv, one.gel_sd_mm))
+    )
+    both = v.T @ u / len(u) / np.maximum(sv[:, None] * su[None], 1e-30)
+    return np.asarray(np.where(seen_v[:, None] & seen_u[None], both, 0.0))
+
+
+def _exchanged(r: Relation) -> tuple[int, int] | None:
+    """The axes (force, displacement) that go together although they differ."""
+    axes = np.abs(r.axes)
+    for j in (0, 1):
+        if axes[2, 2] < 0.9 and max(axes[2, j], axes[j, 2]) > max(ON_ANOTHER_AXIS, axes[2, 2] + 0.1):
+            return (2, j) if axes[2, j] >= axes[j, 2] else (j, 2)
+    if min(axes[0, 1], axes[1, 0]) > 0.5 and max(axes[0, 0], axes[1, 1]) < 0.3:
+        return 0, 1
+    return None
+
+
+def _field_exchanged(one: Pressing, r: Relation) -> str:
+    """Force or displacement: whichever has its largest component elsewhere than along z."""
+    for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
+        if int(np.argmax((values[one.pressed] ** 2).sum(axis=0))) != 2:
+            return name
+    return "force or displacement"
+
+
+def _lag(U: Float[np.ndarray, " t"], V: Float[np.ndarray, " t"]) -> tuple[int, float]:
+    """Frames by which V follows U best, and the correlation there."""
+    most = max(1, min(len(U) // 4, 15))
+    found = {}
+    for lag in range(-most, most + 1):
+        a = U[max(0, -lag) : len(U) - max(0, lag)]
+        b = V[max(0, lag) : len(V) - max(0, -lag)]
+        found[lag] = _correlation(a, b)
+    best = max(found, key=lambda lag: found[lag])
+    return best, found[best]
+
+
+def _saturation(
+    u: Float[np.ndarray, "t m"], v: Float[np.ndarray, "t m"], *, noise: tuple[float, float]
+) -> float:
+    """Slope of V on U above half the peak over that below, by means in bins of the one with less noise."""
+    peaks = float(np.abs(u).max()), float(np.abs(v).max())
+    if min(peaks) <= 0:
+        return 1.0
+    a, b = (u / peaks[0]).ravel(), (v / peaks[1]).ravel()
+    by_u = noise[0] / peaks[0] <= noise[1] / peaks[1]
+    level = a if by_u else b
+    if (noise[0] / peaks[0] if by_u else noise[1] / peaks[1]) > NOISE_FOR_SLOPES:
+        return 1.0
+    top = float(np.quantile(level, 1 - min(0.02, 20 / len(level))))
+    edges = top * np.array([0.1, 0.25, 0.4, 0.55, 0.7, 0.85, 1.01])
+    place = np.digitize(level, edges)
+    bins = [place == k for k in range(1, len(edges)) if (place == k).sum() >= 8]
+    if len(bins) < 5:
+        return 1.0
+    x, y = (np.array([float(w[k].mean()) for k in bins]) for w in (a, b))
+    half = len(x) // 2
+    lower, upper = (_slope(x[s], y[s]) for s in (slice(0, half + 1), slice(half, None)))
+    return max(upper, 1e-6) / max(lower, 1e-6)
+
+
+def _slope(x: Float[np.ndarray, " t"], y: Float[np.ndarray, " t"]) -> float:
+    about = x - x.mean()
+    return float(about @ y / max(float(about @ about), 1e-30))
+
+
+def _flat(values: Float[np.ndarray, "t n 3"], sd: float, use: Bool[np.ndarray, " n"]) -> bool:
+    """Whether nothing of a field rises above its noise."""
+    return bool(np.sqrt((values[:, use] ** 2).mean(axis=(1, 2))).max() < max(2.0 * sd, 1e-9))
+
+
+def _peak(values: Float[np.ndarray, "t n 3"]) -> float:
+    return float(np.abs(values[:, :, 2]).max())
+
+
+def _total_N(one: Pressing) -> float:
+    return float(np.abs(one.force_N[:, :, 2].sum(axis=1)).max())
+
+
+def _pushes(one: Pressing) -> bool:
+    total = one.force_N[:, :, 2].sum(axis=1)
+    return bool(total.max() > -total.min())

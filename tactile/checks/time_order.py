@@ -1,0 +1,139 @@
+"""Whether frames are in the order in which they were taken, and gel, jaws and clock in step."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.pressing import Pressing
+from tactile.recording import Recording
+
+FEWEST_MOVES = 8
+TURNS = 0.45
+"""Share of the jaws' steps that go back on the one before; frames in chance order have two thirds, protocols
+of several cycles up to a quarter."""
+ROUGH = 0.3
+"""Mean square of a signal's steps over twice its variance: 1 for chance order; sound recordings, some of
+whose signals cross their whole range in five frames, have up to 0.16."""
+LATE_MM, EARLY_MM = 0.6, 1.2
+"""The jaws' opening at release less that at touch, both pads together: late signals make it positive. Sound
+flesh has 0.1 and less, an adhesive gel (reach 0.12 mm) 0.25; creep and yield make it negative."""
+LATE_REFUSED_MM = 4.0
+"""A clock late by 0.19 s at 4 mm/s, which `drupe explain` can put right, makes 3.1."""
+SPEED_MM_PER_S = (0.002, 300.0)
+"""Fastest closing of the jaws; grippers have 0.1 to 100."""
+
+
+def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
+    """Chance order of the jaws' log and of the gel's frames, a gel that is late, a clock in another unit."""
+    jaws = recording.aperture_mm
+    found: list[Finding] = []
+    moves = np.diff(jaws)
+    moves = moves[np.abs(moves) > 0.02 * max(float(np.ptp(jaws)), 1e-9)]
+    disordered = len(moves) >= FEWEST_MOVES and float((moves[1:] * moves[:-1] < 0).mean()) > TURNS
+    if disordered:
+        return [
+            _refused(
+                "the frames are out of order (shuffled): the jaws turn back at "
+                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; sort the frames by "
+                "the time at which they were taken"
+            )
+        ]
+    for one in pressings:
+        for name, signal in (
+            ("displacement", one.felt_mm[:, one.touched, 2].sum(axis=1)),
+            ("force", one.force_N[:, one.touched, 2].sum(axis=1)),
+        ):
+            if roughness(signal, jaws) > ROUGH:
+                found.append(
+                    _refused(
+                        f"{pads_said((one.pad.name,))} {name} jumps from frame to frame while the jaws move "
+                        "evenly: its frames are out of order (shuffled) against the jaws' log",
+                        pad=one.pad.name,
+                    )
+                )
+    if not found:
+        found += _late(recording, pressings)
+    found += _clock(recording)
+    return found
+
+
+def roughness(signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"]) -> float:
+    """Mean square of steps where the jaws step less than usual, over twice the variance in contact."""
+    if np.ptp(signal) <= 0 or len(signal) < 8:
+        return 0.0
+    strong = np.abs(signal) > 0.1 * np.abs(signal).max()
+    calm = np.abs(np.diff(jaws_mm)) <= 0.35 * max(float(np.ptp(jaws_mm)), 1e-12)
+    use = (strong[1:] | strong[:-1]) & calm
+    spread = float(signal[strong].var()) if strong.sum() > 3 else 0.0
+    if use.sum() < 5 or spread <= 0:
+        return 0.0
+    spread = max(spread, 0.05 * float(np.abs(signal).max()) ** 2)
+    return float((np.diff(signal)[use] ** 2).mean() / (2 * spread))
+
+
+def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
+    """Touch and release at unlike openings of the jaws."""
+    jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
+    total = np.sum(
+        [one.felt_mm[:, one.touched, 2].sum(axis=1) / max(one.touched.sum(), 1) for one in pressings], axis=0
+    )
+    at = 0.15 * float(total.max())
+    up = np.flatnonzero((total[1:] >= at) & (total[:-1] < at))
+    down = np.flatnonzero((total[1:] < at) & (total[:-1] >= at))
+    if not len(up) or not len(down) or down[-1] <= up[-1]:
+        return []
+    touch, release = (_crossing(total, jaws, k, at) for k in (int(up[-1]), int(down[-1])))
+    apart = release - touch
+    if -EARLY_MM * _scale(jaws) <= apart <= LATE_MM * _scale(jaws):
+        return []
+    late = "late" if apart > 0 else "early"
+    return [
+        Finding(
+            rank=Rank.MACHINE,
+            sentence=(
+                f"the gel's signals (displacement and force) are {late} against the jaws: at release the jaws "
+                f"stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than at touch; the two clocks "
+                "disagree (lag)"
+            ),
+            refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),
+            relative_sd=0.15 * abs(apart),
+        )
+    ]
+
+
+def _scale(jaws_mm: Float[np.ndarray, " t"]) -> float:
+    """Limits are for a closing of 3 mm."""
+    return max(1.0, float(np.ptp(jaws_mm)) / 3.5)
+
+
+def _crossing(
+    signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"], k: int, level: float
+) -> float:
+    share = (level - signal[k]) / (signal[k + 1] - signal[k])
+    return float(jaws_mm[k] + share * (jaws_mm[k + 1] - jaws_mm[k]))
+
+
+def _clock(recording: Recording) -> list[Finding]:
+    speed = np.abs(np.diff(recording.aperture_mm)) / np.diff(recording.time_s)
+    if not len(speed):
+        return []
+    fastest = float(speed.max())
+    low, high = SPEED_MM_PER_S
+    if fastest == 0 or low <= fastest <= high:
+        return []
+    unit = "milliseconds" if fastest < low else "minutes or hours"
+    return [
+        Finding(
+            rank=Rank.MACHINE,
+            sentence=(
+                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, expected "
+                f"{low:g} to {high:g}"
+            ),
+        )
+    ]
+
+
+def _refused(sentence: str, *, pad: str | None = None) -> Finding:
+    return Finding(rank=Rank.FIELD, sentence=sentence, pad=pad, refused=True)
