@@ -1,20 +1,25 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
 import difflib
-import json
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pipeline.config import NO_PIT, Settings, read_settings
+from pydantic import ValidationError
+
+from pipeline.config import MOST_BYTES, NO_PIT, Grading, Settings, read_settings
 from pipeline.fruits_table import FruitRow, read_fruits
 from pipeline.layout import BatchFolder
+from pipeline.plausible import grading_doubts, kind_of, table_doubts
 from pipeline.problem import BatchRefused, Problem
 from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
 from recon.measured_pit import load_pit
 from recon.mesh_file import SUFFIXES
+from recon.onnx_session import require_onnx
+from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
 from recon.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
 
 T = TypeVar("T")
@@ -35,7 +40,8 @@ class Batch:
     """What grading starts from; `prior` is None only where no fruit needs its pit and the settings hold
     Poisson's ratio.
 
-    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like.
+    `category`: its name, where the settings give a file; `known`: what is known of it, if anything is;
+    `body`: what a whole fruit of it is like.
     """
 
     folder: BatchFolder
@@ -43,6 +49,7 @@ class Batch:
     rows: tuple[FruitRow, ...]
     mat: Mat | None
     category: str
+    known: PitPrior | None
     body: Body
     prior: PitPrior | None
 
@@ -60,11 +67,15 @@ class Survey:
     problems: tuple[Problem, ...]
 
 
-def open_batch(root: Path) -> Batch:
-    """The batch at `root`; raises BatchRefused with every problem of the batch as a whole."""
+def open_batch(root: Path, *, force: bool = False) -> Batch:
+    """The batch at `root`; raises BatchRefused with every problem of the batch as a whole.
+
+    With `force` numbers that are merely implausible stop nothing.
+    """
     found = survey(root)
-    if found.problems or found.settings is None or found.rows is None:
-        raise BatchRefused(found.problems)
+    stops = [p for p in found.problems if not (force and p.implausible)]
+    if stops or found.settings is None or found.rows is None:
+        raise BatchRefused(stops)
     known = found.category
     return Batch(
         folder=found.folder,
@@ -72,6 +83,7 @@ def open_batch(root: Path) -> Batch:
         rows=found.rows,
         mat=found.mat,
         category=found.settings.category if known is None else known.category,
+        known=known,
         body=STONE_FRUIT if known is None else known.body,
         prior=found.prior,
     )
@@ -88,15 +100,20 @@ def survey(root: Path) -> Survey:
         if told is not None:
             rows, faults = told
             problems += faults
-        mat = _gather(problems, lambda: read_mat(folder.mat)) if folder.mat.is_file() else None
-    if rows and not folder.mat.is_file():
-        problems += _without_scale(folder, rows)
+        lies = folder.mat.exists() or folder.mat.is_symlink()
+        mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
+        if rows and not lies:
+            problems += _without_scale(folder, rows)
     if settings is not None:
         category, prior, wrong = _read_priors(folder, settings, rows)
         problems += wrong
         problems += _without_model(folder, settings)
         problems += _effects_of_strangers(folder, settings, rows)
         problems += _effects_without_pit(folder, settings, rows)
+        grading = settings.grading
+    else:
+        category, grading = _read_alone(folder)
+    problems += _implausible(folder, grading, rows, category)
     return Survey(
         folder=folder,
         settings=settings,
@@ -108,14 +125,38 @@ def survey(root: Path) -> Survey:
     )
 
 
+def _implausible(
+    folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...] | None, category: PitPrior | None
+) -> list[Problem]:
+    """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
+    kind = kind_of(category)
+    columns = table_doubts(rows or (), kind).values()
+    return [
+        *(Problem(str(folder.settings), said, implausible=True) for said in grading_doubts(grading, kind)),
+        *(Problem(str(folder.table), said, implausible=True) for said in columns),
+    ]
+
+
+def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading]:
+    """Category and classes of settings with a fault elsewhere, so that one go says what else is wrong."""
+    category, grading = None, Grading()
+    with suppress(NotReadable):
+        table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
+        with suppress(ReconFailure):
+            named = table.get("category")
+            category = load_prior(as_named(folder.root, named)) if isinstance(named, str) else None
+        with suppress(ValidationError):
+            grading = Grading.model_validate(table.get("grading", {}))
+    return category, grading
+
+
 def read_mat(path: Path) -> Mat:
     """The marker mat described in `path`; raises BatchRefused."""
     try:
-        mapping = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise BatchRefused(
-            [Problem(str(path), f"is not valid JSON ({error}); make one with `drupe mat`.")]
-        ) from None
+        mapping = json_of(read_text(path, most_bytes=MOST_BYTES))
+    except NotReadable as error:
+        hint = "" if not_plain(path) else "; make one with `drupe mat`"
+        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
     try:
         return parse_mat(mapping, source=path.name)
     except ReconFailure as failure:
@@ -258,7 +299,13 @@ def _effects_of_strangers(
 def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
     """A geometry model that is asked for must be there."""
     asked = settings.recon.geometry_model
-    if asked is None or (folder.root / asked).is_file():
+    if asked is None:
+        return []
+    if (folder.root / asked).is_file():
+        try:
+            require_onnx(folder.root / asked)
+        except ReconFailure as failure:
+            return [Problem(str(folder.settings), f'"recon.geometry_model": {failure.detail}')]
         return []
     return [
         Problem(

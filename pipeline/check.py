@@ -4,14 +4,18 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from pipeline.batch import Survey, survey
+import numpy as np
+
+from pipeline.batch import Batch, Survey, survey
 from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.layout import FruitFolder
+from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
 from pipeline.problem import Problem
 from recon.failure import ReconFailure
 from recon.mesh_file import read_mesh
-from recon.photos import read_photo, require_enough
+from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
+from recon.plain_file import not_plain
 from tactile.failure import TactileFailure
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
@@ -21,19 +25,46 @@ def check(root: Path) -> tuple[Problem, ...]:
     """Everything that would stop the batch or any fruit of it, as far as reading the files can tell."""
     found = survey(root)
     if found.rows is None:
-        return found.problems
+        rows: tuple[FruitRow, ...] = tuple(
+            FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found)
+        )
+        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row)))
     fruit = (p for row in found.rows for p in fruit_problems(found, row))
     return (*found.problems, *_strays(found), *fruit)
 
 
+def implausible_fruit(batch: Batch) -> dict[str, str]:
+    """For each fruit whose own numbers no fruit of the category has, the sentence that says so: what was
+    measured of it, or the size of its ready mesh.
+    """
+    kind = kind_of(batch.known)
+    said = {}
+    for row in batch.rows:
+        doubts = list(row_doubts(row, batch.rows, kind))
+        mesh = batch.folder.fruit(row.fruit_id).fruit_ply
+        if mesh.is_file():
+            try:
+                doubts.append(_size_doubt(mesh, row, kind))
+            except ReconFailure:
+                doubts.append("")  # the fruit's own work says what is wrong with the file
+        if any(doubts):
+            said[row.fruit_id] = " ".join(doubt for doubt in doubts if doubt)
+    return said
+
+
 def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
     """What stands in the way of grading one fruit."""
+    kind = kind_of(batch.category)
+    for sentence in row_doubts(row, batch.rows or (), kind):
+        named = f"{row.fruit_id}: {sentence}"
+        yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
     folder = batch.folder.fruit(row.fruit_id)
     if not folder.root.is_dir():
         yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
         return
-    if folder.fruit_ply.is_file():
-        yield from _ready_mesh_problems(batch, row, folder)
+    yield from _no_files(row, folder)
+    if folder.fruit_ply.exists() or folder.fruit_ply.is_symlink():
+        yield from _ready_mesh_problems(batch, row, folder, kind)
     else:
         yield from _photo_problems(batch, row, folder)
     grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
@@ -49,9 +80,31 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
         yield from _tried(row, path, partial(read_raw_grasp, path))
 
 
-def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    """What is named like an input and is no file: links to nothing, pipes, devices, folders."""
+    places: list[tuple[Path, tuple[str, ...]]] = [(folder.root / "grasps", (".h5",))]
+    places += [(place, SUFFIXES) for place in (folder.photos, folder.photos_flipped)]
+    for place, suffixes in places:
+        for path in sorted(place.iterdir()) if place.is_dir() else ():
+            if path.suffix.lower() not in suffixes or path.name.startswith("."):
+                continue
+            if wrong := not_plain(path):
+                yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
+
+
+def _size_doubt(path: Path, row: FruitRow, kind: Kind) -> str:
+    vertices, _ = read_mesh(path)
+    limits, height_mm = kind.ranges.height_mm, row.height_mm
+    if height_mm is not None and limits is not None and not limits[0] <= height_mm <= limits[1]:
+        height_mm = None  # said already, with its own slip
+    return mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
+
+
+def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind) -> Iterator[Problem]:
     broken = list(_tried(row, folder.fruit_ply, partial(_closed_mesh, folder.fruit_ply)))
-    if folder.pit_ply.is_file():
+    if not broken and (doubt := _size_doubt(folder.fruit_ply, row, kind)):
+        broken.append(Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True))
+    if folder.pit_ply.exists() or folder.pit_ply.is_symlink():
         broken += _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
     yield from broken
     if not broken:
@@ -73,7 +126,7 @@ def _closed_mesh(path: Path) -> None:
 
 
 def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
-    if not batch.folder.mat.is_file() and row.height_mm is None and "height_mm" not in row.unreadable:
+    if not batch.folder.mat.exists() and row.height_mm is None and "height_mm" not in row.unreadable:
         yield _at(
             row,
             batch.folder.table,
@@ -96,14 +149,20 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
     """Fruit folders that no row of the table speaks of."""
     listed = {row.fruit_id for row in batch.rows or ()}
     fruits = batch.folder.root / "fruits"
-    found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
     return tuple(
         Problem(
             str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
         )
-        for name in found
-        if name not in listed and SAFE_ID.fullmatch(name)
+        for name in _folders(batch)
+        if name not in listed
     )
+
+
+def _folders(batch: Survey) -> list[str]:
+    """The names of the fruit that have a folder."""
+    fruits = batch.folder.root / "fruits"
+    found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
+    return [name for name in found if SAFE_ID.fullmatch(name)]
 
 
 def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
@@ -111,6 +170,8 @@ def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Pr
         read()
     except (ReconFailure, TactileFailure) as failure:
         yield _at(row, path, failure.detail)
+    except MemoryError:
+        yield _at(row, path, "needs more memory than there is; expected a file of usual size.")
 
 
 def _at(row: FruitRow, path: Path, sentence: str) -> Problem:

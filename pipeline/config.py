@@ -4,11 +4,18 @@ import datetime
 import difflib
 import itertools
 import math
-import reprlib
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.confirmed import ConfirmedEffect
@@ -33,7 +40,9 @@ class _Strict(BaseModel):
 
     @field_validator("*", mode="before")
     @classmethod
-    def _printable(cls, value: Any) -> Any:
+    def _printable(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool) and "bool" not in str(cls.model_fields[str(info.field_name)].annotation):
+            raise ValueError("expected no true or false here")
         return printable(value).strip() if isinstance(value, str) else value
 
 
@@ -166,7 +175,9 @@ class Settings(_Strict):
     category: Name
     cultivar: Words | None = None
     lot: Words | None = None
-    harvest_date: Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1))] | None = None
+    harvest_date: (
+        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
+    ) = None
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
@@ -225,17 +236,27 @@ def _sentence(error: Any, model: type[BaseModel]) -> str:
         near = difflib.get_close_matches(str(location[-1]), known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
         return f'unknown key "{key}"; {hint}'
-    return f'"{key}": {_expected(error)}{_likely_slip(str(location[-1]), error["input"])}.'
+    slip = _likely_slip(str(location[-1]), error["input"])
+    return f'"{key}": {_expected(error)}{slip or "."}'
+
+
+def shown(value: object) -> str:
+    """A value as it stood in the file, not too long to read."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
 
 
 def _expected(error: Any) -> str:
     """What was found and what was expected, in plain words."""
     kind, limits = error["type"], error.get("ctx", {})
-    found = reprlib.repr(error["input"])
+    found = shown(error["input"])
     if kind in {"value_error", "assertion_error"}:
         message = error["msg"].removeprefix("Value error, ")
-        shown = isinstance(error["input"], dict | list)
-        return message if shown else f"found {found}; {message[:1].lower()}{message[1:]}"
+        return (
+            message
+            if isinstance(error["input"], dict | list)
+            else f"found {found}; {message[:1].lower()}{message[1:]}"
+        )
     if kind == "too_long":
         return f"holds {limits['actual_length']} entries; at most {limits['max_length']} are read"
     if kind == "string_too_long":

@@ -8,6 +8,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from fem.assembly import LARGEST_POISSON_RATIO
+from recon.plain_file import printable
 from tactile.correction import (
     ClockLag,
     Fault,
@@ -40,6 +42,16 @@ PARAMETERS: dict[str, dict[str, Kind]] = {
     "pose_error": {"pad": "pad", "shift_mm": "pair", "tilt_deg": "number"},
 }
 """Every effect that can be confirmed, and the parameters that it needs; docs/formats.md defines them."""
+LIMITS: dict[str, tuple[float, float]] = {
+    "g": (0.0, 1.0), "tau_s": (1e-6, 1e6), "b": (-10.0, 1e3), "Et_N_per_mm": (0.0, 1e4), "gamma": (-1.0, 1.0),
+    "centre_mm": (-1e3, 1e3), "radius_mm": (1e-3, 1e3), "ratio": (1e-6, 1e6), "axial": (-10.0, 1e3),
+    "nu": (0.0, LARGEST_POISSON_RATIO), "offset_mm": (-100.0, 100.0), "scale": (0.01, 100.0),
+    "gap_mm": (0.0, 50.0), "mu": (0.0, 100.0), "yield_over_E": (0.0, 1e3), "dmax": (0.0, 1.0),
+    "W0_over_E": (0.0, 1e6), "gain": (0.01, 100.0), "newton_per_s": (-1e3, 1e3), "mm_per_N": (-10.0, 10.0),
+    "lag_s": (-100.0, 100.0), "shift_mm": (-100.0, 100.0), "tilt_deg": (-90.0, 90.0),
+}  # fmt: skip
+"""What a parameter can be at all, wide: what was found may be far from usual."""
+MOST_SD = 1e6
 OF_THE_JAWS = frozenset({"sensor_gain", "sensor_drift", "gripper_compliance", "clock_lag", "pose_error"})
 """Faults of the measurement: they hold for every fruit of a batch, and are taken out of its recordings."""
 OF_ONE_FRUIT = frozenset({"soft_spot", "pit_offset", "pit_size", "loose_pit"})
@@ -51,14 +63,19 @@ _LENGTH = {"pair": 2, "triple": 3}
 class ConfirmedEffect(BaseModel):
     """One effect, its parameters and their standard deviations; `fruits`: only these, else all."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    effect: str
-    parameters: dict[str, Value]
-    sd: dict[str, float | tuple[float, ...]] = {}
+    effect: Annotated[str, Field(max_length=100)]
+    parameters: Annotated[dict[str, Value], Field(max_length=100)]
+    sd: Annotated[dict[str, float | tuple[float, ...]], Field(max_length=100)] = {}
     fruits: tuple[str, ...] | None = None
-    found_in: str | None = None
+    found_in: Annotated[str, Field(max_length=10_000)] | None = None
     probability: Annotated[float, Field(ge=0, le=1)] | None = None
+
+    @field_validator("found_in", mode="before")
+    @classmethod
+    def _printable(cls, value: Any) -> Any:
+        return printable(value) if isinstance(value, str) else value
 
     @field_validator("effect")
     @classmethod
@@ -83,6 +100,9 @@ class ConfirmedEffect(BaseModel):
         for name in self.sd:
             if name not in self.parameters or wanted.get(name) == "pad":
                 raise ValueError(f'sd has "{name}", which is no number among the parameters')
+            spread = self.spread(name)
+            if not 0 <= spread <= MOST_SD:
+                raise ValueError(f"sd.{name} is {spread:g}, expected 0 or more and at most {MOST_SD:g}")
         for name in ("gain", "scale"):
             if name in wanted and not self.number(name) > 0:
                 raise ValueError(f"{name} is {self.number(name):g}, expected above zero")
@@ -122,12 +142,17 @@ def _require(name: str, value: Value, kind: Kind) -> None:
         right = isinstance(value, str) and value in ("left", "right", "tip")
         wanted = "left, right or tip"
     elif kind == "number":
-        right, wanted = isinstance(value, int | float), "a number"
+        right = isinstance(value, int | float) and not isinstance(value, bool)
+        wanted = "a number"
     else:
         right = isinstance(value, tuple) and len(value) == _LENGTH[kind]
         wanted = f"{_LENGTH[kind]} numbers"
     if not right:
-        raise ValueError(f"{name} is {value!r}, expected {wanted}")
+        raise ValueError(f"{name} is {value!r:.80}, expected {wanted}")
+    low, high = LIMITS.get(name) or LIMITS["g" if name.startswith("g_") else "tau_s"]
+    numbers = () if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
+    if not all(low <= one <= high for one in numbers):
+        raise ValueError(f"{name} is {value!r:.80}, expected {low:g} to {high:g}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,10 @@ from pathlib import Path
 import pandas as pd
 
 from pipeline.problem import BatchRefused, Problem
+from recon.plain_file import NotReadable, not_plain, printable, read_text
 
+MOST_BYTES, MOST_FRUIT, MOST_CELL = 4_000_000, 2000, 10_000
+"""Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
 MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
 COLUMNS = ("fruit_id", *MEASURES, "notes")
 SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
@@ -36,9 +39,10 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
 
     Raises BatchRefused where it is no table, or has no ids.
     """
-    table = _table(path)
-    problems = [
-        Problem(str(path), f'unknown column "{column}"; known columns: {", ".join(COLUMNS)}.')
+    problems: list[Problem] = []
+    table = _table(path, problems)
+    problems += [
+        Problem(str(path), f'unknown column "{column[:80]}"; known columns: {", ".join(COLUMNS)}.')
         for column in table.columns
         if column not in COLUMNS
     ]
@@ -63,19 +67,28 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
 
-def _table(path: Path) -> pd.DataFrame:
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
+def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
+    """The cells as text. Cells parted by something else than commas are a problem, and are read on all the
+    same, so that what else is wrong is said too.
+    """
+    if not path.is_symlink() and not path.exists():
         raise BatchRefused(
             [Problem(str(path), "is missing; it lists the fruit, one row each: fruit_id,height_mm,...")]
-        ) from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BatchRefused(
-            [Problem(str(path), f"cannot be read as UTF-8 text ({error}); save it as CSV UTF-8.")]
-        ) from None
-    if ";" in text.partition("\n")[0]:
-        raise BatchRefused([Problem(str(path), "separates cells by semicolons; save it with commas.")])
+        )
+    try:
+        text = read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        hint = "" if not_plain(path) else "; save it as CSV UTF-8"
+        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+    first, separator = text.partition("\n")[0], ","
+    for other, name in ((";", "semicolons"), ("\t", "tabs")):
+        if other in first and first.count(other) >= first.count(","):
+            problems.append(Problem(str(path), f"separates cells by {name}; save it with commas."))
+            separator = other
+    if separator != ",":
+        text = _with_commas(text, separator)
+    if longest := _longest_cell(text):
+        raise BatchRefused([Problem(str(path), longest)])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
@@ -95,7 +108,36 @@ def _table(path: Path) -> pd.DataFrame:
             ]
         ) from None
     table.columns = [str(c).strip() for c in table.columns]
+    if len(table) > MOST_FRUIT:
+        found = f"holds {len(table)} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
+        raise BatchRefused([Problem(str(path), found)])
     return table
+
+
+def _with_commas(text: str, separator: str) -> str:
+    """The same table as it should have been saved; decimal commas become points."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    try:
+        for row in csv.reader(io.StringIO(text), delimiter=separator):
+            writer.writerow([re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in row])
+    except csv.Error:
+        return text
+    return out.getvalue()
+
+
+def _longest_cell(text: str) -> str:
+    """A sentence where a cell is longer than any note: an open quotation mark swallows the rows below it."""
+    try:
+        for i, row in enumerate(csv.reader(io.StringIO(text)), 1):
+            if any(len(cell) > MOST_CELL for cell in row):
+                return (
+                    f"row {i} has a cell of more than {MOST_CELL} characters; shorten it, or close its "
+                    "quotation mark."
+                )
+    except csv.Error:
+        return f"has a cell of more than {MOST_CELL} characters; shorten it, or close its quotation mark."
+    return ""
 
 
 def _longer_row(text: str) -> str:
@@ -114,7 +156,7 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
         problems.append(
             Problem(
                 str(path),
-                f'line {line}: fruit_id "{fruit_id}" cannot name a folder; use letters, digits, '
+                f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder; use letters, digits, '
                 "dot, dash, underscore and space, at most 80, starting with a letter or digit.",
             )
         )
@@ -132,11 +174,12 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
         if not (math.isfinite(value) and value > 0):
             problems.append(
                 Problem(
-                    str(path), f'line {line}: {name} is "{text}"; expected a number above zero, or nothing.'
+                    str(path),
+                    f'line {line}: {name} is "{text[:40]}"; expected a number above zero, or nothing.',
                 )
             )
             unreadable.append(name)
             continue
         measures[name] = value
-    notes = (record.get("notes") or "").strip()
+    notes = printable(record.get("notes") or "").strip()
     return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **measures)

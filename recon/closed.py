@@ -20,6 +20,15 @@ def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
 
 
+def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
+    """How many pieces the surface has that share no vertex."""
+    used, index = np.unique(faces, return_inverse=True)
+    corner = index.reshape(faces.shape)
+    ends = (np.concatenate([corner[:, 0], corner[:, 1]]), np.concatenate([corner[:, 1], corner[:, 2]]))
+    graph = sparse.coo_array((np.ones(len(ends[0]), np.int8), ends), shape=(len(used), len(used)))
+    return int(sparse.csgraph.connected_components(graph, directed=False)[0])
+
+
 def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> float:
     """Sum of a . (b x c) / 6 over the faces; positive when they look outward."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))

@@ -12,6 +12,11 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
 
+TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
+"""Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
+and 18 mm within 95 mm."""
+_UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
+
 
 @dataclass(frozen=True)
 class Mat:
@@ -93,25 +98,35 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
     known = _dictionary(name).bytesList.shape[0]
     corners: dict[int, Float[np.ndarray, "4 3"]] = {}
     for key, value in tags.items():
-        if not str(key).isdecimal() or int(key) >= known:
-            raise bad(f'"tags", key {key!r},', key, f"a tag number below {known}")
+        if not (str(key).isdecimal() and len(str(key)) < 8 and int(key) < known):
+            raise bad(f'"tags", key {_short(key)},', key, f"a tag number below {known}")
         try:
             points = np.asarray(value, float)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             points = np.empty(0)
         if points.shape != (4, 3) or not np.isfinite(points).all():
             raise bad(f'"tags"."{key}"', value, "four corners [x, y, z] in mm, top-left first, clockwise")
         if np.abs(points[:, 2]).max() > 1e-6:
             raise bad(f'"tags"."{key}"', value, "corners on the plane z = 0")
+        if np.abs(points).max() > FARTHEST_MM:
+            raise bad(f'"tags"."{key}"', value, f"corners within {FARTHEST_MM:g} mm of the mat's middle")
         sides = np.linalg.norm(np.roll(points, -1, 0) - points, axis=1)
         if sides.min() <= 0 or np.ptp(sides) > 0.02 * sides.mean():
             raise bad(f'"tags"."{key}"', value, "a square")
+        side = float(sides.mean())
+        if not TAG_MM[0] <= side <= TAG_MM[1]:
+            slip = next(
+                (f": is it in {unit}?" for f, unit in _UNITS if TAG_MM[0] <= side * f <= TAG_MM[1]), ""
+            )
+            found = f"a tag {side:.3g} mm wide"
+            raise bad(f'"tags"."{key}"', found, f"{TAG_MM[0]:g} to {TAG_MM[1]:g} mm{slip}")
         corners[int(key)] = points
     extent = 2 * np.abs(np.concatenate(list(corners.values()))).max(0)
     size = []
     for field, default in (("W", extent[0]), ("H", extent[1])):
         length = mapping.get(field, float(default))
-        if isinstance(length, bool) or not isinstance(length, int | float) or not length > 0:
+        number = isinstance(length, int | float) and not isinstance(length, bool)
+        if not (number and 0 < length <= 2 * FARTHEST_MM):
             raise bad(f'"{field}"', length, "the mat's size in mm")
         size.append(float(length))
     return Mat(name, dict(sorted(corners.items())), size[0], size[1])

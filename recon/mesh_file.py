@@ -9,9 +9,16 @@ from jaxtyping import Float, Int
 
 from recon.coverage import SEEN_BY
 from recon.failure import ReconFailure, ReconProblem
+from recon.plain_file import NotReadable, printable, read_bytes
 
 SUFFIXES = (".ply", ".stl", ".obj")
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
+MOST_BYTES, MOST_ELEMENTS = 100_000_000, 2_000_000
+"""A scan of two million faces is a binary PLY of 64 MB; 8000 faces are enough for a fruit."""
+MOST_ASCII_BYTES = 30_000_000
+"""Of numbers written as text, which take thirty times their length while they are read."""
+FARTHEST_MM = 1e6
+"""A coordinate beyond a kilometre is of no fruit, and squares of larger ones overflow."""
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
@@ -24,11 +31,15 @@ def read_mesh(path: Path) -> Mesh:
     if kind not in SUFFIXES:
         raise _unreadable(path, f"has the suffix {path.suffix!r}", f"one of {', '.join(SUFFIXES)}")
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(path, f"cannot be opened ({error.strerror})", "a file that can be read") from error
-    if kind == ".ply" and not (data.startswith(b"ply") and b"end_header" in data):
-        raise _unreadable(path, "is broken (no PLY header)", "a whole PLY file")
+        data = read_bytes(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        raise _unreadable(path, str(error), "a file that can be read") from error
+    if kind == ".ply":
+        _require_header(path, data)
+    elif kind == ".stl":
+        _require_stl(path, data)
+    if _as_text(kind, data) and len(data) > MOST_ASCII_BYTES:
+        raise _unreadable(path, f"is text of {len(data) / 1e6:.0f} MB", "a binary PLY, or fewer faces")
     try:
         mesh = trimesh.load_mesh(
             io.BytesIO(data), file_type=kind[1:], process=False, merge_tex=False, maintain_order=True
@@ -37,7 +48,10 @@ def read_mesh(path: Path) -> Mesh:
             mesh.merge_vertices()
         vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, int)
     except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
-        raise _unreadable(path, f"is broken ({error})", f"a whole {kind[1:].upper()} file") from error
+        found = "is broken (what follows its header is not what that says)" if kind == ".ply" else "is broken"
+        raise _unreadable(path, found, f"a whole {kind[1:].upper()} file") from error
+    if max(len(vertices), len(faces)) > MOST_ELEMENTS:
+        raise _unreadable(path, f"holds {len(faces)} faces", f"at most {MOST_ELEMENTS}: simplify it")
     if len(vertices) == 0 or len(faces) == 0:
         raise _unreadable(path, f"holds {len(vertices)} vertices and {len(faces)} faces", "a triangle mesh")
     if faces.min() < 0 or faces.max() >= len(vertices):
@@ -46,6 +60,8 @@ def read_mesh(path: Path) -> Mesh:
         )
     if not np.isfinite(vertices).all():
         raise _unreadable(path, "holds a coordinate that is no number", "finite coordinates in mm")
+    if (farthest := float(np.abs(vertices).max())) > FARTHEST_MM:
+        raise _unreadable(path, f"holds a coordinate of {farthest:.3g} mm", "a fruit's, in mm")
     return vertices, faces
 
 
@@ -74,5 +90,39 @@ def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.nda
     path.write_bytes(mesh_bytes(vertices, faces))
 
 
+def _require_header(path: Path, data: bytes) -> None:
+    """Refuse a PLY whose header promises more than the file can hold, before memory is asked for it."""
+    end = data.find(b"end_header", 0, 65536)
+    if not data.startswith(b"ply") or end < 0:
+        raise _unreadable(path, "is broken (no PLY header)", "a whole PLY file")
+    for line in data[:end].splitlines():
+        words = line.split()
+        if words[:1] == [b"element"]:
+            count = words[2] if len(words) == 3 and words[2].isdigit() and len(words[2]) < 16 else b""
+            if not count:
+                raise _unreadable(path, "is broken (an element without a count)", "a whole PLY file")
+            if int(count) > MOST_ELEMENTS:
+                found = f"holds {int(count)} of {words[1][:20].decode('ascii', 'replace')}"
+                raise _unreadable(path, found, f"at most {MOST_ELEMENTS}: simplify it")
+            if int(count) > len(data) - end:
+                raise _unreadable(path, "was cut short (its header promises more)", "a whole PLY file")
+
+
+def _require_stl(path: Path, data: bytes) -> None:
+    """Refuse a binary STL whose count of faces is not what the file holds: 84 bytes, then 50 a face."""
+    if data[:5].lower() == b"solid" or len(data) < 84:
+        return
+    count = int.from_bytes(data[80:84], "little")
+    if 84 + 50 * count > len(data):
+        raise _unreadable(path, f"was cut short (its header promises {count} faces)", "a whole STL file")
+
+
+def _as_text(kind: str, data: bytes) -> bool:
+    return kind == ".obj" or (
+        b"format ascii" in data[:200] if kind == ".ply" else data[:5].lower() == b"solid"
+    )
+
+
 def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:
-    return ReconFailure(ReconProblem.UNREADABLE_MESH, f"{path} {found}; expected {expected}.")
+    said = f"{printable(str(path))} {found}; expected {expected}."
+    return ReconFailure(ReconProblem.UNREADABLE_MESH, said)

@@ -12,9 +12,18 @@ import pi_heif
 from jaxtyping import Float, Int, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
+from recon.picture_size import picture_px
+from recon.plain_file import NotReadable, printable, read_bytes
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
-FEWEST_PHOTOS = 3
+FEWEST_PHOTOS, MOST_PHOTOS = 3, 500
+"""500 photos of 1600 x 1200 px take 2.9 GB; 24 are advised, a turntable takes 72."""
+MOST_BYTES = 200_000_000
+MOST_PIXELS, MOST_WHOLE_PIXELS = 210_000_000, 60_000_000
+"""The largest sensors of phones have 200 megapixels. 60 megapixels take 180 MB once decoded; a JPEG that is
+larger is decoded at a half, a quarter or an eighth of its sides, anything else that is larger is refused."""
+SHORTEST_SIDE_PX, MOST_LONGEST_OVER_SHORTEST = 32, 8.0
+"""Below, and beyond a panorama's 8 to 1, no fruit can be seen in it."""
 FULL_FRAME_WIDTH_MM = 36.0
 
 
@@ -51,14 +60,19 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     Raises ReconFailure (unreadable-photo) that names the file when it is empty, cut short or no picture.
     """
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _unreadable(path, f"cannot be opened ({error.strerror})") from error
+        data = read_bytes(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        raise _unreadable(path, str(error)) from error
     if not data:
         raise _unreadable(path, "is empty")
     if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-4096:]:
         raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
-    image, exif = _heif(data, path) if data[4:8] == b"ftyp" else (_decoded(data, path), data)
+    if data[:4] == b"\x89PNG" and b"IEND" not in data[-4096:]:
+        raise _unreadable(path, "is a PNG that was cut short (its end mark is missing)")
+    if data[4:8] == b"ftyp":
+        image, exif = _heif(data, path)
+    else:
+        image, exif = _decoded(data, path, longest_side_px), data
     height, width = image.shape[:2]
     focal_px = exif_focal_px(exif, longest_px=max(height, width))
     shrink = longest_side_px / max(height, width)
@@ -69,9 +83,33 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     return Photo(path.name, np.asarray(image, np.uint8), focal_px)
 
 
-def _decoded(data: bytes, path: Path) -> UInt8[np.ndarray, "h w 3"]:
+def _require_size(path: Path, width: int, height: int, most_pixels: int) -> None:
+    """Refuse, before it is decoded, what would not fit into memory or cannot show a fruit."""
+    if width * height > most_pixels:
+        most = f"at most {most_pixels / 1e6:g} million pixels: make it smaller or remove it"
+        raise _unreadable(path, f"has {width} x {height} pixels", most)
+    if min(width, height) < SHORTEST_SIDE_PX:
+        found = f"has {width} x {height} pixels, too few to show a fruit"
+        raise _unreadable(path, found, "a photo: take it again or remove it")
+    if max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
+        found = f"has {width} x {height} pixels, a strip"
+        raise _unreadable(path, found, "a photo: take it again or remove it")
+
+
+def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray, "h w 3"]:
+    size = picture_px(data)
+    if size is None:
+        raise _unreadable(path, "is no picture that can be decoded")
+    jpeg, way = data[:2] == b"\xff\xd8", cv2.IMREAD_COLOR
+    _require_size(path, *size, MOST_PIXELS if jpeg else MOST_WHOLE_PIXELS)
+    if size[0] * size[1] > MOST_WHOLE_PIXELS:
+        share = max(size) / longest_side_px
+        for part, flag in _REDUCED:
+            if share >= part:
+                way = flag
+                break
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), way)
     except cv2.error as error:
         raise _unreadable(path, "cannot be decoded") from error
     if image is None:
@@ -83,9 +121,10 @@ def _heif(data: bytes, path: Path) -> tuple[UInt8[np.ndarray, "h w 3"], bytes]:
     """A phone's HEIC (ISO/IEC 23008-12), turned upright by its own rotation property, and its EXIF block."""
     try:
         picture = pi_heif.open_heif(data, convert_hdr_to_8bit=True, bgr_mode=True)
+        _require_size(path, picture.size[0], picture.size[1], MOST_WHOLE_PIXELS)
         image = np.asarray(picture, np.uint8)[..., :3]
-    except (ValueError, RuntimeError, SyntaxError, EOFError) as error:
-        raise _unreadable(path, f"is a HEIC that cannot be decoded ({error})") from error
+    except (ValueError, RuntimeError, SyntaxError, EOFError, MemoryError) as error:
+        raise _unreadable(path, "is a HEIC that cannot be decoded") from error
     return np.ascontiguousarray(image), bytes(picture.info.get("exif") or b"")
 
 
@@ -99,8 +138,21 @@ def read_photos(folder: Path, *, longest_side_px: int = 1600) -> tuple[Photo, ..
     return tuple(read_photo(path, longest_side_px=longest_side_px) for path in paths)
 
 
+_REDUCED = (
+    (8, cv2.IMREAD_REDUCED_COLOR_8),
+    (4, cv2.IMREAD_REDUCED_COLOR_4),
+    (2, cv2.IMREAD_REDUCED_COLOR_2),
+)
+
+
 def require_enough(count: int, *, where: str) -> None:
-    """Refuse fewer than three photos."""
+    """Refuse fewer than three photos, and more than memory holds."""
+    if count > MOST_PHOTOS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"{where} holds {count} photos; at most {MOST_PHOTOS} are read: keep some 24 to 72, evenly "
+            "around the fruit.",
+        )
     if count < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
@@ -142,9 +194,8 @@ def _tag(tiff: bytes, order: str, directory: int, wanted: int) -> int | None:
     return None
 
 
-def _unreadable(path: Path, fault: str) -> ReconFailure:
-    return ReconFailure(
-        ReconProblem.UNREADABLE_PHOTO,
-        f"{path.name} in {path.parent} {fault}; expected a whole JPEG, PNG or HEIC: copy it again or remove "
-        "it.",
-    )
+def _unreadable(
+    path: Path, fault: str, expected: str = "a whole JPEG, PNG or HEIC: copy it again or remove it"
+) -> ReconFailure:
+    where = f"{printable(path.name)} in {printable(str(path.parent))}"
+    return ReconFailure(ReconProblem.UNREADABLE_PHOTO, f"{where} {fault}; expected {expected}.")

@@ -9,7 +9,7 @@ import manifold3d
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from recon.closed import open_edges, volume_mm3
+from recon.closed import bodies, open_edges, volume_mm3
 from recon.failure import ReconFailure, ReconProblem
 from recon.hull import ball
 from recon.priors import PitPrior
@@ -133,7 +133,7 @@ def least_gap_mm(one: Mesh, other: Mesh) -> float:
 
 
 def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, what: str) -> None:
-    """Refuse a mesh that is open, or turned inside out."""
+    """Refuse a mesh that is open, in pieces, or turned inside out."""
     gaps = open_edges(faces)
     if gaps:
         raise ReconFailure(
@@ -141,6 +141,12 @@ def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
             f"The {what}'s mesh is not watertight: {gaps} edges lack their second face or are shared by "
             f"more; "
             "expected one closed surface: repair it.",
+        )
+    if (pieces := bodies(faces)) > 1:
+        raise ReconFailure(
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is {pieces} separate surfaces; expected one closed surface: keep the outer "
+            "skin alone (a pit belongs into pit.ply).",
         )
     if volume_mm3(vertices, faces) <= 0:
         raise ReconFailure(

@@ -4,7 +4,6 @@ files, each with its source.
 
 import difflib
 import math
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -14,9 +13,15 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.failure import ReconFailure, ReconProblem
+from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.priors.plausible import Plausible, read_plausible
 
+__all__ = [
+    "STONE_FRUIT", "Body", "MeasuredPit", "PitPrior", "Plausible", "known_categories", "load_prior"
+]  # fmt: skip
 FOLDER = Path(__file__).parent
+MOST_BYTES = 1_000_000
+"""Of a category's file; the shipped ones have 3 kB."""
 LEFT = "given_by_batch"
 """The key under which a category names what it leaves to the batch."""
 MAY_BE_LEFT = {
@@ -109,10 +114,11 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
     name = str(category_or_path)
     own = name.endswith(".toml")
     path = Path(name) if own else FOLDER / f"{name}.toml"
-    if own and not path.is_file():
+    if own and (wrong := not_plain(path)):
+        found = "is no file" if wrong == "does not exist" else wrong
         raise ReconFailure(
             ReconProblem.NO_PRIOR,
-            f"{path} is no file; write it (copy a shipped category and edit it: docs/formats.md), or name "
+            f"{path} {found}; write it (copy a shipped category and edit it: docs/formats.md), or name "
             f"a shipped one: {', '.join(known_categories())}.",
         )
     if not own and name not in known_categories():
@@ -122,9 +128,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
             "or give the path of a TOML file with one.",
         )
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise _bad(f"{path} cannot be read as TOML ({error}); copy a shipped prior and edit it.") from error
+        table = toml_of(read_text(path, most_bytes=MOST_BYTES))
+    except NotReadable as error:
+        raise _bad(f"{path} {error}; copy a shipped prior and edit it.") from error
     return _prior(_Entries(path, table, {}))
 
 
@@ -153,6 +159,16 @@ class _Entries:
             raise self._wrong(name, f"2 numbers from {low:g} to {high:g}, the smaller first")
         return least, greatest
 
+    def name(self) -> str:
+        """What the category is called: as it says, or as its file is."""
+        said = self.table.get("category", self.path.stem)
+        if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
+            raise _bad(
+                f"{self.path}: category is {repr(said)[:120]}; expected a name in quotes of at most 200 "
+                "characters."
+            )
+        return printable(said).strip()
+
     def flag(self, name: str) -> bool:
         """True or false."""
         value = self._value(name)
@@ -167,7 +183,9 @@ class _Entries:
             isinstance(one, str) and one in MAY_BE_LEFT for one in named
         ):
             choice = " and ".join(f'"{one}"' for one in MAY_BE_LEFT)
-            raise _bad(f"{self.path}: {LEFT} is {named!r}; expected a list of {choice}, or no such key.")
+            raise _bad(
+                f"{self.path}: {LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key."
+            )
         for one in named:
             for said in MAY_BE_LEFT[one]:
                 if said in self.table:
@@ -190,13 +208,13 @@ class _Entries:
             return None
         source = entry.get("source")
         if isinstance(source, str) and source:
-            self.sources[name] = source
+            self.sources[name] = printable(source)
         return entry.get("value")
 
     def _wrong(self, name: str, expected: str) -> ReconFailure:
         advice = "" if name in self.table else " Add it; shipped categories show how."
         return _bad(
-            f"{self.path}: {name} is {self.table.get(name)!r}; expected {{ value = {expected}, "
+            f"{self.path}: {name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
             f'source = "where it comes from" }}.{advice}'
         )
 
@@ -206,7 +224,7 @@ def _prior(entries: _Entries) -> PitPrior:
     number, table = entries.number, entries.table
     pit, ratio = "pit" not in left, "poisson_ratio" not in left
     prior = PitPrior(
-        category=str(table.get("category", entries.path.stem)),
+        category=entries.name(),
         axis_ratios=number("axis_ratios", 0.05, 0.95, 3) if pit else None,
         raised=number("raised", -0.5, 0.5, 3) if pit else (0.0, 0.0, 0.0),
         exponent=number("exponent", 1.5, 6.0) if pit else 2.0,

@@ -151,7 +151,7 @@ def test_limits_are_the_categorys_where_the_pit_is_another_files(made):
         ),
         (("density_g_per_cm3", "densities_g_per_cm3"), 'unknown key "densities_g_per_cm3"; did you mean'),
         (("= false, ", "= false }#"), "stem_and_suture is {'value': False}; expected"),
-        (('category = "kaki"', "category ="), "cannot be read as TOML"),
+        (('category = "kaki"', "category ="), "is not valid TOML"),
     ],
 )
 def test_a_fault_of_an_own_category_names_file_field_and_what_is_expected(made, change, says):

@@ -1,5 +1,7 @@
 """batch.toml is read strictly, and every fault is said with its key."""
 
+import os
+
 import pytest
 
 from pipeline.config import read_settings
@@ -85,3 +87,62 @@ def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
     assert ".." not in said
     (said,) = refusals(tmp_path, 'category = "plum"\n[photos]\ncoin = "1 euro"\ncoin_mm = 23.25\n')
     assert "not both" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("pulp_temperature_C = 293\n", "expected at most 50: is it in kelvin (19.9 C)?"),
+        ("pulp_temperature_C = 68\n", "expected at most 50: is it in Fahrenheit (20.0 C)?"),
+        ("poisson_ratio = 45\n", "is it in per cent (0.45)?"),
+        ("poisson_ratio = nan\n", "expected a finite number"),
+        (
+            '[sensor]\nname = "x"\ngel_scale_sd = 1e300\n',
+            '"sensor.gel_scale_sd": found 1e+300; expected at most 0.5',
+        ),
+        ("[pit]\nsize_sd = 5\n", '"pit.size_sd": found 5; expected at most 0.5: is it in per cent (0.05)?'),
+        ("[pit]\nsize_sd = inf\n", "expected a finite number"),
+        ("[pit]\noffset_sd_mm = true\n", '"pit.offset_sd_mm"'),
+        ('cultivar = ["a"]\n', "\"cultivar\": found ['a']; expected a text in quotes"),
+        ("harvest_date = 2206-08-14\n", "expected at most 2100-01-01"),
+        ("photos = 3\n", '"photos": found 3; expected a table'),
+        ("cultivar = 12\n", "expected a text in quotes"),
+        ('lot = "' + "x" * 20_000 + '"\n', "longer than 10000 characters"),
+        ("a = " + "[" * 5000 + "]" * 5000 + "\n", "nested too deep"),
+        ("a = " + "1" * 5000 + "\n", "number of thousands of digits"),
+        ("a = " + "1" * 400 + "\n", "a whole number beyond 64 bits"),
+        (".".join("a" * 9000) + " = 1\n", "nested too deep"),
+        ('lot = "' + "x" * 2_000_000 + '"\n', "larger than 1 MB"),
+    ],
+)
+def test_limits_of_settings_are_said_in_plain_words(tmp_path, text, says):
+    lines = refusals(tmp_path, f'category = "plum"\n{text}')
+    assert any(says in line for line in lines), lines
+    for line in lines:
+        assert "Input should" not in line
+        assert len(line) < 500
+
+
+def test_what_is_no_file_is_never_opened(tmp_path):
+    path = tmp_path / "batch.toml"
+    os.mkfifo(path)
+    with pytest.raises(BatchRefused, match="is a named pipe, not a file"):
+        read_settings(path)
+    path.unlink()
+    path.symlink_to("/dev/zero")
+    with pytest.raises(BatchRefused, match="is a device, not a file"):
+        read_settings(path)
+    path.unlink()
+    path.symlink_to(tmp_path / "gone.toml")
+    with pytest.raises(BatchRefused, match="is a link to nothing"):
+        read_settings(path)
+    path.unlink()
+    path.symlink_to(path)
+    with pytest.raises(BatchRefused, match="is a link that leads back to itself"):
+        read_settings(path)
+
+
+def test_text_reaches_nobody_with_control_characters(tmp_path):
+    path = tmp_path / "batch.toml"
+    path.write_text('category = "plum"\nlot = "a\\u001b[31mb\\u202ec"\n')
+    assert read_settings(path).lot == "a[31mbc"

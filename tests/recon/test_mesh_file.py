@@ -67,7 +67,7 @@ def test_a_truncated_or_missing_file_is_named(tmp_path):
     path.write_bytes(path.read_bytes()[:-40])
     with pytest.raises(ReconFailure, match=r"cut\.ply is broken"):
         read_mesh(path)
-    with pytest.raises(ReconFailure, match="cannot be opened"):
+    with pytest.raises(ReconFailure, match="does not exist"):
         read_mesh(tmp_path / "none.ply")
 
 
