@@ -1,38 +1,46 @@
 """One run at a time writes into a results folder."""
 
 import fcntl
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from pipeline.layout import Results
 from pipeline.problem import BatchRefused, Problem
+
+LOCK = ".lock"
 
 
 @contextmanager
-def alone(results: Results) -> Iterator[None]:
+def alone(root: Path, *, option: str = "--out") -> Iterator[None]:
     """Holds the results folder for this run; the operating system lets go of it however the run ends."""
     try:
-        results.root.mkdir(parents=True, exist_ok=True)
-        file = results.lock.open("w")
+        root.mkdir(parents=True, exist_ok=True)
+        lock = os.open(root / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     except OSError as error:
-        raise BatchRefused(
-            [
-                Problem(
-                    str(results.root),
-                    f"cannot be written ({error.strerror}); choose another place with --out.",
-                )
-            ]
-        ) from None
-    with file:
+        sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
+        raise BatchRefused([Problem(str(root), sentence)]) from None
+    try:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise BatchRefused(
-                [
-                    Problem(
-                        str(results.root),
-                        "another run is writing here; wait for it, or choose another --out.",
-                    )
-                ]
-            ) from None
+            sentence = f"another run is writing here; wait for it, or choose another {option}."
+            raise BatchRefused([Problem(str(root), sentence)]) from None
         yield
+    finally:
+        os.close(lock)
+
+
+def is_held(root: Path) -> bool:
+    """Whether another run is writing into the results folder `root`."""
+    try:
+        lock = os.open(root / LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(lock)
+    return False

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.layout import write_whole
+from pipeline.whole_file import put
 
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
@@ -92,7 +92,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) 
     header = json.dumps({"key": key, "facts": artifact.facts})
     named: dict[str, Any] = {HEADER: np.array(header), **artifact.arrays}
     np.savez(buffer, **named)
-    write_whole(path, buffer.getvalue())
+    put(path, buffer.getvalue())
     return artifact
 
 

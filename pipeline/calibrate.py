@@ -1,7 +1,5 @@
 """`drupe calibrate`: what presses say of a sensor goes into its description."""
 
-import shutil
-import tempfile
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.places import require_file_apart, require_new_or_ours
 from pipeline.problem import BatchRefused, Problem
+from pipeline.scratch import scratch
+from pipeline.whole_file import put
 from tactile.ball_press import ball_lookup, ball_print
 from tactile.from_frames import recording_of
 from tactile.gel_fields import layer_of
@@ -22,6 +23,9 @@ from tactile.recording import GelPad
 from tactile.sensor_file import read_sensor
 from tactile.sensors import Camera
 from tactile.shading_file import write_lookup
+
+WRITTEN_BY = "# written by drupe calibrate"
+"""First line of every description written, by which a later run knows its own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +43,8 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
 
     A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
     its normal stiffness per area where springs are stated. Raises TactileFailure where a picture or press
-    cannot be used, BatchRefused where options do not go together. `out` appears whole or not at all.
+    cannot be used, BatchRefused where options do not go together, or `out` or the look-up beside it is one of
+    the inputs or a file that drupe calibrate did not write. `out` appears whole or not at all.
     """
     if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
         raise BatchRefused(
@@ -48,13 +53,16 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
     if not presses.ball and presses.load_cell is None:
         raise BatchRefused([Problem(str(sensor), "nothing to calibrate with; give --press or --load-cell.")])
     described = _described(sensor)
-    with tempfile.TemporaryDirectory() as folder:
-        stage, shading = Path(folder) / out.name, Path(folder) / out.with_suffix(".npz").name
+    kept = described.get("calibration_file") if not presses.ball else None
+    look_up = None if kept is None else _look_up(sensor, kept)
+    _require_apart(sensor, out, described, presses)
+    with scratch() as folder:
+        stage, shading = folder / out.name, folder / out.with_suffix(".npz").name
         said: list[str] = []
         if presses.ball:
             said += _ball(sensor, shading, described, presses, report)
-        elif "calibration_file" in described:
-            shading.write_bytes(_look_up(sensor, described["calibration_file"]).read_bytes())
+        elif look_up is not None:
+            shading.write_bytes(look_up.read_bytes())
         if shading.exists():
             described["calibration_file"] = shading.name
         stage.write_text(as_toml(described), encoding="utf-8")
@@ -63,11 +71,41 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
             said += _stiffness(stage, described, presses.load_cell, report)
             stage.write_text(as_toml(described), encoding="utf-8")
             read_sensor(stage)
-        out.parent.mkdir(parents=True, exist_ok=True)
-        for made in (shading, stage):
-            if made.exists():
-                _moved(made, out.parent)
+        if shading.exists():
+            put(out.parent / shading.name, shading.read_bytes())
+        put(out, f"{WRITTEN_BY}\n{stage.read_text(encoding='utf-8')}".encode())
     return tuple(said)
+
+
+def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: Presses) -> None:
+    """What is read stays as it is, and so does what somebody else wrote."""
+    beside = out.with_suffix(".npz")
+    if out == beside:
+        raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
+    named = [sensor.parent / str(described["calibration_file"])] if "calibration_file" in described else []
+    others = [path for path in (presses.reference, presses.load_cell) if path is not None]
+    folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
+    for target in (out, beside) if presses.ball or named else (out,):
+        require_file_apart(target, inputs=[sensor, *named, *others, *presses.ball], folders=folders)
+    require_new_or_ours(out, _is_calibrated, "a description that drupe calibrate wrote")
+    if presses.ball or named:
+        require_new_or_ours(
+            beside, lambda path: _names(out, path), f"the look-up of a {out.name} that drupe calibrate wrote"
+        )
+
+
+def _is_calibrated(path: Path) -> bool:
+    try:
+        return path.read_text(encoding="utf-8").startswith(f"{WRITTEN_BY}\n")
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+def _names(description: Path, look_up: Path) -> bool:
+    """Whether `description` is one of ours and has its look-up in the file `look_up`."""
+    if not _is_calibrated(description):
+        return False
+    return _described(description).get("calibration_file") == look_up.name
 
 
 def _look_up(sensor: Path, name: object) -> Path:
@@ -102,8 +140,8 @@ def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
         )
     left_out = ("lights", "calibration_file", "kind")
     bare = {"kind": "markers-mono"} | {k: v for k, v in described.items() if k not in left_out}
-    with tempfile.TemporaryDirectory() as folder:
-        stage = Path(folder) / sensor.name
+    with scratch() as folder:
+        stage = folder / sensor.name
         stage.write_text(as_toml(bare), encoding="utf-8")
         read = read_sensor(stage)
     if read.camera is None:
@@ -194,10 +232,3 @@ def _value(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(_value(item) for item in value) + "]"
     return repr(value)
-
-
-def _moved(made: Path, folder: Path) -> None:
-    """Into place, whole or not at all."""
-    beside = folder / f".{made.name}.part"
-    shutil.copyfile(made, beside)
-    beside.replace(folder / made.name)

@@ -1,8 +1,14 @@
 """The `drupe` command."""
 
+from pipeline.safe_start import elsewhere, load  # first of all: the current folder may be a stranger's
+
+# isort: split
 import os
+import signal
 import sys
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import StrEnum
 from importlib import metadata
 from pathlib import Path
@@ -14,6 +20,7 @@ from rich.console import Console
 from pipeline.paper import Paper
 from pipeline.problem import BatchRefused, Problem
 from pipeline.system_libraries import missing_libraries
+from pipeline.whole_file import NotWritten
 
 app = typer.Typer(
     name="drupe",
@@ -29,6 +36,8 @@ BatchArgument = Annotated[
 USAGE, INTERNAL, UNUSABLE, INTERRUPTED = 2, 1, 3, 130
 MOST_EXPLAINING = 4
 """Jobs of `drupe explain` unless told otherwise: more than recordings are seldom of use, and cost memory."""
+LOADED_LATE = ("open3d", "pymeshlab")
+"""Libraries that rooms import when they need them, where the current folder may be a stranger's."""
 
 
 class Indenter(StrEnum):
@@ -72,8 +81,9 @@ def grade(
     settings, 3 some fruit not graded, 130 interrupted.
     """
     _require_libraries()
-    from pipeline.grade import grade as grade_batch
-    from pipeline.summary import print_summary
+    with elsewhere():
+        from pipeline.grade import grade as grade_batch
+        from pipeline.summary import print_summary
 
     try:
         status, entry = grade_batch(
@@ -99,9 +109,10 @@ def check(batch: BatchArgument) -> None:
     Exit status: 0 nothing found, 2 problems found.
     """
     _require_libraries()
-    from pipeline.check import check as check_batch
-
-    problems = check_batch(batch)
+    with elsewhere():
+        from pipeline.check import check as check_batch
+    with _said_when_interrupted(""):
+        problems = check_batch(batch)
     for problem in problems:
         typer.echo(f"{problem}")
     typer.echo(f"{len(problems)} problem{'' if len(problems) == 1 else 's'} found in {batch}")
@@ -164,10 +175,12 @@ def explain(
     or its recordings could not be used, 130 interrupted.
     """
     _require_libraries()
-    from pipeline.explain import NO_ANSWER, NotExplained, Wanted
-    from pipeline.explain import explain as explain_case
-    from pipeline.explain_summary import print_explanation
-    from pipeline.progress import StageLines
+    with elsewhere():
+        load(*LOADED_LATE)
+        from pipeline.explain import NO_ANSWER, NotExplained, Wanted
+        from pipeline.explain import explain as explain_case
+        from pipeline.explain_summary import print_explanation
+        from pipeline.progress import StageLines
 
     console = Console(stderr=True)
     try:
@@ -213,10 +226,11 @@ def convert(
     or not at all. Exit status: 0 written, 1 internal error, 2 usage, 3 SOURCE cannot be used, 130
     interrupted.
     """
-    from pipeline.convert import Wanted
-    from pipeline.convert import convert as convert_source
-    from pipeline.progress import StageLines
-    from tactile.failure import TactileFailure
+    with elsewhere():
+        from pipeline.convert import Wanted
+        from pipeline.convert import convert as convert_source
+        from pipeline.progress import StageLines
+        from tactile.failure import TactileFailure
 
     wanted = Wanted(
         sensor=sensor,
@@ -262,10 +276,11 @@ def calibrate(
     with the machine's load cell the gel's modulus. Exit status: 0 written, 1 internal error, 2 usage, 3 a
     press cannot be used, 130 interrupted.
     """
-    from pipeline.calibrate import Presses
-    from pipeline.calibrate import calibrate as calibrate_sensor
-    from pipeline.progress import StageLines
-    from tactile.failure import TactileFailure
+    with elsewhere():
+        from pipeline.calibrate import Presses
+        from pipeline.calibrate import calibrate as calibrate_sensor
+        from pipeline.progress import StageLines
+        from tactile.failure import TactileFailure
 
     presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)
     try:
@@ -290,9 +305,11 @@ def mat(
     cherry: Annotated[bool, typer.Option("--cherry", help="Half-size tags and blank, for cherries.")] = False,
 ) -> None:
     """Write the marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
-    from pipeline.mat import write_mat
-
-    for path in write_mat(folder, paper=paper, cherry=cherry):
+    with elsewhere():
+        from pipeline.mat import write_mat
+    with _said_when_interrupted(""):
+        written = write_mat(folder, paper=paper, cherry=cherry)
+    for path in written:
         typer.echo(f"wrote {path}")
     typer.echo("print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml")
 
@@ -321,11 +338,12 @@ def sample(
         raise BatchRefused(
             [Problem("sample", "--fruits and --no-photos are for new fruit; give a --seed too.")]
         )
-    from pipeline.sample import write_sample
-
-    write_sample(
-        folder, name=name, seed=seed, fruits=fruits or 4, photos=photos, console=Console(stderr=True)
-    )
+    with elsewhere():
+        from pipeline.sample import write_sample
+    with _said_when_interrupted("; nothing was written"):
+        write_sample(
+            folder, name=name, seed=seed, fruits=fruits or 4, photos=photos, console=Console(stderr=True)
+        )
     typer.echo(f"wrote {folder}; grade it with: drupe grade {folder}")
 
 
@@ -340,6 +358,35 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+@contextmanager
+def _said_when_interrupted(what_is_left: str) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"drupe: interrupted{what_is_left}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """Being told to end (SIGTERM, a terminal that is closed) is an interruption; a second time, the end."""
+
+    def interrupt(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        raise KeyboardInterrupt
+
+    told = [
+        number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) == signal.SIG_DFL
+    ]
+    for number in told:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number in told:
+            signal.signal(number, signal.SIG_DFL)
+
+
 def _require_libraries() -> None:
     if missing := missing_libraries():
         raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
@@ -348,7 +395,14 @@ def _require_libraries() -> None:
 def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     try:
-        app(prog_name="drupe")
+        with _ended_like_ctrl_c():
+            app(prog_name="drupe")
+    except KeyboardInterrupt:
+        sys.stderr.write("drupe: interrupted\n")
+        sys.exit(INTERRUPTED)
+    except NotWritten as fault:
+        sys.stderr.write(f"drupe: {fault}\n")
+        sys.exit(USAGE)
     except BatchRefused as refused:
         for problem in refused.problems:
             sys.stderr.write(f"drupe: {problem}\n")

@@ -1,14 +1,17 @@
 """`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
 
-import os
-import tempfile
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+import h5py
+
+from pipeline.places import require_file_apart, require_new_or_ours
 from pipeline.problem import BatchRefused, Problem
+from pipeline.scratch import scratch
+from pipeline.whole_file import put
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
 from tactile.converted import Converted
@@ -25,6 +28,7 @@ from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.tac3d_file import write_source
 
 TELL_EVERY = 50
+WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames), a folder of Tac3D arrays, an .h5 with images, a .npz or .csv of "
     "marker "
@@ -46,27 +50,24 @@ class Wanted:
 def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], None]) -> tuple[str, ...]:
     """Writes the recording in `source` to `out` and returns its notes; `report` tells progress.
 
-    `out` appears whole or not at all: the file is written beside it, read back, and renamed. Raises
-    TactileFailure for a source that cannot be used, BatchRefused where an option is missing or `source` is no
-    kind that is known.
+    `out` appears whole or not at all: the file is written elsewhere and read back first. Raises
+    TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
+    kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
+    inputs = [path for path in (source, wanted.sensor) if path is not None]
+    require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
+    require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
     with ExitStack() as stack:
         converted, sensors = _read(source, wanted, report, stack)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=out.parent, prefix=f".{out.name}.", suffix=".h5")
-    os.close(handle)
-    draft = Path(name)
-    try:
+    with scratch() as folder:
+        draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
         if sensors:
             write_source(draft, sensors)
+        with h5py.File(draft, "a") as file:
+            file.attrs["written_by"] = WRITTEN_BY
         read_recording(draft)
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o666 & ~umask)
-        draft.replace(out)
-    finally:
-        draft.unlink(missing_ok=True)
+        put(out, draft.read_bytes())
     frames = len(converted.recording.time_s)
     report(
         f"wrote {out}: {frames} frames, "
@@ -75,6 +76,14 @@ def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], 
     for line in _contact(converted.recording, out.name):
         report(line)
     return converted.notes
+
+
+def _is_converted(path: Path) -> bool:
+    try:
+        with h5py.File(path, "r") as file:
+            return bool(file.attrs.get("written_by") == WRITTEN_BY)
+    except (OSError, RuntimeError):
+        return False
 
 
 def _contact(recording: Recording, name: str) -> list[str]:

@@ -1,32 +1,46 @@
 """`drupe explain`: what simulation leaves out of one fruit's recordings; terminal, JSON and page."""
 
 import json
-import tempfile
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from fem.failure import FemFailure
-from pipeline.alone import alone
+from pipeline.alone import alone, is_held
 from pipeline.answer import IN_ALL, answer, explain_entry
 from pipeline.apply import applied
+from pipeline.batch import Batch
 from pipeline.cache import file_hash
 from pipeline.case import Case, open_case
 from pipeline.diary import Diary
 from pipeline.explain_notes import require_one_fruit
 from pipeline.finding import finding
-from pipeline.layout import Results, write_whole
+from pipeline.grade import read_files
+from pipeline.layout import CaseFolder, Results, write_whole
 from pipeline.outcome import FruitEnded
+from pipeline.places import (
+    batch_trees,
+    require_file_apart,
+    require_free,
+    require_new_or_ours,
+    require_results_apart,
+    require_work_apart,
+)
 from pipeline.problem import BatchRefused, Problem
 from pipeline.provenance import versions
+from pipeline.scratch import scratch, temporary_files_in
+from pipeline.whole_file import put
 from recon.failure import ReconFailure
 from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
 from tactile.failure import TactileFailure
 
 ANSWERED, NO_ANSWER = 0, 3
+PAGE_TITLE = ": where simulation and recording differ</title>"
+"""By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
 
 
 class NotExplained(Exception):
@@ -65,14 +79,21 @@ def explain(
     Raises BatchRefused (nothing can be begun) and NotExplained (begun, and no answer).
     """
     _require_writable(wanted)
-    with _workspace(wanted.work) as work:
+    with scratch() as folder, temporary_files_in(folder):
+        work = wanted.work or folder / "work"
         case = open_case(path, fruit_id=fruit_id, work=work, out=wanted.out)
         if wanted.apply and case.batch is None:
             raise BatchRefused(
                 [Problem(str(path), "is a case of its own; --apply writes into a batch's settings.")]
             )
-        held = nullcontext() if case.batch is None else alone(Results(case.task.results.root.parents[1]))
-        with held, _said_plainly():
+        if case.batch is None:
+            _require_apart(case, wanted)
+            held, option = case.task.results.root, "--work"
+        else:
+            held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
+        with alone(held, option=option), _said_plainly():
+            case.task.results.claim()
+            case.task.results.sweep()
             return _explained(case, wanted, report, jobs, now)
 
 
@@ -80,7 +101,7 @@ def _explained(
     case: Case, wanted: Wanted, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
 ) -> ExplainEntry:
     require_one_fruit(case)
-    started = now()
+    started, since_s = now(), time.monotonic()
     diary = Diary(report)
     found = finding(case, diary, jobs=jobs)
     explanation = found.explanation
@@ -89,7 +110,7 @@ def _explained(
     seconds = {
         **diary.seconds,
         **{f"explanation, {stage}": round(took, 2) for stage, took in (explanation.seconds or {}).items()},
-        IN_ALL: round((made - started).total_seconds(), 2),
+        IN_ALL: round(time.monotonic() - since_s, 2),
     }
     inputs = {path.name: file_hash(path) for path in case.input_files()}
     said = answer(
@@ -107,7 +128,7 @@ def _explained(
     )
     text = json.dumps(said, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
     if wanted.json is not None:
-        write_whole(wanted.json, text)
+        put(wanted.json, text.encode())
     if case.batch is not None:
         kept = json.dumps({**said, "key": case.task.key}, indent=1, allow_nan=False, ensure_ascii=False)
         write_whole(case.task.results.mismatch, kept + "\n")
@@ -124,24 +145,32 @@ def _explained(
         applied=done,
     )
     if wanted.html is not None:
-        write_whole(wanted.html, explain_html(entry))
+        put(wanted.html, explain_html(entry).encode())
     return entry
 
 
-@contextmanager
-def _workspace(work: Path | None) -> Iterator[Path]:
-    """Where stages are kept: the folder asked for, else one that is gone afterwards."""
-    if work is not None:
-        try:
-            work.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise BatchRefused(
-                [Problem(str(work), f"cannot be made ({error.strerror}); choose another --work.")]
-            ) from None
-        yield work
-        return
-    with tempfile.TemporaryDirectory(prefix="drupe-explain-") as folder:
-        yield Path(folder)
+def _require_apart(case: Case, wanted: Wanted) -> None:
+    """A case of its own: nothing is written into its folder or over what it reads."""
+    folder, inputs = CaseFolder(case.task.folder.root), case.input_files()
+    if wanted.work is not None:
+        require_work_apart(wanted.work, folder, inputs)
+    for target in (wanted.json, wanted.html):
+        if target is not None:
+            require_file_apart(target, inputs=inputs, folders=[folder.root])
+
+
+def _require_apart_of_batch(case: Case, batch: Batch, wanted: Wanted) -> Path:
+    """A batch's fruit: its results are no inputs, and answers go nowhere else in the batch; the results."""
+    root = case.task.results.root.parents[1]
+    results = Results(wanted.out or batch.folder.default_results)
+    inputs = read_files(batch)
+    require_results_apart(results, batch.folder, inputs, "--out")
+    if not is_held(root):
+        require_free(results, [results.fruit(case.name)], "--out")
+    for target in (wanted.json, wanted.html):
+        if target is not None:
+            require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
+    return root
 
 
 @contextmanager
@@ -166,3 +195,21 @@ def _require_writable(wanted: Wanted) -> None:
             raise BatchRefused(
                 [Problem(str(target.parent), f"there is no such folder; make it, or change {option}.")]
             )
+    if wanted.json is not None:
+        require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
+    if wanted.html is not None:
+        require_new_or_ours(wanted.html, _is_page, "a page of drupe explain")
+
+
+def _is_answer(path: Path) -> bool:
+    try:
+        return bool(json.loads(path.read_text("utf-8"))["format"] == "drupe-mismatch")
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _is_page(path: Path) -> bool:
+    try:
+        return PAGE_TITLE in path.read_text("utf-8")
+    except (OSError, ValueError):
+        return False

@@ -1,16 +1,20 @@
 """`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
-from datetime import UTC, datetime
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.alone import alone
+from pipeline.alone import alone, is_held
 from pipeline.batch import Batch, open_batch, own_files
-from pipeline.layout import Results, write_whole
-from pipeline.outcome import Outcome
+from pipeline.layout import FruitResults, Results, write_whole
+from pipeline.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
+from pipeline.outcome import Outcome, ending_of
+from pipeline.places import require_free, require_results_apart
+from pipeline.problem import BatchRefused, Problem
 from pipeline.progress import BatchProgress
 from pipeline.provenance import input_hashes, write_provenance
 from pipeline.records import FruitRecord, read_record, write_record
@@ -19,13 +23,21 @@ from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fru
 from pipeline.stages import grade_fruit
 from pipeline.summary import decimals
 from pipeline.task import FruitTask, fruit_task
+from pipeline.whole_file import NotWritten, sweep
 from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
 
 ALL_GRADED, SOME_NOT_GRADED, INTERRUPTED = 0, 3, 130
 RETRIED = frozenset(
-    outcome.code for outcome in (Outcome.CRASHED, Outcome.TIMED_OUT, Outcome.OUT_OF_MEMORY, Outcome.INTERNAL)
+    outcome.code
+    for outcome in (
+        Outcome.CRASHED,
+        Outcome.TIMED_OUT,
+        Outcome.OUT_OF_MEMORY,
+        Outcome.NOT_WRITTEN,
+        Outcome.INTERNAL,
+    )
 )
 """Endings that may come out otherwise when tried again; every other ending is the inputs' own."""
 
@@ -47,12 +59,23 @@ def grade(
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. Raises BatchRefused
-    where the batch as a whole cannot be graded, before anything is written.
+    where the batch as a whole cannot be graded, or `out` is no place for results, before anything is written,
+    and NotWritten where the batch's own files cannot be.
     """
-    started = now()
+    started, since_s = now(), time.monotonic()
+
+    def until_now() -> datetime:
+        return started + timedelta(seconds=time.monotonic() - since_s)
+
     batch = open_batch(root)
     results = Results(out or batch.folder.default_results)
-    with alone(results):
+    fruits = [results.fruit(row.fruit_id) for row in batch.rows]
+    require_results_apart(results, batch.folder, read_files(batch), "--out")
+    if not is_held(results.root):
+        require_free(results, fruits, "--out")
+    with alone(results.root):
+        require_free(results, fruits, "--out")
+        _begun(results, fruits)
         tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
         records = dict(_kept(tasks))
         todo = [(fruit_id, task) for fruit_id, task in tasks.items() if fruit_id not in records]
@@ -68,15 +91,17 @@ def grade(
                 settings=batch.settings.model_dump(mode="json"),
                 inputs=inputs,
                 started=started,
-                finished=now(),
+                finished=until_now(),
                 exit_status=status,
                 outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
             )
 
         try:
+            jobs = _jobs([task for _, task in todo], jobs, console)
             _work(todo, records, jobs=jobs, time_limit_s=time_limit_s, console=console)
         except KeyboardInterrupt:
-            provenance(INTERRUPTED)
+            with suppress(NotWritten):
+                provenance(INTERRUPTED)
             raise
         in_order = [records[row.fruit_id] for row in batch.rows]
         status = ALL_GRADED if all(r.graded for r in in_order) else SOME_NOT_GRADED
@@ -86,13 +111,45 @@ def grade(
             results=results,
             inputs=inputs,
             started=started,
-            finished=now(),
+            finished=until_now(),
             exit_status=status,
         )
         write_whole(results.ranking, ranking_csv(entry))
         write_whole(results.report, report_html(entry))
         provenance(status)
     return status, entry
+
+
+def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
+    """The list of what is written is begun, and what killed runs left unfinished is gone."""
+    results.claim()
+    sweep(results.root)
+    for fruit in fruits:
+        fruit.sweep()
+
+
+def _jobs(todo: Sequence[FruitTask], jobs: int, console: Console) -> int:
+    """As many fruit at once as asked for, or as memory holds; raises BatchRefused where it holds none."""
+    free_MiB = free_memory_MiB()
+    if not todo or free_MiB is None:
+        return jobs
+    kinds = ("mesh" if task.folder.fruit_ply.is_file() else "photos" for task in todo)
+    need_MiB = max(PER_FRUIT_MIB[kind] for kind in kinds)
+    if free_MiB < LEAST_MIB:
+        sentence = (
+            f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
+            "close other programs, or raise the limit of the container."
+        )
+        raise BatchRefused([Problem("this machine", sentence)])
+    wanted = min(jobs, len(todo))
+    fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
+    if fit < wanted:
+        console.print(
+            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are left, and one "
+            f"fruit needs about {need_MiB:.0f} MiB",
+            highlight=False,
+        )
+    return fit
 
 
 def _work(
@@ -126,16 +183,18 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
     elif isinstance(event, Died):
         outcome, particulars = Outcome.CRASHED, _way_of_dying(event.exit_code)
     elif isinstance(event, Finished) and isinstance(event.result, BaseException):
-        error = event.result
-        outcome, particulars = Outcome.INTERNAL, f"{type(error).__name__}: {error}"
-        write_whole(task.results.traceback, str(getattr(error, "traceback", particulars)))
+        outcome, particulars = ending_of(event.result)
     else:
         raise TypeError(event)
-    return _ended(task, outcome, particulars)
+    record = _ended(task, outcome, particulars)
+    if outcome is Outcome.INTERNAL and isinstance(event, Finished):
+        with suppress(NotWritten):
+            write_whole(task.results.traceback, str(getattr(event.result, "traceback", particulars)))
+    return record
 
 
 def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
-    task.results.forget()
+    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome.code,
@@ -143,7 +202,10 @@ def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
         key=task.key,
         given=task.given,
     )
-    write_record(task.results.record, record)
+    with suppress(NotWritten):
+        task.results.claim()
+        task.results.forget()
+        write_record(task.results.record, record)
     return record
 
 
@@ -173,6 +235,12 @@ def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
             record = record.model_copy(update={"given": task.given})
             write_record(task.results.record, record)
         yield fruit_id, record
+
+
+def read_files(batch: Batch) -> list[Path]:
+    """Every file that grading the batch reads."""
+    model = batch.settings.recon.geometry_model
+    return _inputs(batch) + ([] if model is None else [batch.folder.root / model])
 
 
 def _inputs(batch: Batch) -> list[Path]:

@@ -1,12 +1,17 @@
 """Where things lie in a batch and in its results."""
 
-import os
+import json
 import re
-import tempfile
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from pipeline.manifest import claim, enter, is_claimed, is_ours, remove
+from pipeline.whole_file import put, sweep
 from recon.photos import photo_paths
+
+CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
+"""What stages keep, of this version and of earlier ones."""
 
 
 @dataclass(frozen=True)
@@ -198,9 +203,14 @@ class FruitResults:
         """Where a fault of drupe's own happened."""
         return self.root / "traceback.txt"
 
-    def forget(self) -> None:
-        """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
-        for path in (
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that may be written here."""
+        return (*self._of_grading, self.mismatch)
+
+    @property
+    def _of_grading(self) -> tuple[Path, ...]:
+        return (
             self.record,
             self.fruit_ply,
             self.pit_ply,
@@ -210,8 +220,38 @@ class FruitResults:
             self.surface_sd,
             self.views,
             self.traceback,
-        ):
-            path.unlink(missing_ok=True)
+        )
+
+    def claim(self) -> None:
+        """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
+        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+        claim(self.cache)
+
+    def forget(self) -> None:
+        """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
+        for path in self._of_grading:
+            remove(path)
+
+    def in_the_way(self) -> Iterator[Path]:
+        """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
+        yield from (path for path in (*self.files, self.cache) if path.is_symlink())
+        if not self._made_by_an_earlier_version():
+            yield from (path for path in self.files if _stands(path) and not is_ours(path))
+            unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
+            if unknown and not self.cache.is_symlink():
+                yield self.cache
+
+    def _made_by_an_earlier_version(self) -> bool:
+        """One that kept no list: its record vouches for the files of a fruit, a killed run's stages too."""
+        if is_claimed(self.root):
+            return False
+        stages = self.cache.is_dir() and not self.cache.is_symlink() and any(self.cache.iterdir())
+        return _says(self.record, "drupe-fruit-record") or (stages and _holds_stages(self.cache))
+
+    def sweep(self) -> None:
+        """Removes unfinished files of killed runs."""
+        for folder in (self.root, self.cache):
+            sweep(folder)
 
     @property
     def cache(self) -> Path:
@@ -245,25 +285,62 @@ class Results:
         """Held while a run writes here."""
         return self.root / ".lock"
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of the batch as a whole."""
+        return (self.ranking, self.report, self.provenance)
+
+    def claim(self) -> None:
+        """Begins the list of what is written here."""
+        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+
+    def in_the_way(self) -> Iterator[Path]:
+        """What stands where the batch's own results would be written, and is not drupe's."""
+        if not self._made_by_an_earlier_version():
+            yield from (path for path in self.files if _stands(path) and not is_ours(path))
+
+    def inputs_inside(self) -> Iterator[Path]:
+        """What shows that this is a batch or a case, and no folder of results."""
+        for name in ("batch.toml", "fruits.csv", "case.toml", "mat.json"):
+            if _stands(self.root / name):
+                yield self.root / name
+        yield from self.root.glob("*.h5")
+        for kind in ("photos", "photos-flipped", "grasps"):
+            yield from self.root.glob(f"fruits/*/{kind}")
+
+    def _made_by_an_earlier_version(self) -> bool:
+        return not is_claimed(self.root) and _says(self.provenance, "drupe-batch-result")
+
     def fruit(self, fruit_id: str) -> FruitResults:
         """The results of one fruit."""
         return FruitResults(self.root / "fruits" / fruit_id)
 
 
 def write_whole(path: Path, content: bytes | str) -> None:
-    """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file."""
+    """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
+
+    In a folder of results (one with a list of what drupe wrote) the file goes on the list, and one that drupe
+    did not write is not replaced. Raises NotWritten.
+    """
     data = content.encode() if isinstance(content, str) else content
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    enter(path, data)
+    put(path, data)
+
+
+def _stands(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
+def _says(path: Path, name: str) -> bool:
+    """Whether `path` is a plain JSON file of this format."""
     try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        umask = os.umask(0)
-        os.umask(umask)
-        Path(name).chmod(0o666 & ~umask)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+        return not path.is_symlink() and bool(json.loads(path.read_text("utf-8"))["format"] == name)
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
+
+
+def _holds_stages(cache: Path) -> bool:
+    """Whether nothing else is in it; also where there is no such folder."""
+    if not cache.is_dir():
+        return not _stands(cache)
+    return all(CACHE_FILE.fullmatch(path.name) for path in cache.iterdir())

@@ -4,7 +4,13 @@ A room's failure (recon, tactile, fem) brings its own code and sentence; the end
 pipeline's own.
 """
 
+import os
+import re
+import tempfile
 from enum import Enum
+from pathlib import Path
+
+from pipeline.whole_file import MACHINE_FAULTS, NotWritten
 
 
 class Outcome(Enum):
@@ -26,6 +32,7 @@ class Outcome(Enum):
     )
     TIMED_OUT = ("timed-out", "Took longer than the limit of {} s; raise it with --time-limit.")
     OUT_OF_MEMORY = ("out-of-memory", "Ran out of memory; run with fewer --jobs ({}).")
+    NOT_WRITTEN = ("not-written", "A result could not be written: {} Then run the same command again.")
     INTERNAL = (
         "internal-error",
         "A fault of drupe itself ({}); please report it with traceback.txt from this fruit's results.",
@@ -47,3 +54,24 @@ class FruitEnded(Exception):
     def __init__(self, outcome: Outcome, particulars: str = "") -> None:
         self.outcome = outcome
         super().__init__(outcome.sentence(particulars))
+
+
+def ending_of(error: BaseException) -> tuple[Outcome, str]:
+    """The ending that an exception nobody expected comes to, and its particulars.
+
+    A full disk and a lack of memory are the machine's, whichever library met them; the rest is drupe's own.
+    """
+    if isinstance(error, NotWritten):
+        return Outcome.NOT_WRITTEN, str(error)
+    if isinstance(error, MemoryError):
+        return Outcome.OUT_OF_MEMORY, str(error)
+    if isinstance(error, OSError) and (number := _number(error)) in MACHINE_FAULTS:
+        where = Path(str(error.filename or tempfile.gettempdir()))
+        return Outcome.NOT_WRITTEN, str(NotWritten(where, OSError(number, os.strerror(number))))
+    return Outcome.INTERNAL, f"{type(error).__name__}: {error}"
+
+
+def _number(error: OSError) -> int:
+    """The error's number; HDF5 says it in its text alone."""
+    said = re.search(r"errno = (\d+)", str(error))
+    return error.errno or (int(said[1]) if said else 0)

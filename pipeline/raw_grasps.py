@@ -9,9 +9,11 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from pipeline.cache import stage_key
-from pipeline.layout import raw_grasp_files, write_whole
+from pipeline.layout import raw_grasp_files
+from pipeline.whole_file import put
 from tactile.from_frames import recording_of
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import write_recording
@@ -34,14 +36,14 @@ def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> 
     path, notes = cache / f"{folder.name}-{key}.h5", cache / f"{folder.name}-{key}.json"
     if not (path.is_file() and notes.is_file()):
         made = recording_of(read_raw_grasp(folder), progress=_in_quarters(folder.name, report))
-        cache.mkdir(parents=True, exist_ok=True)
-        for old in cache.iterdir():
+        for old in cache.iterdir() if cache.is_dir() else ():
             if re.fullmatch(re.escape(folder.name) + r"-[0-9a-f]{16}\.(h5|json|part)", old.name):
                 old.unlink()
-        unfinished = path.with_suffix(".part")
-        write_recording(unfinished, made.recording)
-        unfinished.replace(path)
-        write_whole(notes, json.dumps(made.notes))
+        with TemporaryDirectory() as scratch:
+            unfinished = Path(scratch) / path.name
+            write_recording(unfinished, made.recording)
+            put(path, unfinished.read_bytes())
+        put(notes, json.dumps(made.notes).encode())
     return KeptRecording(path=path, notes=tuple(json.loads(notes.read_text())))
 
 

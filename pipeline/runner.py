@@ -1,18 +1,22 @@
 """Many fruits at once: one process per fruit, a time limit, and a crash that costs that fruit only."""
 
+import ctypes
 import multiprocessing
 import os
-import tempfile
+import signal
+import sys
 import threading
 import time
-from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import TimeoutError as FutureTimeout
-from concurrent.futures import wait
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import CancelledError, wait
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
+
+from pipeline.scratch import scratch, temporary_files_in
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -68,39 +72,72 @@ def run_fruits(
     """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
 
     Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
-    one numerical thread. Each process tells its stages in a file of its own: whatever kills one, no lock is
-    left held. Leaving the iterator early stops what is running.
+    one numerical thread, in an empty folder: nothing of the caller's current folder is imported or read, and
+    paths in tasks must be absolute. Each process tells its stages in a file of its own: whatever kills one,
+    no lock is left held. The time limit goes by a clock that nobody sets. Leaving the iterator early stops
+    what is running; a killed caller takes its processes along.
     """
-    os.environ.update(dict.fromkeys(THREAD_VARIABLES, "1"))
     context = multiprocessing.get_context("spawn")
     with (
-        tempfile.TemporaryDirectory(prefix="drupe-") as scratch,
-        ProcessPool(max_workers=jobs, max_tasks=1, context=context, initializer=_watch) as pool,
+        scratch() as folder,
+        temporary_files_in(_made(folder / "tmp")),
+        _environment({**dict.fromkeys(THREAD_VARIABLES, "1"), "PYTHONSAFEPATH": "1"}),
+        ProcessPool(
+            max_workers=max(1, min(jobs, len(tasks))),
+            max_tasks=1,
+            context=context,
+            initializer=_begin,
+            initargs=(os.getpid(), _made(folder / "empty")),
+        ) as pool,
     ):
-        diaries = {Path(scratch) / str(i): fruit_id for i, (fruit_id, _) in enumerate(tasks)}
+        running = [_Running(fruit_id, folder / f"diary-{i}") for i, (fruit_id, _) in enumerate(tasks)]
         pending = {
-            pool.schedule(_work, args=(work, diary, task), timeout=time_limit_s): fruit_id
-            for diary, (fruit_id, task) in zip(diaries, tasks, strict=True)
+            pool.schedule(_work, args=(work, one.diary, task)): one
+            for one, (_, task) in zip(running, tasks, strict=True)
         }
-        told = dict.fromkeys(diaries, 0)
         try:
             while pending:
                 done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
-                for diary, fruit_id in diaries.items():
-                    stages = diary.read_text().splitlines() if diary.exists() else []
-                    yield from (Progressed(fruit_id, stage) for stage in stages[told[diary] :])
-                    told[diary] = len(stages)
+                for one in pending.values():
+                    yield from (Progressed(one.fruit_id, stage) for stage in one.news())
                 for future in done:
-                    yield _ending(pending.pop(future), future)
+                    one = pending.pop(future)
+                    yield _ending(one.fruit_id, future)
+                for future, one in pending.items():
+                    if future.running() and one.out_of_time(time_limit_s):
+                        future.cancel()
         finally:
             if pending:
                 pool.stop()
 
 
+@dataclass
+class _Running:
+    """A fruit's process, and how much of its diary has been told."""
+
+    fruit_id: str
+    diary: Path
+    told: int = 0
+    since_s: float | None = None
+
+    def news(self) -> list[str]:
+        """The stages begun since the last call."""
+        lines = self.diary.read_text().split("\n")[:-1] if self.diary.exists() else []
+        stages = lines[self.told :]
+        self.told += len(stages)
+        return stages
+
+    def out_of_time(self, limit_s: float) -> bool:
+        """Whether it has been running for longer than `limit_s`, since it was first seen to."""
+        now = time.monotonic()
+        self.since_s = now if self.since_s is None else self.since_s
+        return now - self.since_s > limit_s
+
+
 def _ending(fruit_id: str, future: Any) -> Event:
     try:
         return Finished(fruit_id, future.result())
-    except FutureTimeout:
+    except CancelledError:
         return TimedOut(fruit_id)
     except ProcessExpired as error:
         return Died(fruit_id, error.exitcode)
@@ -108,8 +145,40 @@ def _ending(fruit_id: str, future: Any) -> Event:
         return Finished(fruit_id, error)
 
 
-def _watch() -> None:
-    threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
+def _made(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
+
+
+@contextmanager
+def _environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables that processes started inside the block find."""
+    before = {name: os.environ.get(name) for name in values}
+    os.environ.update(values)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _begin(parent: int, folder: Path) -> None:
+    """A fruit's process begins: it ends with its parent, and leaves the caller's folder before it imports."""
+    _die_with_parent()
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
+    sys.path[:] = [str(Path(entry).absolute()) if Path(entry).is_dir() else entry for entry in sys.path]
+    os.chdir(folder)
+
+
+def _die_with_parent() -> None:
+    """Linux kills this process when the thread that started it ends, native code or not."""
+    if sys.platform == "linux":
+        pr_set_pdeathsig = 1
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(pr_set_pdeathsig, signal.SIGKILL, 0, 0, 0)
 
 
 def _end_with(parent: int) -> None:
@@ -120,8 +189,8 @@ def _end_with(parent: int) -> None:
 
 
 def _work(work: Callable[[Any, Report], Any], diary: Path, task: Any) -> Any:
-    def report(stage: str) -> None:
-        with diary.open("a") as file:
-            file.write(f"{stage}\n")
+    def report(line: str) -> None:
+        with suppress(OSError), diary.open("a") as file:  # a full disk costs the line, not the fruit
+            file.write(f"{line}\n")
 
     return work(task, report)

@@ -19,7 +19,7 @@ from pipeline.flesh_effects import unused_warnings, used
 from pipeline.grasp import grasp_record, touched_by_pad
 from pipeline.grasped import grasped_fruit
 from pipeline.layout import write_whole
-from pipeline.outcome import FruitEnded, Outcome
+from pipeline.outcome import FruitEnded, Outcome, ending_of
 from pipeline.records import FruitRecord, GraspRecord, write_record
 from pipeline.task import FruitTask
 from recon.failure import ReconFailure
@@ -32,6 +32,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
     diary = Diary(report)
     outcome, reason = Outcome.GRADED.code, ""
+    task.results.claim()
     task.results.forget()
     with threadpool_limits(1):
         try:
@@ -42,12 +43,11 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
             outcome, reason = failure.problem.value, failure.detail
         except FruitEnded as ended:
             outcome, reason = ended.outcome.code, str(ended)
-        except MemoryError as error:
-            outcome, reason = Outcome.OUT_OF_MEMORY.code, Outcome.OUT_OF_MEMORY.sentence(str(error))
-        except Exception as error:  # noqa: BLE001 - a fault of ours costs this fruit, and what is known is kept
-            write_whole(task.results.traceback, traceback.format_exc())
-            particulars = f"{type(error).__name__}: {error}"
-            outcome, reason = Outcome.INTERNAL.code, Outcome.INTERNAL.sentence(particulars)
+        except Exception as error:  # noqa: BLE001 - a fault costs this fruit alone, and what is known is kept
+            ending, particulars = ending_of(error)
+            if ending is Outcome.INTERNAL:
+                write_whole(task.results.traceback, traceback.format_exc())
+            outcome, reason = ending.code, ending.sentence(particulars)
     record = FruitRecord.model_validate(
         {
             **diary.known,

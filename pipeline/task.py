@@ -37,7 +37,10 @@ class FruitTask:
 
 
 def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
-    """The task of one fruit of the batch, and the key of everything its result depends on."""
+    """The task of one fruit of the batch, and the key of everything its result depends on.
+
+    Its paths are absolute: the process that works on it has a current folder of its own.
+    """
     row = next(row for row in batch.rows if row.fruit_id == fruit_id)
     folder = batch.folder.fruit(fruit_id)
     own = effects_on(batch.settings.mismatch, fruit_id)
@@ -63,9 +66,9 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
     given = Given(**{name: getattr(row, name) for name in Given.model_fields})
     return FruitTask(
         fruit_id=fruit_id,
-        folder=folder,
-        batch_root=batch.folder.root,
-        results=results.fruit(fruit_id),
+        folder=FruitFolder(folder.root.absolute()),
+        batch_root=batch.folder.root.absolute(),
+        results=FruitResults(results.fruit(fruit_id).root.absolute()),
         settings=settings,
         mat=batch.mat,
         category=batch.category,

@@ -1,0 +1,100 @@
+"""A results folder's list of the files that drupe wrote into it: nothing else in it is ever touched.
+
+`.written.json` holds, for each file, the SHA-256 of what was written. It is brought up to date before the
+file is, so that a run killed between the two leaves nothing that the next one does not know.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterable
+from pathlib import Path
+
+from pipeline.whole_file import NotWritten, put
+
+MANIFEST = ".written.json"
+FORMAT = "drupe-written"
+
+
+class NotOurs(NotWritten):
+    """A file stands in the way that drupe did not write, or that was changed since."""
+
+    def __str__(self) -> str:
+        """One sentence, file first."""
+        return f"{self._path}: {STRANGER}"
+
+
+STRANGER = (
+    "was not written by drupe, or was changed since, and is not overwritten; move it away, or choose another "
+    "place for the results."
+)
+
+
+def is_claimed(folder: Path) -> bool:
+    """Whether `folder` is one that drupe keeps a list of."""
+    return _read(folder) is not None
+
+
+def claim(folder: Path, *, vouched: Iterable[Path] = ()) -> None:
+    """Begins the list of `folder`, with the files of `vouched`, unless it has one."""
+    if not is_claimed(folder):
+        _write(folder, {path.name: [_hash(path)] for path in vouched if _is_plain(path)})
+
+
+def is_ours(path: Path) -> bool:
+    """Whether `path` is a plain file that holds what drupe wrote there."""
+    listed = (_read(path.parent) or {}).get(path.name, [])
+    return bool(listed) and _is_plain(path) and _hash(path) in listed
+
+
+def enter(path: Path, data: bytes) -> None:
+    """Lists `data` as what is about to be written to `path`; raises NotOurs where a stranger's file is."""
+    listed = _read(path.parent)
+    if listed is None:
+        return
+    standing = []
+    if path.is_symlink() or path.exists():
+        if not is_ours(path):
+            raise NotOurs(path, OSError(errno.EEXIST, os.strerror(errno.EEXIST)))
+        standing = [_hash(path)]
+    hashes = list(dict.fromkeys([*standing, hashlib.sha256(data).hexdigest()]))
+    if listed.get(path.name) != hashes:
+        _write(path.parent, {**listed, path.name: hashes})
+
+
+def remove(path: Path) -> None:
+    """Removes `path` where it is ours; anything else stays."""
+    if is_ours(path):
+        path.unlink(missing_ok=True)
+
+
+def _read(folder: Path) -> dict[str, list[str]] | None:
+    try:
+        said = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        if said["format"] != FORMAT:
+            return None
+        return {str(name): [str(one) for one in hashes] for name, hashes in said["files"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+
+
+def _write(folder: Path, listed: dict[str, list[str]]) -> None:
+    content = {"format": FORMAT, "version": 1, "files": dict(sorted(listed.items()))}
+    put(folder / MANIFEST, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def _is_plain(path: Path) -> bool:
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def _hash(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""

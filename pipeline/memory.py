@@ -1,0 +1,67 @@
+"""How much memory is free, and how many fruit fit into it at once."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0}
+"""Peak of one fruit's process: 1.3 GiB of 36 photos and 0.89 GiB of ready meshes (README; in record.json,
+`peak_memory_MiB`), and a tenth on top."""
+LEAST_MIB = 500.0
+"""Below it nothing is begun: the libraries alone take 400 MiB once they are loaded (a fruit without photos or
+grasps, `peak_memory_MiB`)."""
+
+
+def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
+    """Memory that can still be had: the machine's, or less where a container or group has a limit.
+
+    None where the system does not tell.
+    """
+    found = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
+    return min(found) / 2**20 if found else None
+
+
+def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) -> int:
+    """So many fruit at once as memory holds, one at least, `jobs` at most."""
+    if free_MiB is None:
+        return jobs
+    return max(1, min(jobs, int(free_MiB // per_fruit_MiB)))
+
+
+def _of_machine(meminfo: Path) -> Iterator[float]:
+    try:
+        lines = meminfo.read_text().splitlines()
+    except OSError:
+        return
+    said = {line.split(":")[0]: line.split()[1] for line in lines if len(line.split()) > 1}
+    if "MemAvailable" in said:
+        yield float(said["MemAvailable"]) * 2**10
+
+
+def _of_groups(own: Path, groups: Path) -> Iterator[float]:
+    """What each control group around this process leaves (versions 2 and 1); file cache can be given back."""
+    try:
+        lines = own.read_text().splitlines()
+    except OSError:
+        return
+    for line in lines:
+        _, kinds, path = line.split(":", 2)
+        if kinds == "" or "memory" in kinds.split(","):
+            root = groups if kinds == "" else groups / "memory"
+            place = root / path.lstrip("/")
+            for folder in (place, *place.parents):
+                if not folder.is_relative_to(root):
+                    break
+                yield from _left(folder, "memory.max", "memory.current", "inactive_file")
+                yield from _left(
+                    folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+                )
+
+
+def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
+    try:
+        most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
+        told = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+    except (OSError, ValueError):
+        return
+    if most.isdigit() and int(most) < 2**60:
+        yield max(0.0, int(most) - used + float(told.get(cache, 0)))

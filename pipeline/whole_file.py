@@ -1,0 +1,91 @@
+"""Files appear whole or not at all, and a place that cannot be written to is told in a sentence."""
+
+import errno
+import fcntl
+import os
+import re
+import tempfile
+from contextlib import suppress
+from pathlib import Path
+
+MARK = ".drupe-part-"
+"""In the name of every unfinished file, so that one left by a killed run is ours for certain."""
+_UNFINISHED = re.compile(r"\..+" + re.escape(MARK) + r"[a-z0-9_]{8}")
+_ELSEWHERE = "or choose another place"
+_ADVICE = {
+    errno.ENOSPC: f"free space on that disk, {_ELSEWHERE}.",
+    errno.EDQUOT: f"your share of that disk is used up; free some of it, {_ELSEWHERE}.",
+    errno.EROFS: "choose another place.",
+    errno.EACCES: f"ask for the right to write there, {_ELSEWHERE}.",
+    errno.EPERM: f"ask for the right to write there, {_ELSEWHERE}.",
+    errno.EFBIG: f"raise the limit on the size of files (ulimit -f), {_ELSEWHERE}.",
+    errno.EIO: f"the disk may be failing; {_ELSEWHERE[3:]}.",
+}
+MACHINE_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
+"""What a write can meet that no input and no program is to blame for."""
+
+
+class NotWritten(OSError):
+    """A file that could not be written; the text names it, says why, and what to do."""
+
+    def __init__(self, path: Path, cause: OSError) -> None:
+        self._path, self._cause = path, cause
+        super().__init__(cause.errno, cause.strerror or str(cause), str(path))
+
+    def __str__(self) -> str:
+        """One sentence, file first."""
+        advice = _ADVICE.get(self.errno or 0, "choose another place.")
+        return f"{self._path}: cannot be written ({self.strerror}); {advice}"
+
+    def __reduce__(self) -> tuple[type["NotWritten"], tuple[Path, OSError]]:
+        """Between processes too."""
+        return type(self), (self._path, OSError(self.errno, self.strerror))
+
+
+def put(path: Path, data: bytes) -> None:
+    """Writes `data` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
+
+    A link at `path` is replaced, not followed. Raises NotWritten.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        sweep(path.parent, name=path.name)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}{MARK}")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                with suppress(OSError):  # a file system without locks: then nothing is swept there either
+                    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+                umask = os.umask(0)
+                os.umask(umask)
+                Path(name).chmod(0o666 & ~umask)
+                Path(name).replace(path)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise NotWritten(path, error) from error
+
+
+def sweep(folder: Path, *, name: str = "") -> None:
+    """Removes unfinished files (of the file `name`, or all) that a killed run left in `folder`.
+
+    Ours for certain: by name, a plain file, our own user's, and locked by no process.
+    """
+    with suppress(OSError):
+        for path in folder.iterdir():
+            if _UNFINISHED.fullmatch(path.name) and path.name.startswith(f".{name}{MARK}" if name else "."):
+                _remove_unless_held(path)
+
+
+def _remove_unless_held(path: Path) -> None:
+    with suppress(OSError):
+        handle = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+        try:
+            if os.fstat(handle).st_uid == os.geteuid():
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                path.unlink()
+        finally:
+            os.close(handle)

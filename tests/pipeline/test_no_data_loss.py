@@ -1,0 +1,279 @@
+"""No command writes onto, into or above what it reads, nor over a file that it did not write."""
+
+import hashlib
+import json
+import os
+import shutil
+import sys
+from pathlib import Path
+
+import h5py
+import pytest
+
+from pipeline.cli import main
+from pipeline.layout import FruitResults, Results, write_whole
+from pipeline.manifest import NotOurs
+
+SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
+SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
+PRECIOUS = b"the only copy"
+
+
+@pytest.fixture
+def drupe(monkeypatch, capsys):
+    """Runs the command in this process; gives status and what stands on standard error."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["drupe", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code or 0, capsys.readouterr().err
+
+    return run
+
+
+def make_batch(root):
+    for fruit_id in ("N01", "N02"):
+        fruit = root / "fruits" / fruit_id
+        (fruit / "grasps").mkdir(parents=True)
+        (fruit / "photos").mkdir()
+        (fruit / "fruit.ply").write_bytes(PRECIOUS)
+        (fruit / "pit.ply").write_bytes(PRECIOUS)
+        (fruit / "grasps" / "grasp-1.h5").write_bytes(PRECIOUS)
+    (root / "batch.toml").write_text(SETTINGS)
+    (root / "fruits.csv").write_text("fruit_id\nN01\nN02\n")
+    return root
+
+
+@pytest.fixture
+def batch(tmp_path):
+    return make_batch(tmp_path / "season" / "batch")
+
+
+def contents(root):
+    """Every file and link under `root`, by what it holds."""
+    return {
+        str(path.relative_to(root)): str(path.readlink())
+        if path.is_symlink()
+        else hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_symlink() or path.is_file()
+    }
+
+
+def refused_untouched(drupe, root, *arguments):
+    before = contents(root)
+    status, said = drupe(*arguments)
+    assert status == 2, said
+    assert "Traceback" not in said
+    assert contents(root) == before
+    return said
+
+
+@pytest.mark.parametrize(
+    "out",
+    [
+        "batch",
+        "batch/../batch",
+        ".",
+        "batch/fruits",
+        "batch/fruits/N01",
+        "batch/fruits/N01/results",
+        "batch/fruits/N02/photos/a/b",
+        "link-to-batch",
+        "link-to-batch/fruits/new",
+        "link-to-fruits",
+        "other",
+    ],
+)
+def test_results_never_go_onto_into_or_above_a_batch(drupe, batch, out):
+    season = batch.parent
+    make_batch(season / "other")
+    (season / "link-to-batch").symlink_to(batch)
+    (season / "link-to-fruits").symlink_to(batch / "fruits")
+    for command in (("grade", batch), ("explain", batch, "--fruit", "N01")):
+        said = refused_untouched(drupe, season, *command, "--out", season / out)
+        assert f"drupe: {season / out}: " in said
+        assert "with --out" in said
+
+
+def test_a_link_inside_the_results_is_never_written_through(drupe, batch, tmp_path):
+    precious = tmp_path / "precious.csv"
+    precious.write_bytes(PRECIOUS)
+    out = tmp_path / "out"
+    (out / "fruits").mkdir(parents=True)
+    (out / "ranking.csv").symlink_to(precious)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+    assert "ranking.csv: is a link" in said
+    (out / "ranking.csv").unlink()
+    shutil.copytree(batch / "fruits" / "N01", tmp_path / "mine", ignore=shutil.ignore_patterns("p*os", "gr*"))
+    (out / "fruits" / "N01").symlink_to(tmp_path / "mine")
+    assert "N01: is a link" in refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+    (batch / "results").symlink_to(tmp_path / "elsewhere")
+    (tmp_path / "elsewhere").mkdir()
+    assert "is a link; name the place" in refused_untouched(drupe, tmp_path, "grade", batch)
+
+
+def test_writing_replaces_a_link_and_not_what_it_leads_to(tmp_path):
+    (tmp_path / "precious").write_bytes(PRECIOUS)
+    (tmp_path / "file").symlink_to(tmp_path / "precious")
+    write_whole(tmp_path / "file", "new")
+    assert (tmp_path / "precious").read_bytes() == PRECIOUS
+    assert (tmp_path / "file").read_text() == "new"
+
+
+@pytest.mark.parametrize("name", ["fruit.ply", "pit.ply", "record.json", "photo.jpg", "mismatch.json"])
+def test_a_strangers_file_among_the_results_is_refused_by_name(drupe, batch, tmp_path, name):
+    theirs = tmp_path / "out" / "fruits" / "N02" / name
+    theirs.parent.mkdir(parents=True)
+    os.link(batch / "fruits" / "N02" / "fruit.ply", theirs)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    assert f"{theirs}: was not written by drupe" in said
+    assert "move it away" in said
+
+
+@pytest.mark.parametrize("name", ["batch.toml", "fruits.csv", "case.toml", "mat.json", "grasp-1.h5"])
+def test_a_folder_with_inputs_is_no_folder_of_results(drupe, batch, tmp_path, name):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).write_bytes(PRECIOUS)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    assert f"holds {name}, so it is no folder of results" in said
+
+
+def test_what_drupe_wrote_is_forgotten_and_what_others_wrote_or_changed_is_not(tmp_path):
+    results = FruitResults(tmp_path / "fruits" / "N01")
+    results.claim()
+    for path in (results.record, results.fruit_ply, results.pit_ply):
+        write_whole(path, "ours")
+    results.pit_ply.write_bytes(PRECIOUS)
+    (results.root / "notes.txt").write_bytes(PRECIOUS)
+    results.photo.write_bytes(PRECIOUS)
+    assert set(results.in_the_way()) == {results.pit_ply, results.photo}
+    results.forget()
+    assert not results.record.exists()
+    assert not results.fruit_ply.exists()
+    for path in (results.pit_ply, results.photo, results.root / "notes.txt"):
+        assert path.read_bytes() == PRECIOUS
+    with pytest.raises(NotOurs, match=r"pit\.ply: was not written by drupe, or was changed since"):
+        write_whole(results.pit_ply, "new")
+
+
+def test_a_run_killed_between_list_and_file_leaves_nothing_unknown(tmp_path, monkeypatch):
+    results = FruitResults(tmp_path)
+    results.claim()
+    write_whole(results.record, "first")
+    with monkeypatch.context() as killed:
+        killed.setattr("pipeline.layout.put", lambda *_: None)
+        write_whole(results.record, "never written")
+    assert not list(results.in_the_way())
+    write_whole(results.record, "third")
+    assert results.record.read_text() == "third"
+
+
+def test_results_of_an_earlier_version_are_still_drupes_own(tmp_path):
+    results = Results(tmp_path)
+    fruit, killed, theirs = (results.fruit(name) for name in ("N01", "N02", "N03"))
+    for one in (fruit, killed, theirs):
+        one.root.mkdir(parents=True)
+        one.fruit_ply.write_text("mesh")
+    fruit.record.write_text(json.dumps({"format": "drupe-fruit-record"}))
+    killed.cache.mkdir()
+    (killed.cache / "mesh.npz").touch()
+    results.ranking.touch()
+    assert list(results.in_the_way()) == [results.ranking]
+    results.provenance.write_text(json.dumps({"format": "drupe-batch-result"}))
+    assert not list(results.in_the_way())
+    for one, strangers in ((fruit, []), (killed, []), (theirs, [theirs.fruit_ply])):
+        assert list(one.in_the_way()) == strangers
+        one.claim()
+        one.forget()
+        assert one.fruit_ply.exists() == bool(strangers)
+
+
+@pytest.fixture
+def case(tmp_path):
+    folder = tmp_path / "case"
+    folder.mkdir()
+    for name in ("fruit.ply", "pit.ply", "grasp-1.h5"):
+        (folder / name).write_bytes(PRECIOUS)
+    (folder / "case.toml").write_text(SETTINGS)
+    return folder
+
+
+@pytest.mark.parametrize(
+    "target", ["case/fruit.ply", "case/grasp-1.h5", "case/new.json", "linked.json", "notes.txt", "batch.json"]
+)
+def test_an_answer_never_takes_the_place_of_a_file(drupe, case, tmp_path, target):
+    os.link(case / "pit.ply", tmp_path / "linked.json")
+    (tmp_path / "notes.txt").write_bytes(PRECIOUS)
+    (tmp_path / "batch.json").write_text(json.dumps({"format": "drupe-batch-result"}))
+    for option in ("--json", "--html"):
+        refused_untouched(drupe, tmp_path, "explain", case, option, tmp_path / target)
+
+
+@pytest.mark.parametrize("work", ["case", "case/work", ".", "full"])
+def test_meshes_are_not_kept_in_or_around_the_case(drupe, case, tmp_path, work):
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "fruit.ply").write_bytes(PRECIOUS)
+    said = refused_untouched(drupe, tmp_path, "explain", case, "--work", tmp_path / work)
+    assert "with --work" in said
+
+
+def test_an_answer_of_a_batch_goes_nowhere_into_the_batch(drupe, batch, tmp_path):
+    for target in ("mat.json", "fruits/N01/fruit.ply", "fruits/N01/a.json", "fruits.csv"):
+        refused_untouched(drupe, tmp_path, "explain", batch, "--fruit", "N01", "--json", batch / target)
+
+
+def test_a_table_is_never_converted_onto_itself_or_another(drupe, tmp_path):
+    (tmp_path / "raw").mkdir()
+    for name in ("t.csv", "u.csv", "sensor.toml", "raw/grasp.toml", "theirs.h5"):
+        (tmp_path / name).write_bytes(PRECIOUS)
+    with h5py.File(tmp_path / "recorded.h5", "w") as file:
+        file.attrs["format"] = "drupe-recording"
+    (tmp_path / "link.csv").symlink_to(tmp_path / "t.csv")
+    os.link(tmp_path / "t.csv", tmp_path / "hard.csv")
+    sensor = ("--sensor", tmp_path / "sensor.toml")
+    for out in ("t.csv", "u.csv", "link.csv", "hard.csv", "sensor.toml", "theirs.h5", "recorded.h5"):
+        said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "t.csv", tmp_path / out, *sensor)
+        assert "is not overwritten" in said
+    said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "raw", tmp_path / "raw" / "out.h5")
+    assert "is read and never written into" in said
+
+
+def test_a_sensors_description_is_never_calibrated_onto_itself_or_a_picture(drupe, tmp_path):
+    (tmp_path / "sensor.toml").write_text('kind = "photometric"\n')
+    for name in ("rest.npz", "press.png", "other.toml"):
+        (tmp_path / name).write_bytes(PRECIOUS)
+    options = ("--ball-mm", 5, "--reference", tmp_path / "rest.npz", "--press", tmp_path / "press.png")
+    for out in ("sensor.toml", "press.png", "rest.toml", "other.toml"):
+        said = refused_untouched(
+            drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", tmp_path / out, *options
+        )
+        assert "is not overwritten" in said
+
+
+def test_a_mat_takes_no_other_mats_place(drupe, tmp_path, capsys):
+    assert drupe("mat", tmp_path)[0] == 0
+    assert drupe("mat", tmp_path)[0] == 0
+    said = refused_untouched(drupe, tmp_path, "mat", tmp_path, "--cherry")
+    assert "mat.pdf: exists and is not this mat's mat.pdf" in said
+    (tmp_path / "mat.pdf").unlink()
+    assert "mat.json: exists" in refused_untouched(drupe, tmp_path, "mat", tmp_path, "--cherry")
+
+
+def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, tmp_path, monkeypatch):
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "notes.txt").write_bytes(PRECIOUS)
+    assert "is not empty" in refused_untouched(drupe, tmp_path, "sample", tmp_path / "taken")
+    with monkeypatch.context() as full:
+        full.setattr(shutil, "copytree", _disk_full_after_one_file)
+        said = refused_untouched(drupe, tmp_path, "sample", tmp_path / "new", "--name", "two-fruits")
+    assert "new: cannot be written (No space left on device); free space" in said
+    assert drupe("sample", tmp_path / "new", "--name", "two-fruits")[0] == 0
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "taken"]
+
+
+def _disk_full_after_one_file(source, target, **_):
+    Path(target).mkdir()
+    shutil.copyfile(Path(source) / "batch.toml", Path(target) / "batch.toml")
+    raise OSError(28, "No space left on device", str(target))
