@@ -18,7 +18,7 @@ from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
 from recon.measured_pit import load_pit
 from recon.mesh_file import SUFFIXES
-from recon.onnx_session import require_onnx
+from recon.onnx_file import require_onnx
 from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
 from recon.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
 

@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from recon.onnx_session import bad_model, opened
+from recon.onnx_file import bad_model
+from recon.onnx_session import opened
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
 SIDE_PX = 192

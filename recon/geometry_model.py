@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.model_cameras import camera_places, first_place, unprojected
-from recon.onnx_session import bad_model, opened
+from recon.onnx_file import bad_model
+from recon.onnx_session import opened
 from recon.photos import Photo
 
 MULTIPLE = 14

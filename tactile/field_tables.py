@@ -10,14 +10,15 @@ The CSV file has one row for each frame and marker: `time_s`, `aperture_mm`, `pa
 
 from pathlib import Path
 from typing import cast
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import Float
 
 from tactile.converted import Converted
-from tactile.grasp_log import increasing, read_columns
+from tactile.grasp_log import LARGEST, increasing, read_columns
 from tactile.pictures import unusable
+from tactile.plain_file import NotReadable
+from tactile.plain_numpy import load_npz
 from tactile.recording import GelPad, Loading, Recording
 from tactile.sensors import Sensor
 from tactile.stiffness import layer_stiffness
@@ -77,10 +78,9 @@ def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor
 
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (OSError, ValueError, EOFError, BadZipFile) as cause:
-        raise unusable(path.name, str(cause), "a whole .npz of numbers; copy it again") from cause
+        return load_npz(path)
+    except NotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
 
 
 def _from_csv(path: Path) -> dict[str, np.ndarray]:
@@ -126,4 +126,6 @@ def _checked(path: Path, name: str, values: np.ndarray, shape: tuple[int | None,
         raise unusable(f"{path.name}: {name}", f"shape {values.shape}", f"shape {expected}")
     if not np.isfinite(values).all():
         raise unusable(f"{path.name}: {name}", "a value that is not finite", "numbers")
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise unusable(f"{path.name}: {name}", f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}")
     return values

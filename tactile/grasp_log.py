@@ -5,6 +5,7 @@ cell's `fx_N`, `fy_N`, `fz_N`, `tx_Nmm`, `ty_Nmm`, `tz_Nmm` (all six, fruit fram
 """
 
 import csv
+import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +13,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.pictures import unusable
+from tactile.plain_file import NotReadable, not_plain, read_text
 
+MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
+"""Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
+LARGEST = 1e12
+"""A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
 LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
@@ -29,16 +35,25 @@ class GraspLog:
 
 def read_columns(path: Path) -> dict[str, Float[np.ndarray, " t"]]:
     """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column."""
-    if not path.is_file():
-        raise unusable(path.name, "no such file", "a table with the columns " + ", ".join(NEEDED))
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise unusable(path.name, found, "a table with the columns " + ", ".join(NEEDED))
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)]
-    except UnicodeDecodeError as cause:
-        raise unusable(path.name, "bytes that are no text", "a CSV file in UTF-8") from cause
+        text = read_text(path, most_bytes=MOST_BYTES)
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(c.strip() for c in row)]
+    except NotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
+    except csv.Error as cause:
+        raise unusable(path.name, "a cell without an end", "numbers separated by commas") from cause
     if len(rows) < 2:
         raise unusable(path.name, "no rows", "a header and one row for each frame")
     header = [name.strip() for name in rows[0]]
+    if len(rows) > MOST_ROWS or len(header) > MOST_COLUMNS:
+        found = f"{len(rows)} rows of {len(header)} columns"
+        raise unusable(path.name, found, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
+    if len(set(header)) < len(header):
+        twice = next(name for name in header if header.count(name) > 1)
+        raise unusable(path.name, f"the column {twice[:60]!r} twice", "each column once")
     values = np.empty((len(rows) - 1, len(header)))
     for k, row in enumerate(rows[1:]):
         if len(row) != len(header):
@@ -87,7 +102,7 @@ def _number(path: Path, column: str, row: int, cell: str) -> float:
         value = float(cell)
     except ValueError:
         value = np.nan
-    if not np.isfinite(value):
-        found = repr(cell.strip()) if cell.strip() else "nothing"
-        raise unusable(f"{path.name}: {column}", f"{found} in row {row}", "a number")
+    if not abs(value) <= LARGEST:
+        found = repr(cell.strip()[:60]) if cell.strip() else "nothing"
+        raise unusable(f"{path.name}: {column[:60]}", f"{found} in row {row}", f"a number up to {LARGEST:g}")
     return value

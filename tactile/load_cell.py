@@ -8,6 +8,7 @@ import numpy as np
 from tactile.converted import Converted
 from tactile.grasp_log import increasing, read_columns
 from tactile.pictures import unusable
+from tactile.plain_file import not_plain
 from tactile.recording import IndenterPad, Recording
 
 TRAVEL = ("travel_mm", "aperture_mm")
@@ -22,8 +23,10 @@ def is_trace(path: Path) -> bool:
 
 def header_of(path: Path) -> list[str]:
     """The names in a CSV file's first row."""
+    if not_plain(path):
+        return []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return [name.strip() for name in file.readline().split(",")]
+        return [name.strip() for name in file.readline(10_000).split(",")]
 
 
 def read_trace(

@@ -11,9 +11,12 @@ import numpy as np
 from jaxtyping import UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.plain_file import NotReadable, not_plain, printable, read_bytes
 
 PICTURES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4")
+MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
+"""Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
 
@@ -29,20 +32,26 @@ class Pictures:
 
 def unusable(source: str, found: str, expected: str) -> TactileFailure:
     """The failure sentence of frames and their log."""
-    detail = f"{source}: found {found}, expected {expected}."
+    detail = printable(f"{source}: found {found}, expected {expected}.")
     return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
 
 
 def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     """One RGB picture; raises TactileFailure (unreadable-frames) where there is none or it is damaged."""
-    if not path.is_file():
-        raise unusable(path.name, "no such file", "a .png or .jpg picture")
-    data = np.fromfile(path, dtype=np.uint8)
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise unusable(path.name, found, "a .png or .jpg picture")
+    named = f"{path.parent.name}/{path.name}"
+    try:
+        data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
+    except NotReadable as cause:
+        raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
+    _require_size(named, data)
     picture = None
     if len(data) and not _cut_short(data, path.suffix.lower()):
         picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
     if picture is None:
-        raise unusable(f"{path.parent.name}/{path.name}", "a damaged picture", "a whole one; copy it again")
+        raise unusable(named, "a damaged picture", "a whole one; copy it again")
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
@@ -76,6 +85,8 @@ def _folder(folder: Path) -> Pictures:
         named = NUMBERED.match(path.stem)
         if named is None or path.suffix.lower() not in PICTURES:
             continue
+        if len(named.group(1)) > 12:
+            raise unusable(folder.name, path.name[:60], "numbers of at most 12 digits")
         number = int(named.group(1))
         if number in found:
             raise unusable(folder.name, f"{found[number].name} and {path.name}", "each frame once")
@@ -97,6 +108,8 @@ def _video(path: Path) -> Pictures:
     video.release()
     if said < 1:
         raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
+    if said > MOST_FRAMES:
+        raise unusable(path.name, f"{said} frames", f"at most {MOST_FRAMES}")
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         video = cv2.VideoCapture(str(path))
@@ -111,6 +124,28 @@ def _video(path: Path) -> Pictures:
             video.release()
 
     return Pictures(path.name, tuple(range(said)), frames)
+
+
+def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> None:
+    """Refuse, before it is decoded, a picture larger than any camera in a gel."""
+    pixels = picture_pixels(data.tobytes())
+    if pixels > MOST_PIXELS:
+        found = f"a picture of {pixels / 1e6:.0f} million pixels"
+        raise unusable(named, found, f"at most {MOST_PIXELS / 1e6:g} million")
+
+
+def picture_pixels(data: bytes) -> int:
+    """Width times height as the header of a PNG or a JPEG says; 0 where it has none."""
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
+        return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
+    place = 2
+    while data[:2] == b"\xff\xd8" and place + 9 <= len(data) and data[place] == 0xFF:
+        marker = data[place + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # the frame header, ITU-T T.81 B.2.2
+            high, wide = data[place + 5 : place + 7], data[place + 7 : place + 9]
+            return int.from_bytes(high, "big") * int.from_bytes(wide, "big")
+        place += 1 if marker == 0xFF else 2 + max(int.from_bytes(data[place + 2 : place + 4], "big"), 2)
+    return 0
 
 
 def _cut_short(data: UInt8[np.ndarray, " n"], suffix: str) -> bool:

@@ -3,24 +3,35 @@
 from pathlib import Path
 from typing import Any, cast
 
-import h5py
 import numpy as np
 
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.pictures import pictures_of
 from tactile.raw_grasp import RawGrasp, RawPad, View
-from tactile.recording import FORMAT, PADS_OF_LOADING, VERSION, Loading, Support
+from tactile.recording import (
+    APERTURE,
+    FORMAT,
+    PADS_OF_LOADING,
+    TIME,
+    VERSION,
+    WRENCH,
+    Loading,
+    Support,
+    opened,
+)
 from tactile.recording_fields import GroupReader
 from tactile.sensor_file import read_sensor
 
 
 def holds_images_only(path: Path) -> bool:
     """Whether the file's pads have images and no displacement."""
-    if not h5py.is_hdf5(path):
-        return False
-    with h5py.File(path, "r") as file:
-        pads = file.get("pads")
-        groups = [pads[name] for name in pads] if hasattr(pads, "keys") else []
+    with opened(path) as file:
+        root = GroupReader(path=path, group=file)
+        if "pads" not in root or not hasattr(file["pads"], "keys"):
+            return False
+        pads = root.child("pads")
+        names = [name for name in ("left", "right", "tip") if name in pads]
+        groups = [pads.child(name) for name in names if hasattr(file["pads"][name], "keys")]
         return bool(groups) and all("images" in g and "displacement_mm" not in g for g in groups)
 
 
@@ -34,7 +45,7 @@ def raw_of(file: Any, path: Path, *, sensor: Path) -> RawGrasp:
     root.choice("format", {FORMAT})
     root.version("version", VERSION)
     loading = cast(Loading, root.choice("loading", set(PADS_OF_LOADING)))
-    time_s = root.time("time_s")
+    time_s = root.time("time_s", limit=TIME)
     frames = len(time_s)
     pads = []
     for name in PADS_OF_LOADING[loading]:
@@ -45,7 +56,7 @@ def raw_of(file: Any, path: Path, *, sensor: Path) -> RawGrasp:
                 f"{path.name}: pads/{name}/images_reference: found nothing, expected a picture of the "
                 "untouched gel.",
             )
-        data = pad.group["images"]
+        data = pad.images("images")
         if data.ndim != 4 or data.shape[0] != frames or data.shape[3] != 3 or data.dtype != np.uint8:
             raise TactileFailure(
                 TactileProblem.UNREADABLE_FRAMES,
@@ -73,7 +84,7 @@ def raw_of(file: Any, path: Path, *, sensor: Path) -> RawGrasp:
         category=root.text("category"),
         loading=loading,
         support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
-        aperture_mm=root.array("aperture_mm", (frames,)),
-        wrench_N=root.array("wrench_N", (frames, 6)) if "wrench_N" in root else None,
+        aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
+        wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
         pads=tuple(pads),
     )

@@ -17,11 +17,28 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.failure import TactileFailure
-from tactile.recording_fields import GroupReader, first_line, unreadable
+from tactile.plain_file import not_plain, size
+from tactile.recording_fields import GroupReader, Limit, first_line, unreadable
 
 FORMAT = "drupe-recording"
 VERSION = 1
 FEWEST_FOR_AREA = 9
+MOST_BYTES = 8_000_000_000
+"""Of a recording with its images; nothing but the fields asked for is read into memory."""
+TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
+APERTURE = Limit(2000.0, "millimetres: is it in m or µm?")
+WRENCH = Limit(1e7, "newtons and newton millimetres")
+REST = Limit(500.0, "millimetres: is it in µm, or in pixels?")
+DISPLACEMENT = Limit(500.0, "millimetres: is it in µm, or in pixels?")
+FORCE = Limit(1e4, "newtons at a marker: is it in mN?")
+LOAD = Limit(1e6, "newtons: is it in mN?")
+STIFFNESS = Limit(1e4, "MPa per mm: is it in Pa or kPa?")
+THICKNESS = Limit(200.0, "millimetres")
+MODULUS = Limit(1e4, "MPa: is it in Pa or kPa?")
+RATIO = Limit(0.4999, "")
+RADIUS = Limit(1000.0, "millimetres")
+"""The largest that each field can be at all, some hundred times what sensors and grippers reach: beyond it a
+number is broken or in another unit, and squares of it may overflow."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -112,7 +129,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
         root.version("version", VERSION)
         loading = root.choice("loading", set(PADS_OF_LOADING))
         default = "free" if loading == "grasp" else "base"
-        time_s = root.time("time_s")
+        time_s = root.time("time_s", limit=TIME)
         frames = len(time_s)
         pads_group = root.child("pads")
         return Recording(
@@ -122,8 +139,8 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
             sensor=root.text("sensor"),
             time_s=time_s,
-            aperture_mm=root.array("aperture_mm", (frames,)),
-            wrench_N=root.array("wrench_N", (frames, 6)) if "wrench_N" in root else None,
+            aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
+            wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, images=images)
                 for name in PADS_OF_LOADING[loading]
@@ -165,14 +182,14 @@ def write_recording(path: Path, recording: Recording) -> None:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
-    if not path.is_file():
-        raise unreadable(
-            path,
-            "the file",
-            "no such file",
-            "an HDF5 recording",
-            "record the grasp again or correct the name",
-        )
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        advice = "record the grasp again or correct the name"
+        raise unreadable(path, "the file", found, "an HDF5 recording", advice)
+    if (length := path.stat().st_size) > MOST_BYTES:
+        found = f"{length / 1e9:.1f} GB"
+        advice = "divide the recording, or leave its images out"
+        raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
@@ -187,7 +204,8 @@ def opened(path: Path) -> Iterator[Any]:
 
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     expected, advice = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
-    return unreadable(path, "the file", f"no readable HDF5 ({first_line(cause)})", expected, advice)
+    found = "no readable HDF5" if isinstance(cause, KeyError) else f"no readable HDF5 ({first_line(cause)})"
+    return unreadable(path, "the file", found, expected, advice)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
@@ -196,25 +214,25 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         return IndenterPad(
             name=name,
             pose=pose,
-            force_z_N=pad.array("force_z_N", (frames,)),
+            force_z_N=pad.array("force_z_N", (frames,), limit=LOAD),
             indenter=cast(
                 Literal["ball", "flat", "plate"], pad.choice("indenter", {"ball", "flat", "plate"})
             ),
-            radius_mm=pad.positive("radius_mm"),
+            radius_mm=pad.positive("radius_mm", limit=RADIUS),
         )
-    rest_mm = pad.array("rest_mm", (None, 3))
+    rest_mm = pad.array("rest_mm", (None, 3), limit=REST)
     markers = len(rest_mm)
     return GelPad(
         name=name,
         pose=pose,
         rest_mm=rest_mm,
-        displacement_mm=pad.array("displacement_mm", (frames, markers, 3)),
-        force_N=pad.array("force_N", (frames, markers, 3)),
-        gel_kn_MPa_per_mm=pad.positive("gel_kn_MPa_per_mm"),
-        gel_kt_MPa_per_mm=pad.positive("gel_kt_MPa_per_mm"),
-        thickness_mm=pad.optional_positive("thickness_mm"),
-        gel_E_MPa=pad.optional_positive("E_MPa"),
-        gel_nu=pad.optional_positive("nu"),
+        displacement_mm=pad.array("displacement_mm", (frames, markers, 3), limit=DISPLACEMENT),
+        force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
+        gel_kn_MPa_per_mm=pad.positive("gel_kn_MPa_per_mm", limit=STIFFNESS),
+        gel_kt_MPa_per_mm=pad.positive("gel_kt_MPa_per_mm", limit=STIFFNESS),
+        thickness_mm=pad.optional_positive("thickness_mm", limit=THICKNESS),
+        gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
+        gel_nu=pad.optional_positive("nu", limit=RATIO),
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )

@@ -9,21 +9,42 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.plain_file import printable
 
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
+MOST_VALUES = 40_000_000
+"""Of one field: 320 MB in double precision; 400 markers for a minute at 30 frames a second are 2 million."""
+MOST_IMAGE_VALUES = 2_000_000_000
+MOST_CHUNK_BYTES = 256_000_000
+"""The library unpacks a whole chunk to read one value of it."""
+MOST_CHARACTERS = 200
+MOST_ATTRIBUTE_BYTES = 65_536
+FARTHEST_MM = 1e5
+"""A pose's shift beyond 100 m is of no gripper."""
 REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest that a number can be, either sign, and its unit with what a larger one may have been."""
+
+    largest: float
+    unit: str
+
+
+ANY = Limit(1e12, "in any unit")
 
 
 def first_line(cause: Exception) -> str:
     """What the HDF5 library says, without the lines below it."""
-    return str(cause).splitlines()[0] if str(cause) else type(cause).__name__
+    return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
 
 
 def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
     """The failure sentence of this format: where, what was found, what was expected, what to do."""
     detail = f"{path.name}: {field}: found {found}, expected {expected}; {advice}."
-    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
+    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,22 +56,32 @@ class GroupReader:
     prefix: str = ""
 
     def __contains__(self, name: str) -> bool:
+        self._require_own(name)
         return name in self.group
 
     def child(self, name: str) -> "GroupReader":
         """The group `name` below this one."""
-        if name not in self.group or not hasattr(self.group[name], "keys"):
+        if name not in self or not hasattr(self.group[name], "keys"):
             raise self._refuse(name, "no such group", "a group", "record it, or check the loading attribute")
         return GroupReader(path=self.path, group=self.group[name], prefix=f"{self.prefix}{name}/")
 
     def text(self, name: str) -> str:
         """A text attribute."""
         value = self._attribute(name)
-        if isinstance(value, bytes):
-            value = value.decode("utf-8", errors="replace")
+        field = f"attribute {name}"
+        try:
+            value = value.decode("utf-8") if isinstance(value, bytes) else value
+            if isinstance(value, str):
+                value.encode("utf-8")
+        except UnicodeError as cause:
+            found = "bytes that are no UTF-8"
+            raise self._refuse(field, found, "a text in UTF-8", "write it as a string") from cause
         if not isinstance(value, str):
-            raise self._refuse(f"attribute {name}", _said(value), "a text", "write it as a string")
-        return value
+            raise self._refuse(field, _said(value), "a text", "write it as a string")
+        if len(value) > MOST_CHARACTERS:
+            found = f"{len(value)} characters"
+            raise self._refuse(field, found, f"at most {MOST_CHARACTERS}", "shorten it")
+        return printable(value)
 
     def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
         """A text attribute that must be one of `allowed`; `default` where it may be left out."""
@@ -69,24 +100,32 @@ class GroupReader:
             advice = "convert the file, or use a release of drupe that reads this version"
             raise self._refuse(f"attribute {name}", _said(value), f"version {known}", advice)
 
-    def positive(self, name: str) -> float:
-        """A numeric attribute above zero."""
+    def positive(self, name: str, *, limit: Limit) -> float:
+        """A numeric attribute above zero, up to its limit."""
         value = self._attribute(name)
         number = float(value) if isinstance(value, int | float | np.number) else float("nan")
         if not (np.isfinite(number) and number > 0):
             raise self._refuse(
                 f"attribute {name}", _said(value), "a number above zero", "correct the sensor's constants"
             )
+        if number > limit.largest:
+            expected = f"a number up to {limit.largest:g} {limit.unit}".rstrip()
+            raise self._refuse(f"attribute {name}", f"{number:g}", expected, "correct the sensor's constants")
         return number
 
-    def optional_positive(self, name: str) -> float | None:
+    def optional_positive(self, name: str, *, limit: Limit) -> float | None:
         """A numeric attribute above zero, or None where the file leaves it out."""
-        return self.positive(name) if name in self.group.attrs else None
+        return self.positive(name, limit=limit) if name in self.group.attrs else None
 
-    def array(self, name: str, shape: tuple[int | None, ...]) -> Float[np.ndarray, "..."]:
-        """A dataset of finite numbers with `shape` (None: any length above zero), in double precision."""
+    def array(
+        self, name: str, shape: tuple[int | None, ...], *, limit: Limit = ANY
+    ) -> Float[np.ndarray, "..."]:
+        """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
+        and none beyond the limit.
+        """
         data = self._dataset(name)
         self._require_shape(name, data, shape)
+        self._require_budget(name, data, MOST_VALUES)
         if data.dtype.kind not in "fiu":
             raise self._refuse(
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
@@ -97,11 +136,17 @@ class GroupReader:
             where = tuple(int(i) for i in np.argwhere(bad)[0])
             found = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
             raise self._refuse(name, found, "finite numbers", "repair or drop those frames in the recorder")
+        beyond = np.abs(values) > limit.largest
+        if beyond.any():
+            where = tuple(int(i) for i in np.argwhere(beyond)[0])
+            found = f"{values[where]:g} at index {where}"
+            expected = f"at most {limit.largest:g} {limit.unit}"
+            raise self._refuse(name, found, expected, "repair or drop those frames in the recorder")
         return values
 
-    def time(self, name: str) -> Float[np.ndarray, " t"]:
+    def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
         """A strictly increasing dataset."""
-        values = self.array(name, (None,))
+        values = self.array(name, (None,), limit=limit)
         back = np.flatnonzero(np.diff(values) <= 0)
         if len(back):
             k = int(back[0]) + 1
@@ -113,7 +158,7 @@ class GroupReader:
 
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
-        values = self.array(name, (frames, 4, 4))
+        values = self.array(name, (frames, 4, 4), limit=Limit(FARTHEST_MM, "millimetres"))
         rotation = values[:, :3, :3]
         skew = np.abs(np.einsum("tki,tkj->tij", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
         last_row = np.abs(values[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
@@ -123,6 +168,14 @@ class GroupReader:
             advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
             raise self._refuse(name, found, "rigid motions", advice)
         return values
+
+    def images(self, name: str) -> Any:
+        """A dataset to be read frame by frame, none of which is larger than a camera's."""
+        data = self._dataset(name)
+        if data.shape is None or len(data.shape) == 0:
+            raise self._refuse(name, "no frames", "frames", "record the field or write it again")
+        self._require_budget(name, data, 10 * MOST_IMAGE_VALUES)
+        return data
 
     def frames(self, name: str, frames: int) -> UInt8[np.ndarray, "t h w 3"]:
         """Raw colour frames."""
@@ -137,6 +190,7 @@ class GroupReader:
         self._require_shape(name, data, shape)
         if data.dtype != np.uint8:
             raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
+        self._require_budget(name, data, MOST_IMAGE_VALUES)
         return np.asarray(self._values(name, data), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
@@ -145,13 +199,41 @@ class GroupReader:
                 f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
             )
         try:
+            held = self.group.attrs.get_id(name)
+            null = held.get_space().get_simple_extent_type() == h5py.h5s.NULL
+            length = 0 if null else int(np.prod(held.shape, dtype=np.float64)) * held.dtype.itemsize
+            text = h5py.check_string_dtype(held.dtype) is not None
+            if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
+                found = f"{length} bytes of type {held.dtype}"
+                raise self._refuse(f"attribute {name}", found, "one number or text", REWRITE)
             return self.group.attrs[name]
         except (TypeError, ValueError) as cause:
             raise self._refuse(
                 f"attribute {name}", first_line(cause), "a number or a text", REWRITE
             ) from cause
 
+    def _require_own(self, name: str) -> None:
+        """Refuse a field that is a link: it may lead into another file, which is not of the recording and
+        which no list of its inputs names.
+        """
+        if not isinstance(self.group.get(name, getlink=True, default=h5py.HardLink()), h5py.HardLink):
+            raise self._refuse(name, "a link", "the field itself", "write its values into this file")
+
+    def _require_budget(self, name: str, data: Any, most: int) -> None:
+        """Refuse what would not fit into memory, and what lies in other files, before it is read."""
+        if data.external or data.is_virtual:
+            found = "values kept in another file"
+            raise self._refuse(name, found, "values in this file", "write them into the recording")
+        if data.size > most:
+            found = f"shape {tuple(data.shape)}, {data.size} values"
+            raise self._refuse(name, found, f"at most {most}", "divide the recording")
+        chunk = int(np.prod(data.chunks or (0,), dtype=np.float64)) * data.dtype.itemsize
+        if chunk > MOST_CHUNK_BYTES:
+            found = f"chunks of {chunk / 1e6:.0f} MB"
+            raise self._refuse(name, found, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
+
     def _dataset(self, name: str) -> Any:
+        self._require_own(name)
         try:
             data = self.group.get(name)
             present = hasattr(data, "dtype") and hasattr(data, "shape")

@@ -1,13 +1,14 @@
 """A sensor's shading, and its look-up in a file: NumPy's .npz with one array, `coefficients` (k, 2)."""
 
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from jaxtyping import UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
+from tactile.plain_file import NotReadable
+from tactile.plain_numpy import load_npz
 from tactile.sensors import Camera, Sensor
 
 
@@ -25,10 +26,11 @@ def shading_of(
 def read_lookup(path: Path) -> SlopeLookup:
     """The look-up in `path`; raises TactileFailure (unreadable-sensor) where it holds none."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            coefficients = np.asarray(file["coefficients"], dtype=np.float64)
-    except (OSError, KeyError, ValueError, BadZipFile) as cause:
-        raise _refused(path, str(cause)) from cause
+        coefficients = load_npz(path)["coefficients"]
+    except NotReadable as cause:
+        raise _refused(path, f"that it {cause}") from cause
+    except KeyError as cause:
+        raise _refused(path, "no array of coefficients") from cause
     if coefficients.ndim != 2 or coefficients.shape[1] != 2 or not np.isfinite(coefficients).all():
         raise _refused(path, f"coefficients of shape {coefficients.shape}")
     return SlopeLookup(coefficients=coefficients)

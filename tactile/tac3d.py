@@ -13,6 +13,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.grasp_log import LARGEST
+from tactile.plain_file import NotReadable, not_plain
+from tactile.plain_numpy import load_npy
 
 FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
 RESULTANTS = ("3D_ResultantForce", "3D_ResultantMoment")
@@ -105,15 +108,13 @@ def _array(folder: Path, name: str, shape: tuple[int | None, ...]) -> np.ndarray
 
 def _loaded(folder: Path, name: str) -> np.ndarray:
     path = folder / f"{name}.npy"
-    if not path.is_file():
-        raise _refused(folder, name, "no such file", "the recorder's array; copy the whole folder")
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise _refused(folder, name, found, "the recorder's array; copy the whole folder")
     try:
-        values = np.load(path, allow_pickle=False)
-    except (OSError, ValueError, EOFError) as cause:
-        raise _refused(folder, name, str(cause), "a whole NumPy array; copy it again") from cause
-    if not np.issubdtype(values.dtype, np.number):
-        raise _refused(folder, name, f"values of type {values.dtype}", "numbers")
-    return np.asarray(values, dtype=np.float64)
+        return load_npy(path)
+    except NotReadable as cause:
+        raise _refused(folder, name, f"that it {cause}", "a whole NumPy array; copy it again") from cause
 
 
 def _checked(folder: Path, name: str, values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
@@ -126,6 +127,8 @@ def _checked(folder: Path, name: str, values: np.ndarray, shape: tuple[int | Non
     if not np.isfinite(values).all():
         frame = int(np.argwhere(~np.isfinite(values))[0][0])
         raise _refused(folder, name, f"a value in frame {frame} that is not finite", "finite numbers")
+    if np.abs(values).max(initial=0.0) > LARGEST:
+        raise _refused(folder, name, f"{np.abs(values).max():g}", f"numbers up to {LARGEST:g}")
     return values
 
 

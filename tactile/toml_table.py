@@ -1,6 +1,5 @@
 """Reading a TOML file key by key, each with the check that its kind needs."""
 
-import tomllib
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,22 +8,29 @@ from typing import Any
 import numpy as np
 
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+
+MOST_BYTES = 4_000_000
+"""Of a description: 10,000 markers' places take 0.4 MB."""
+LARGEST = 1e9
+"""A number beyond is of no sensor; products of larger ones overflow."""
 
 
 def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
     """The whole file as a table; raises TactileFailure (`problem`) where there is no such file or no TOML."""
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise refused(problem, path, "the file", found, what)
     try:
-        with path.open("rb") as file:
-            return Table(path, problem, tomllib.load(file))
-    except FileNotFoundError as cause:
-        raise refused(problem, path, "the file", "no such file", what) from cause
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
-        raise refused(problem, path, "the file", str(cause), f"{what} in TOML") from cause
+        return Table(path, problem, toml_of(read_text(path, most_bytes=MOST_BYTES)))
+    except NotReadable as cause:
+        raise refused(problem, path, "the file", f"that it {cause}", f"{what} in TOML") from cause
 
 
 def refused(problem: TactileProblem, path: Path, field: str, found: str, expected: str) -> TactileFailure:
     """The failure sentence: where, what was found, what was expected."""
-    return TactileFailure(problem, f"{path.name}: {field}: found {found}, expected {expected}.")
+    shown = found if len(found) <= 200 else f"{found[:197]}..."
+    return TactileFailure(problem, printable(f"{path.name}: {field}: found {shown}, expected {expected}."))
 
 
 @dataclass(frozen=True)
@@ -70,7 +76,9 @@ class Table:
         value = self.values.get(name, default)
         if not isinstance(value, str):
             raise self.refusal(name, "nothing" if value is None else repr(value), "a text in quotes")
-        return value
+        if len(value) > 1000:
+            raise self.refusal(name, f"{len(value)} characters", "at most 1000")
+        return printable(value)
 
     def choice(self, name: str, allowed: Collection[str]) -> str:
         """A text that must be one of `allowed`."""
@@ -91,8 +99,8 @@ class Table:
     def whole(self, name: str) -> int:
         """A whole number above zero."""
         value = self.values.get(name)
-        if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-            raise self.refusal(name, "nothing" if value is None else repr(value), "a whole number above 0")
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
+            raise self.refusal(name, "nothing" if value is None else repr(value), "a whole number, 1 to 1000")
         return value
 
     def numbers(self, name: str, shape: tuple[int | None, ...], *, needed: bool = True) -> Any:
@@ -107,7 +115,7 @@ class Table:
             raise self.refusal(name, "nothing" if value is None else repr(value), expected)
         try:
             array = np.asarray(value, dtype=np.float64)
-        except ValueError as cause:
+        except (ValueError, OverflowError) as cause:
             raise self.refusal(name, "rows of different length", expected) from cause
         fits = array.ndim == len(shape) and all(
             have > 0 if want is None else have == want for have, want in zip(array.shape, shape, strict=True)
@@ -116,6 +124,8 @@ class Table:
             raise self.refusal(name, f"shape {array.shape}", expected)
         if not np.isfinite(array).all():
             raise self.refusal(name, "a number that is not finite", expected)
+        if np.abs(array).max(initial=0.0) > LARGEST:
+            raise self.refusal(name, f"{np.abs(array).max():g}", f"{expected} up to {LARGEST:g}")
         return array
 
 

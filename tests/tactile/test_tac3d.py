@@ -88,7 +88,7 @@ def test_sensor_folders_are_found_in_the_folder_above(tmp_path: Path) -> None:
         ),
         ("3D_Positions", np.full((FRAMES, 36, 3), np.nan), "AD2/3D_Positions.npy: found a value in frame 0"),
         ("sendTimestamp", np.zeros(FRAMES), "AD2/sendTimestamp.npy: found 0 s in frame 1 after 0 s"),
-        ("index", np.array(["a"] * FRAMES), "AD2/index.npy: found values of type"),
+        ("index", np.array(["a"] * FRAMES), "AD2/index.npy: found that it holds values of type"),
     ],
 )
 def test_a_wrong_array_is_named(tmp_path: Path, name: str, values: np.ndarray, says: str) -> None:

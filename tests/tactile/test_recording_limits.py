@@ -1,0 +1,137 @@
+"""A recording reads no other file, asks for no more memory than there is, and holds no number beyond use."""
+
+import os
+
+import h5py
+import numpy as np
+import pytest
+from planted_grasp import planted_grasp
+
+from tactile.failure import TactileFailure
+from tactile.recording import read_recording, write_recording
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    path = tmp_path_factory.mktemp("sound") / "sound.h5"
+    write_recording(path, planted_grasp(np.random.default_rng(3)).recording)
+    return path.read_bytes()
+
+
+def refusal(tmp_path, sound, change):
+    path = tmp_path / "grasp-1.h5"
+    path.write_bytes(sound)
+    with h5py.File(path, "r+") as file:
+        change(file)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(path)
+    return caught.value.detail
+
+
+def put(name, values):
+    def change(file):
+        del file[name]
+        file[name] = values
+
+    return change
+
+
+def value(name, number):
+    def change(file):
+        file[name][(0,) * file[name].ndim] = number
+
+    return change
+
+
+def external_link(file):
+    del file["time_s"]
+    file["time_s"] = h5py.ExternalLink("other.h5", "/time_s")
+
+
+def external_group(file):
+    del file["pads/left"]
+    file["pads/left"] = h5py.ExternalLink("/dev/zero", "/")
+
+
+def soft_link(file):
+    file.move("time_s", "elsewhere")
+    file["time_s"] = h5py.SoftLink("/elsewhere")
+
+
+def virtual(file):
+    frames = len(file["time_s"])
+    layout = h5py.VirtualLayout(shape=(frames,), dtype="f8")
+    layout[:] = h5py.VirtualSource("other.h5", "time_s", shape=(frames,))
+    del file["aperture_mm"]
+    file.create_virtual_dataset("aperture_mm", layout)
+
+
+def raw_storage(file):
+    frames = len(file["time_s"])
+    del file["aperture_mm"]
+    file.create_dataset("aperture_mm", (frames,), "f8", external=[("/etc/passwd", 0, 8 * frames)])
+
+
+def claimed(file):
+    del file["time_s"]
+    file.create_dataset("time_s", (10**9,), "f8", chunks=(1024,))
+
+
+def chunked(file):
+    frames = len(file["time_s"])
+    del file["time_s"]
+    file.create_dataset("time_s", (frames,), "f8", chunks=(10**9,), maxshape=(None,))
+
+
+def attribute(name, held, dtype=None):
+    def change(file):
+        file.attrs.create(name, held, dtype=dtype)
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (external_link, "time_s: found a link, expected the field itself"),
+        (external_group, "pads/left: found a link"),
+        (soft_link, "time_s: found a link"),
+        (virtual, "aperture_mm: found values kept in another file"),
+        (raw_storage, "aperture_mm: found values kept in another file"),
+        (claimed, "time_s: found shape (1000000000,), 1000000000 values, expected at most"),
+        (chunked, "time_s: found chunks of 8000 MB"),
+        (
+            value("pads/left/rest_mm", 1e300),
+            "rest_mm: found 1e+300 at index (0, 0), expected at most 500 ",
+        ),
+        (
+            value("pads/left/force_N", 1e30),
+            "force_N: found 1e+30 at index (0, 0, 0), expected at most",
+        ),
+        (
+            value("aperture_mm", 60_000.0),
+            "aperture_mm: found 60000 at index (0,), expected at most",
+        ),
+        (attribute("fruit_id", b"\xff\xfe", "S2"), "attribute fruit_id: found bytes that are no UTF-8"),
+        (attribute("fruit_id", "x" * 5000), "attribute fruit_id: found 5000 characters"),
+        (attribute("sensor", np.zeros(8000)), "attribute sensor: found"),
+    ],
+)
+def test_the_field_is_named_and_nothing_else_is_read(tmp_path, sound, change, said):
+    assert said in refusal(tmp_path, sound, change)
+
+
+def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "a.h5")
+    (tmp_path / "b.h5").symlink_to("/dev/zero")
+    (tmp_path / "c.h5").symlink_to("gone.h5")
+    for name, said in (("a", "a named pipe"), ("b", "a device"), ("c", "a link to nothing")):
+        with pytest.raises(TactileFailure, match=said):
+            read_recording(tmp_path / f"{name}.h5")
+
+
+def test_a_link_to_a_recording_is_followed(tmp_path, sound):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "g.h5").write_bytes(sound)
+    (tmp_path / "g.h5").symlink_to(tmp_path / "kept" / "g.h5")
+    assert len(read_recording(tmp_path / "g.h5").time_s) > 0
