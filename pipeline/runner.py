@@ -16,6 +16,7 @@ from typing import Any
 
 from pebble import ProcessExpired, ProcessPool
 
+from pipeline.safe_start import library_path
 from pipeline.scratch import scratch, temporary_files_in
 
 THREAD_VARIABLES = (
@@ -81,7 +82,13 @@ def run_fruits(
     with (
         scratch() as folder,
         temporary_files_in(_made(folder / "tmp")),
-        _environment({**dict.fromkeys(THREAD_VARIABLES, "1"), "PYTHONSAFEPATH": "1"}),
+        _environment(
+            {
+                **dict.fromkeys(THREAD_VARIABLES, "1"),
+                "PYTHONSAFEPATH": "1",
+                "LD_LIBRARY_PATH": library_path(),
+            }
+        ),
         ProcessPool(
             max_workers=max(1, min(jobs, len(tasks))),
             max_tasks=1,
@@ -151,18 +158,22 @@ def _made(folder: Path) -> Path:
 
 
 @contextmanager
-def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Variables that processes started inside the block find."""
+def _environment(values: Mapping[str, str | None]) -> Iterator[None]:
+    """Variables that processes started inside the block find; None: which they do not."""
     before = {name: os.environ.get(name) for name in values}
-    os.environ.update(values)
+    _set(values)
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        _set(before)
+
+
+def _set(values: Mapping[str, str | None]) -> None:
+    for name, value in values.items():
+        if value is None:
+            os.environ.pop(name, None)
+        else:
+            os.environ[name] = value
 
 
 def _begin(parent: int, folder: Path) -> None:

@@ -37,9 +37,30 @@ def load(*libraries: str) -> None:
         importlib.import_module(library)
 
 
+def library_path() -> str | None:
+    """LD_LIBRARY_PATH without empty entries, which mean the current folder; None where nothing is left.
+
+    OpenCV, once imported, leaves one to every program that is started afterwards.
+    """
+    return ":".join(entry for entry in os.environ.get("LD_LIBRARY_PATH", "").split(":") if entry) or None
+
+
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """Inside the block the current folder is the package's own."""
+    """Inside the block the current folder is the package's own; libraries are not looked for in it after."""
+    try:
+        with _elsewhere():
+            yield
+    finally:
+        path = library_path()
+        if path is None:
+            os.environ.pop("LD_LIBRARY_PATH", None)
+        else:
+            os.environ["LD_LIBRARY_PATH"] = path
+
+
+@contextmanager
+def _elsewhere() -> Iterator[None]:
     try:
         here = os.open(os.curdir, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
     except OSError:

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import psutil
+import pytest
 
 from pipeline.runner import Died, Finished, Progressed, TimedOut, run_fruits
 
@@ -49,10 +50,10 @@ def test_every_fruit_has_a_process_of_its_own_with_one_numerical_thread():
 PARENT = """
 import sys
 sys.path.insert(0, {tests!r})
-from test_runner import sleeper
+from test_runner import {work}
 from pipeline.runner import run_fruits
 if __name__ == "__main__":
-    for event in run_fruits(sleeper, [("a", {mark!r})], jobs=1, time_limit_s=600):
+    for event in run_fruits({work}, [("a", {mark!r})], jobs=1, time_limit_s=600):
         pass
 """
 
@@ -64,12 +65,62 @@ def sleeper(mark, report):
 
 def test_a_killed_run_leaves_no_process_behind(tmp_path):
     script, mark = tmp_path / "parent.py", tmp_path / "mark"
-    script.write_text(PARENT.format(tests=str(Path(__file__).parent), mark=str(mark)))
+    script.write_text(PARENT.format(work="sleeper", tests=str(Path(__file__).parent), mark=str(mark)))
     with subprocess.Popen([sys.executable, str(script)]) as parent:
         wait_until(lambda: mark.exists() and mark.read_text())
         parent.kill()
     worker = int(mark.read_text())
     wait_until(lambda: not psutil.pid_exists(worker) or psutil.Process(worker).status() == "zombie")
+
+
+def idle(seconds, report):
+    report("idle")
+    time.sleep(seconds)
+    return str(Path.cwd()), os.environ["TMPDIR"], sys.path
+
+
+def test_a_clock_set_forward_costs_no_fruit_and_one_set_back_lets_none_hang(monkeypatch):
+    """The time of day is set while the fruit is worked on."""
+    real = time.time
+    for seconds, step_s, limit_s, kind in ((2, 1e6, 60, Finished), (600, -1e6, 4, TimedOut)):
+        for event in run_fruits(idle, [("a", seconds)], jobs=1, time_limit_s=limit_s):
+            if isinstance(event, Progressed):
+                monkeypatch.setattr(time, "time", lambda step_s=step_s: real() + step_s)
+            else:
+                assert type(event) is kind
+
+
+def test_a_fruits_process_has_an_empty_folder_and_its_files_are_gone_afterwards():
+    (ended,) = (e for e in run_fruits(idle, [("a", 0)], jobs=1, time_limit_s=60) if isinstance(e, Finished))
+    folder, temporary, path = ended.result
+    assert folder != str(Path.cwd())
+    assert not Path(folder).exists()
+    assert not Path(temporary).exists()
+    assert "" not in path
+    assert os.environ.get("TMPDIR") != temporary
+
+
+def deaf(mark, report):
+    """Native code that never lets another thread of Python's run."""
+    import ctypes
+
+    Path(mark).write_text(str(os.getpid()))
+    ctypes.PyDLL(None).sleep(600)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux ends a process with its parent")
+def test_a_killed_run_leaves_no_process_behind_even_in_native_code(tmp_path):
+    script, mark = tmp_path / "parent.py", tmp_path / "mark"
+    script.write_text(PARENT.format(work="deaf", tests=str(Path(__file__).parent), mark=str(mark)))
+    with subprocess.Popen([sys.executable, str(script)]) as parent:
+        wait_until(lambda: mark.exists() and mark.read_text())
+        parent.kill()
+    worker = int(mark.read_text())
+    try:
+        wait_until(lambda: not psutil.pid_exists(worker) or psutil.Process(worker).status() == "zombie", 10)
+    finally:
+        if psutil.pid_exists(worker):
+            os.kill(worker, signal.SIGKILL)
 
 
 def wait_until(happened, seconds=60):

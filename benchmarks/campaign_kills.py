@@ -1,0 +1,340 @@
+"""Runs of `drupe grade` are killed, starved of disk, doubled and given another time of day: what is left?
+
+A batch of two ready fruit (one with a recording) is graded once undisturbed. Then, at moments drawn from
+`--seed`, the command or one of its processes is killed (SIGKILL, SIGTERM; SIGSEGV for a fruit's process), the
+disk is full (a small tmpfs where one may be mounted; the k-th write fails with ENOSPC in any case), two runs
+begin at once, and the clock is set back or forward by a day in every process. After each: the inputs are
+byte for byte what they were, no process and no temporary file is left, and the same command again gives the
+results of the undisturbed run: the same files, outcomes and ranking, E within 1 % (the mesher does not repeat
+to the bit).
+
+    python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
+"""
+
+import argparse
+import csv
+import errno
+import hashlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import trimesh
+
+from pipeline import whole_file
+from pipeline.batch import open_batch
+from pipeline.layout import Results
+from pipeline.stages import grade_fruit
+from pipeline.task import fruit_task
+from recon.mesh_file import write_mesh
+from samples.batch import write_scan
+from samples.fruit import fruits_of_seed
+
+SHIPPED = Path(__file__).parents[1] / "samples" / "data" / "nectarines"
+SHIPPED_SEED, SHIPPED_COUNT = 1, 4
+SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n[mesh]\nedge_mm = 14.0\npad_edge_mm = 6.0\n'
+MARK = "DRUPE_CAMPAIGN"
+ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
+CLOCK = """
+import os, time
+real, began, after, by = time.time, time.monotonic(), float(os.environ["AFTER_S"]), float(os.environ["BY_S"])
+time.time = lambda: real() + (by if time.monotonic() - began > after else 0.0)
+"""
+SAME_E = 0.01
+PATIENCE_S = 20.0
+"""A killed command's processes are gone at once on Linux; half a second later elsewhere."""
+PRIVATE = {".written.json", ".lock"}
+"""Beside the results: drupe's own list of what it wrote, and the lock."""
+Row = tuple[str, str, str]
+
+
+class Fault(AssertionError):
+    """Something that must hold does not."""
+
+
+class Campaign:
+    """A batch, an undisturbed run of it, and a folder for the disturbed ones."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder, self.draw = folder, random.Random(seed)
+        shutil.rmtree(folder, ignore_errors=True)
+        (folder / "tmp").mkdir(parents=True)
+        self.batch = make_batch(folder / "batch")
+        (folder / "entry.py").write_text(ENTRY)
+        self.inputs = hashes(self.batch)
+        began = time.monotonic()
+        self.status = self.wait(self.start("undisturbed"))
+        self.took_s = time.monotonic() - began
+        self.expected = results(folder / "undisturbed")
+        self.require(len(self.expected[0]) > 0, "the undisturbed run gave no results")
+
+    def start(self, out: str | Path, **more: str) -> subprocess.Popen[str]:
+        """The command, in a session of its own and with marked processes."""
+        self.mark = uuid.uuid4().hex
+        environment = {**os.environ, "TMPDIR": str(self.folder / "tmp"), MARK: self.mark, **more}
+        command = [sys.executable, str(self.folder / "entry.py"), "grade", str(self.batch)]
+        return subprocess.Popen(
+            [*command, "--out", str(self.folder / out), "--jobs", "2"],
+            env=environment,
+            start_new_session=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+
+    def wait(self, run: subprocess.Popen[str]) -> int:
+        """Until it ends; what it said is kept."""
+        self.said = run.communicate(timeout=600)[1]
+        return run.returncode
+
+    def require(self, holds: bool, otherwise: str) -> None:
+        """Raises Fault, with what the command said last."""
+        if not holds:
+            raise Fault(f"{otherwise}; {getattr(self, 'said', '')[-300:]}")
+
+    def require_nothing_left(self) -> None:
+        """No process, and the inputs as they were."""
+        end = time.monotonic() + PATIENCE_S
+        while (left := processes(self.mark)) and time.monotonic() < end:
+            time.sleep(0.1)
+        self.require(not left, f"processes left: {left}")
+        self.require(hashes(self.batch) == self.inputs, "the inputs changed")
+
+    def require_repaired(self, out: str | Path) -> None:
+        """The same command again gives what the undisturbed run gave, and leaves no file of its own."""
+        status = self.wait(self.start(out))
+        self.require(status == self.status, f"the second run ended with {status}")
+        self.require_nothing_left()
+        files, rows = results(self.folder / out)
+        self.require(files == self.expected[0], f"other files: {files ^ self.expected[0]}")
+        self.require(same(rows, self.expected[1]), f"another ranking: {rows}")
+        left = [p.name for p in (self.folder / "tmp").iterdir()]
+        left += [p.name for p in (self.folder / out).rglob(f"*{whole_file.MARK}*")]
+        self.require(not left, f"files left: {left}")
+
+
+def make_batch(root: Path) -> Path:
+    """A shipped nectarine with its first recording, and a ball that nobody grasped."""
+    fruit = fruits_of_seed(SHIPPED_COUNT, seed=SHIPPED_SEED)[0]
+    (root / "fruits" / fruit.fruit_id / "grasps").mkdir(parents=True)
+    (root / "fruits" / "ball" / "grasps").mkdir(parents=True)
+    write_scan(root / "fruits" / fruit.fruit_id / "fruit.ply", fruit)
+    source = Path("fruits") / fruit.fruit_id / "grasps" / "grasp-1.h5"
+    shutil.copyfile(SHIPPED / source, root / source)
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=28.0)
+    write_mesh(root / "fruits" / "ball" / "fruit.ply", ball.vertices, ball.faces)
+    (root / "batch.toml").write_text(SETTINGS)
+    (root / "fruits.csv").write_text(f"fruit_id\n{fruit.fruit_id}\nball\n")
+    return root
+
+
+def hashes(root: Path) -> dict[str, str]:
+    """SHA-256 of every file."""
+    files = (p for p in sorted(root.rglob("*")) if p.is_file())
+    return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
+
+
+def results(out: Path) -> tuple[set[str], list[dict[str, str]]]:
+    """The files of a results folder, and its ranking."""
+    files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file() and p.name not in PRIVATE}
+    if not (out / "ranking.csv").is_file():
+        return files, []
+    with (out / "ranking.csv").open(newline="") as file:
+        return files, list(csv.DictReader(file))
+
+
+def same(one: list[dict[str, str]], other: list[dict[str, str]]) -> bool:
+    """The same fruit in the same order with the same endings, and E within 1 %."""
+    keys = ("rank", "fruit_id", "outcome")
+    if [[row[key] for key in keys] for row in one] != [[row[key] for key in keys] for row in other]:
+        return False
+    pairs = [(a["E_MPa"], b["E_MPa"]) for a, b in zip(one, other, strict=True) if a["E_MPa"] or b["E_MPa"]]
+    return all(a and b and abs(float(a) / float(b) - 1) < SAME_E for a, b in pairs)
+
+
+def processes(mark: str) -> list[int]:
+    """Live processes that carry the mark in their environment."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*"):
+        try:
+            marked = f"{MARK}={mark}".encode() in (place / "environ").read_bytes().split(b"\0")
+            if marked and (place / "stat").read_text().rpartition(")")[2].split()[0] != "Z":
+                found.append(int(place.name))
+        except OSError:
+            continue
+    return found
+
+
+def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
+    """One kill at a moment of the run, and what had been finished by then."""
+    out = campaign.folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    run = campaign.start(out)
+    at = time.monotonic() + campaign.draw.uniform(0.02, 1.0) * campaign.took_s
+    while time.monotonic() < at and run.poll() is None:
+        time.sleep(0.02)
+    victims = [pid for pid in processes(campaign.mark) if (pid == run.pid) == (whom == "command")]
+    victim = campaign.draw.choice(victims) if victims and run.poll() is None else None
+    if victim is not None:
+        try:
+            os.kill(victim, number)
+        except ProcessLookupError:
+            victim = None
+    status = campaign.wait(run)
+    campaign.require_nothing_left()
+    if whom == "command" and victim is not None:
+        ends = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGTERM: {130, -signal.SIGTERM}}[number]
+        campaign.require(status in ends | {campaign.status}, f"ended with {status}")
+    if whom == "process":
+        campaign.require(status in {0, 1, 3}, f"ended with {status}")
+    done = len(list(out.glob("fruits/*/record.json")))
+    campaign.require_repaired(out)
+    return f"{done} of 2 fruit done" if victim is not None else "too late"
+
+
+def doubled(campaign: Campaign) -> str:
+    """Two runs at once into one place: one works, the other says so."""
+    out = campaign.folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    one, mark = campaign.start(out), campaign.mark
+    other = campaign.start(out)
+    statuses = sorted((campaign.wait(one), campaign.wait(other)))
+    campaign.require(statuses == sorted((2, campaign.status)), f"ended with {statuses}")
+    campaign.require(not processes(mark), "processes left")
+    campaign.require_nothing_left()
+    campaign.require_repaired(out)
+    return "one works, one is refused"
+
+
+def another_time(campaign: Campaign, by_s: float) -> str:
+    """The clock is set while the run is on."""
+    out = campaign.folder / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    (campaign.folder / "clock").mkdir(exist_ok=True)
+    (campaign.folder / "clock" / "sitecustomize.py").write_text(CLOCK)
+    after_s = campaign.draw.uniform(0, 0.5) * campaign.took_s
+    path = str(campaign.folder / "clock")
+    run = campaign.start(out, PYTHONPATH=path, AFTER_S=str(after_s), BY_S=str(by_s))
+    status = campaign.wait(run)
+    campaign.require(status == campaign.status, f"ended with {status}")
+    campaign.require_nothing_left()
+    campaign.require_repaired(out)
+    return "as undisturbed"
+
+
+def full_tmpfs(campaign: Campaign, KiB: int) -> str:
+    """A disk of this size, which is made larger for the second run."""
+    place = campaign.folder / "small"
+    place.mkdir(exist_ok=True)
+    mounted = ["mount", "-t", "tmpfs", "-o", f"size={KiB}k", "tmpfs", str(place)]
+    if subprocess.run(mounted, capture_output=True, check=False).returncode:
+        return "not run: a tmpfs cannot be mounted here"
+    try:
+        status = campaign.wait(campaign.start(place / "out"))
+        campaign.require(status in {2, 3}, f"ended with {status}")
+        campaign.require("No space left on device" in campaign.said, "does not say that the disk is full")
+        campaign.require("internal" not in campaign.said, "takes the blame")
+        campaign.require_nothing_left()
+        subprocess.run(["mount", "-o", "remount,size=256m", str(place)], check=True)
+        campaign.require_repaired(place / "out")
+    finally:
+        subprocess.run(["umount", str(place)], check=True)
+    return f"exit {status}, said, repaired"
+
+
+def full_at_every_write(campaign: Campaign) -> Iterator[Row]:
+    """The k-th write of the ball meets a full disk, and so does every later one, until space is freed."""
+    batch = open_batch(campaign.batch)
+    real = whole_file.os.fsync
+    expected, k = None, 0
+    while True:
+        out = campaign.folder / "out"
+        shutil.rmtree(out, ignore_errors=True)
+        task = fruit_task(batch, "ball", Results(out))
+        writes = 0
+
+        def fsync(handle: int, k: int = k) -> None:
+            nonlocal writes
+            writes += 1
+            if k and writes >= k:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            real(handle)
+
+        whole_file.os.fsync = fsync
+        try:
+            outcome = grade_fruit(task, lambda _: None).outcome
+        except whole_file.NotWritten:
+            outcome = "not-written"
+        finally:
+            whole_file.os.fsync = real
+        expected = outcome if expected is None else expected
+        last = writes < k
+        campaign.require(outcome == (expected if last or not k else "not-written"), f"write {k}: {outcome}")
+        campaign.require(grade_fruit(task, lambda _: None).outcome == expected, f"write {k}: not repaired")
+        campaign.require(not list(out.rglob(f"*{whole_file.MARK}*")), f"write {k}: files left")
+        if last:
+            return
+        if k:
+            yield ("disk full in-process", f"write {k}", "not-written, repaired")
+        k += 1
+
+
+def main() -> int:
+    """Prints a line per kind of disturbance; the exit status is 1 where anything did not hold."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--kills", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=20261122)
+    parser.add_argument("--folder", type=Path, default=Path("/tmp/drupe-campaign"))
+    parser.add_argument("--only-kills", action="store_true", help="no full disks, doubled runs or clocks")
+    arguments = parser.parse_args()
+    campaign = Campaign(arguments.folder, arguments.seed)
+    kinds = [
+        ("command", signal.SIGKILL),
+        ("command", signal.SIGTERM),
+        ("process", signal.SIGKILL),
+        ("process", signal.SIGSEGV),
+    ]
+    trials: list[tuple[str, Callable[[], str]]] = []
+    for i in range(arguments.kills):
+        whom, number = kinds[i % len(kinds)]
+        trials.append((f"{number.name} to a {whom}", lambda w=whom, n=number: killed(campaign, w, n)))
+    if not arguments.only_kills:
+        trials.append(("two runs at once", lambda: doubled(campaign)))
+        trials += [
+            (f"clock set by {by_s / 3600:+.0f} h", lambda b=by_s: another_time(campaign, b))
+            for by_s in (-86400.0, 86400.0)
+        ]
+        trials += [(f"tmpfs of {KiB} KiB", lambda s=KiB: full_tmpfs(campaign, s)) for KiB in (64, 512, 4096)]
+    counted: Counter[Row] = Counter()
+    faults = 0
+    for what, trial in trials:
+        try:
+            counted[what, trial(), "holds"] += 1
+        except Fault as fault:
+            faults += 1
+            counted[what, str(fault), "DOES NOT HOLD"] += 1
+    if not arguments.only_kills:
+        try:
+            counted.update((what, how, "holds") for what, _, how in full_at_every_write(campaign))
+        except Fault as fault:
+            faults += 1
+            counted["disk full in-process", str(fault), "DOES NOT HOLD"] += 1
+    print(
+        f"undisturbed: {campaign.took_s:.1f} s, exit {campaign.status}; {len(trials)} trials, {faults} faults"
+    )
+    for (what, left, held), count in sorted(counted.items()):
+        print(f"{count:4d}  {what:24s}  {held:14s}  {left}")
+    shutil.rmtree(arguments.folder, ignore_errors=True)
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

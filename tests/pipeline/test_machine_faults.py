@@ -1,0 +1,134 @@
+"""Full disks, little memory, killed runs and clocks that are set: the machine's faults, and how they end."""
+
+import errno
+import fcntl
+import os
+import pickle
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from pipeline import grade, runner
+from pipeline.layout import write_whole
+from pipeline.memory import free_memory_MiB, jobs_that_fit
+from pipeline.outcome import Outcome, ending_of
+from pipeline.problem import BatchRefused
+from pipeline.scratch import PREFIX, scratch
+from pipeline.whole_file import MARK, NotWritten, put, sweep
+
+
+@pytest.mark.parametrize(
+    ("number", "words"),
+    [
+        (errno.ENOSPC, "No space left on device); free space on that disk, or choose another place."),
+        (errno.EDQUOT, "your share of that disk is used up"),
+        (errno.EROFS, "Read-only file system); choose another place."),
+        (errno.EACCES, "Permission denied); ask for the right to write there"),
+        (errno.EFBIG, "ulimit -f"),
+    ],
+)
+def test_a_write_that_fails_names_the_file_the_cause_and_what_to_do(tmp_path, monkeypatch, number, words):
+    def fail(_handle):
+        raise OSError(number, os.strerror(number))
+
+    path = tmp_path / "ranking.csv"
+    put(path, b"old")
+    monkeypatch.setattr(os, "fsync", fail)
+    with pytest.raises(NotWritten) as told:
+        write_whole(path, "new")
+    assert str(told.value).startswith(f"{path}: cannot be written (")
+    assert words in str(told.value)
+    assert str(pickle.loads(pickle.dumps(told.value))) == str(told.value)
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("ranking.csv", b"old")]
+    assert ending_of(told.value) == (Outcome.NOT_WRITTEN, str(told.value))
+
+
+def test_a_full_disk_is_the_machines_whichever_library_meets_it():
+    hdf5 = OSError("Can't write data (errno = 28, error message = 'No space left on device')")
+    for error in (hdf5, OSError(errno.ENOSPC, "No space left on device", "/scratch/x")):
+        outcome, said = ending_of(error)
+        assert outcome is Outcome.NOT_WRITTEN
+        assert "No space left on device); free space" in said
+    assert ending_of(MemoryError())[0] is Outcome.OUT_OF_MEMORY
+    assert ending_of(FileNotFoundError(errno.ENOENT, "gone"))[0] is Outcome.INTERNAL
+
+
+def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
+    left, held, theirs = (
+        tmp_path / name for name in (f".a.csv{MARK}abcdefgh", f".b.csv{MARK}abcdefgh", ".a.csv.swp")
+    )
+    for path in (left, held, theirs):
+        path.touch()
+    (tmp_path / f".c{MARK}abcdefgh").symlink_to(theirs)
+    with held.open("r+") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        sweep(tmp_path)
+    assert {p.name for p in tmp_path.iterdir()} == {held.name, theirs.name, f".c{MARK}abcdefgh"}
+    put(tmp_path / "b.csv", b"")
+    assert not held.exists()
+
+
+def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    killed = "from pipeline.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
+    done = subprocess.run(
+        [sys.executable, "-c", killed], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False
+    )
+    assert done.returncode == -9
+    (left,) = tmp_path.iterdir()
+    for name in (f"{PREFIX}theirs00", "drupe-notes"):
+        (tmp_path / name).mkdir()
+    (tmp_path / f"{PREFIX}link0000").symlink_to(left)
+    with scratch() as running:
+        assert not left.exists()
+        with scratch() as second:
+            assert running.is_dir()
+            assert second.is_dir()
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {f"{PREFIX}theirs00", "drupe-notes", f"{PREFIX}link0000"}
+
+
+def write(path, text):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text)
+
+
+def test_free_memory_is_the_machines_or_less_where_a_group_has_a_limit(tmp_path):
+    proc, groups = tmp_path / "proc", tmp_path / "cgroup"
+    assert free_memory_MiB(proc, groups) is None
+    write(proc / "meminfo", "MemTotal: 9000000 kB\nMemAvailable: 8388608 kB\n")
+    assert free_memory_MiB(proc, groups) == 8192
+    write(proc / "self" / "cgroup", "0::/job/step\n")
+    write(groups / "job" / "memory.max", f"{3 * 2**30}\n")
+    write(groups / "job" / "memory.current", f"{2 * 2**30}\n")
+    write(groups / "job" / "memory.stat", f"anon 1\ninactive_file {2**29}\n")
+    write(groups / "job" / "step" / "memory.max", "max\n")
+    write(groups / "job" / "step" / "memory.current", "1\n")
+    write(groups / "job" / "step" / "memory.stat", "anon 1\n")
+    assert free_memory_MiB(proc, groups) == 1536
+
+
+def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
+    assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=3500) == 3
+    assert jobs_that_fit(2, per_fruit_MiB=1000, free_MiB=3500) == 2
+    assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=10) == 1
+    assert jobs_that_fit(8, per_fruit_MiB=1000, free_MiB=None) == 8
+    photos = SimpleNamespace(folder=SimpleNamespace(fruit_ply=Path("/nowhere")))
+    said = []
+    console = SimpleNamespace(print=lambda text, **_: said.append(text))
+    monkeypatch.setattr(grade, "free_memory_MiB", lambda: 3200.0)
+    assert grade._jobs([photos] * 4, 4, console) == 2
+    assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are left")
+    monkeypatch.setattr(grade, "free_memory_MiB", lambda: 200.0)
+    with pytest.raises(BatchRefused, match=r"has 200 MiB of memory left, and one fruit needs about 1500 MiB"):
+        grade._jobs([photos], 1, console)
+
+
+def test_a_process_whose_parent_was_gone_before_it_began_ends(monkeypatch):
+    ended = []
+    monkeypatch.setattr(runner.os, "_exit", ended.append)
+    runner._end_with(os.getppid() + 1)
+    assert ended == [1]
