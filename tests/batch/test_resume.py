@@ -8,6 +8,8 @@ import sys
 import time
 
 import pandas as pd
+import psutil
+import pytest
 from sample_batches import drupe, first_fruit
 
 
@@ -69,7 +71,8 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert "batch.toml" in provenance["inputs"]
 
 
-def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch):
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch, number):
     start = (
         "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "  # a shell may ignore it
         "from pipeline.cli import main; main()"
@@ -82,9 +85,11 @@ def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch):
         for line in run.stderr:
             if "mesh" in line:
                 break
-        run.send_signal(signal.SIGINT)
+        workers = psutil.Process(run.pid).children(recursive=True)
+        run.send_signal(number)
         _, err = run.communicate(timeout=60)
     assert run.returncode == 130
+    assert not psutil.wait_procs(workers, timeout=5)[1]
     assert "interrupted; finished fruit are kept" in err
     assert "Traceback" not in err
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
