@@ -19,6 +19,11 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.batch import open_batch
+from pipeline.layout import Results
+from pipeline.records import FruitRecord, read_record, write_record
+from pipeline.stages import grade_fruit
+from pipeline.task import fruit_task
 from recon.mesh_file import read_mesh, write_mesh
 from tactile.checks.of_recording import recording_findings
 from tactile.failure import TactileFailure
@@ -349,9 +354,7 @@ def _sized(pad: GelPad, n: int) -> GelPad:
 
 def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Another fruit's recordings under this one's name."""
-    return replace(
-        fruit, recordings=tuple(replace(one, fruit_id=fruit.name) for one in other.recordings)
-    )
+    return replace(fruit, recordings=tuple(replace(one, fruit_id=fruit.name) for one in other.recordings))
 
 
 def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
@@ -403,9 +406,9 @@ def pit(change: Callable[[np.ndarray], np.ndarray]) -> Change:
 
 def _category_pit(fruit: Fruit) -> tuple[np.ndarray, np.ndarray]:
     from recon.pit import place_pit
-    from recon.priors import shipped_prior
+    from recon.priors import load_prior
 
-    vertices, faces = place_pit(fruit.vertices, fruit.faces, shipped_prior(fruit.category))
+    vertices, faces = place_pit(fruit.vertices, fruit.faces, load_prior(fruit.category))
     return np.asarray(vertices), np.asarray(faces)
 
 
@@ -485,7 +488,9 @@ MISTAKES: tuple[Mistake, ...] = (
         words=("shuffled",),
     ),
     Mistake(
-        name="all frames shuffled", change=frames(lambda n, r: r.permutation(n), log=True), words=("shuffled",)
+        name="all frames shuffled",
+        change=frames(lambda n, r: r.permutation(n), log=True),
+        words=("shuffled",),
     ),
     Mistake(
         name="every second frame a copy",
@@ -499,7 +504,7 @@ MISTAKES: tuple[Mistake, ...] = (
         words=("dropped",),
         harmless=True,
     ),
-    Mistake(name="no first touch", change=cut(_from_contact), words=("first touch",)),
+    Mistake(name="no first touch", change=cut(_from_contact), words=("starts in contact",)),
     Mistake(name="no unloading", change=cut(_until_peak), words=("unload",), harmless=True),
     Mistake(name="gel 5 frames late on jaws", change=late("both", 5), words=("late", "lag")),
     Mistake(name="time in ms", change=each(lambda o, r: replace(o, time_s=o.time_s * 1e3)),
@@ -524,8 +529,8 @@ MISTAKES: tuple[Mistake, ...] = (
             words=("mirrored", "turned"), harmless=True),
     Mistake(name="mesh x 1.1", change=mesh(_about(lambda v: 1.1 * v)), words=("scaled", "another fruit")),
     Mistake(name="mesh x 0.95", change=mesh(_about(lambda v: 0.95 * v)), words=("scaled", "another fruit")),
-    Mistake(name="pit moved 10 mm", change=pit(lambda v: v + [7.0, 0.0, -7.0]), words=("pit",)),
-    Mistake(name="pit moved 6 mm", change=pit(lambda v: v + [6.0, 0.0, 0.0]), words=("pit",)),
+    Mistake(name="pit moved 10 mm", change=pit(lambda v: v + np.array([7.0, 0.0, -7.0])), words=("pit",)),
+    Mistake(name="pit moved 6 mm", change=pit(lambda v: v + np.array([6.0, 0.0, 0.0])), words=("pit",)),
     Mistake(name="pit x 1.4", change=pit(_about(lambda v: 1.4 * v)), words=("pit",)),
     Mistake(name="pit x 0.6", change=pit(_about(lambda v: 0.6 * v)), words=("pit",)),
     Mistake(name="pit turned by 90 degrees", change=pit(_about(lambda v: v @ TURN_90)), words=("pit",)),
@@ -565,7 +570,9 @@ def fruit_of(folder: Path) -> Fruit | None:
 
 def fruits_in(paths: Sequence[Path], half: str) -> list[Fruit]:
     """All fruit below the paths, of one half of the numbers."""
-    folders = [f for path in paths for f in ([path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()))]
+    folders = [
+        f for path in paths for f in ([path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()))
+    ]
     found = [fruit for folder in folders if folder.is_dir() and (fruit := fruit_of(folder)) is not None]
     wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[half]
     return [fruit for fruit in found if fruit.number % 2 in wanted]
@@ -597,9 +604,103 @@ def checked(fruit: Fruit) -> list[tuple[str, bool, float]]:
     return said
 
 
+SETTINGS = """\
+category = "{category}"
+poisson_ratio = 0.45
+[mesh]
+edge_mm = 8.0
+pad_edge_mm = 3.0
+"""
+PHANTOM = """\
+[pit]
+offset_sd_mm = 0.3
+size_sd = 0.02
+"""
+
+
+def graded(fruit: Fruit, folder: Path) -> FruitRecord:
+    """The fruit's record by the pipeline, as a batch of its own in `folder`; kept there."""
+    kept = folder / "record.json"
+    if kept.is_file() and (record := read_record(kept)) is not None:
+        return record
+    where = folder / "batch" / "fruits" / "F"
+    (where / "grasps").mkdir(parents=True, exist_ok=True)
+    settings = SETTINGS.format(category=fruit.category) + (PHANTOM if fruit.category == "phantom" else "")
+    (folder / "batch" / "batch.toml").write_text(settings, encoding="utf-8")
+    (folder / "batch" / "fruits.csv").write_text("fruit_id\nF\n", encoding="utf-8")
+    write_mesh(where / "fruit.ply", fruit.vertices, fruit.faces)
+    if fruit.pit is not None:
+        write_mesh(where / "pit.ply", *fruit.pit)
+    for k, one in enumerate(fruit.recordings):
+        write_recording(where / "grasps" / f"grasp-{k + 1}.h5", replace(one, fruit_id="F"))
+    task = fruit_task(open_batch(folder / "batch"), "F", Results(folder / "out"))
+    record = grade_fruit(task, lambda stage: None)
+    write_record(kept, record)
+    return record
+
+
 def named(said: Sequence[str], words: Sequence[str]) -> bool:
     """Whether the first sentence holds a word that names the cause."""
     return bool(said) and any(word in said[0] for word in words)
+
+
+def judged(fruit: Fruit, changed: Fruit, mistake: Mistake, cache: Path | None) -> dict[str, object]:
+    """One row: what is said of the mistake, and with `cache` what E becomes."""
+    row: dict[str, object] = {
+        "mistake": mistake.name,
+        "fruit": fruit.name,
+        "category": fruit.category,
+        "harmless": mistake.harmless,
+    }
+    if cache is None:
+        said = checked(changed)
+        refused = any(r for _, r, _ in said)
+        sentences = [s for s, _, _ in said]
+        return row | {
+            "refused": refused,
+            "named": named(sentences, mistake.words),
+            "said": sentences[0] if said else "",
+        }
+    slug = re.sub(r"[^a-z0-9]+", "-", mistake.name.lower())
+    record = graded(changed, cache / slug / fruit.name)
+    E, sd = (None, None) if record.modulus is None else (record.modulus.E_MPa, record.modulus.E_sd_MPa)
+    sentences = list(record.doubts or record.warnings) if record.graded else [record.reason]
+    return row | {
+        "refused": not record.graded,
+        "named": named(sentences, mistake.words),
+        "doubted": bool(record.doubts),
+        "ratio": None if E is None or not record.graded else E / fruit.E_MPa,
+        "sd": None if E is None or sd is None else sd / E,
+        "sds": None if E is None or sd is None or not record.graded else abs(E - fruit.E_MPa) / sd,
+        "said": sentences[0] if sentences else "",
+    }
+
+
+def in_a_line(name: str, rows: Sequence[dict[str, object]]) -> str:
+    """One mistake's row of the table."""
+
+    def share(key: str) -> float:
+        return float(np.mean([bool(row.get(key)) for row in rows]))
+
+    def middle(key: str) -> str:
+        values = [float(str(row[key])) for row in rows if row.get(key) is not None]
+        return f"{np.median(values):6.3f}" if values else "     -"
+
+    wrong = [row for row in rows if not row["refused"] and not row["named"] and _far(row)]
+    return (
+        f"{name:32s} {len(rows):3d}  named {share('named'):4.0%}  refused {share('refused'):4.0%}  "
+        f"E/true {middle('ratio')}  sd {middle('sd')}  |error|/sd {middle('sds')}  "
+        f"wrong and not named {len(wrong)}"
+    )
+
+
+def _far(row: dict[str, object]) -> bool:
+    """E off by more than 5 % and 3 of its standard deviations."""
+    ratio, sds = row.get("ratio"), row.get("sds")
+    return ratio is not None and abs(float(str(ratio)) - 1) > 0.05 and float(str(sds)) > 3
+
+
+SOUND = Mistake(name="none", change=lambda fruit, other, rng: fruit, words=())
 
 
 def main() -> None:
@@ -611,39 +712,30 @@ def main() -> None:
     parser.add_argument("--grade", type=Path)
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--only", default="")
+    parser.add_argument("--grasps", type=int, default=2)
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
-    fruits = fruits_in(options.folders, options.half)
+    fruits = [
+        replace(one, recordings=one.recordings[: options.grasps])
+        for one in fruits_in(options.folders, options.half)
+    ]
     if options.sound:
         sound(fruits)
         return
-    rows = []
-    for mistake in MISTAKES:
-        if options.only and options.only not in mistake.name:
+    rows: list[dict[str, object]] = []
+    for mistake in (SOUND, *MISTAKES):
+        if options.only not in mistake.name:
             continue
+        own = []
         for k, fruit in enumerate(fruits):
             rng = np.random.default_rng([11, fruit.number])
             changed = mistake.change(fruit, partner(fruits, k), rng)
-            said = checked(changed)
-            rows.append(
-                {
-                    "mistake": mistake.name,
-                    "fruit": fruit.name,
-                    "category": fruit.category,
-                    "named": named([s for s, _, _ in said], mistake.words),
-                    "refused": any(r for _, r, _ in said),
-                    "said": said[0][0] if said else "",
-                }
-            )
-            if options.verbose and not rows[-1]["named"]:
-                sys.stdout.write(f"  {mistake.name} | {fruit.name} | {rows[-1]['said'][:150]}\n")
-        own = [row for row in rows if row["mistake"] == mistake.name]
-        share = [float(np.mean([bool(row[key]) for row in own])) for key in ("named", "refused")]
-        silent = sum(not row["said"] for row in own)
-        sys.stdout.write(
-            f"{mistake.name:32s} {len(own):3d} fruit  named {share[0]:4.0%}  refused {share[1]:4.0%}  "
-            f"silent {silent}\n"
-        )
+            own.append(judged(fruit, changed, mistake, options.grade))
+            if options.verbose and mistake.words and not own[-1]["named"]:
+                sys.stdout.write(f"  {mistake.name} | {fruit.name} | {str(own[-1]['said'])[:200]}\n")
+        sys.stdout.write(in_a_line(mistake.name, own) + "\n")
+        sys.stdout.flush()
+        rows += own
     if options.csv:
         with options.csv.open("w", newline="", encoding="utf-8") as file:
             table = csv.DictWriter(file, fieldnames=list(rows[0]))

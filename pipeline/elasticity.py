@@ -31,6 +31,9 @@ from pipeline.task import FruitTask
 CONFIRMED = "confirmed effects"
 """The part of an error bar that comes from effects in the batch's settings."""
 
+DOUBTED = "doubts about the inputs"
+"""The part that comes from what cannot be right in a recording or a given pit."""
+
 
 def fruit_modulus(
     task: FruitTask,
@@ -56,21 +59,29 @@ def fruit_modulus(
 
 
 def modulus_record(
-    found: FruitModulus, *, effects_common_sd_MPa: float = 0.0, effects_own_sd_MPa: float = 0.0
+    found: FruitModulus,
+    *,
+    effects_common_sd_MPa: float = 0.0,
+    effects_own_sd_MPa: float = 0.0,
+    doubted: float = 0.0,
 ) -> ModulusRecord:
     """What the fruit's record says of its modulus and of the pit that came with it.
 
     `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
-    whole batch and those of this fruit.
+    whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
+    the inputs (pipeline.doubts).
     """
     pit = found.pit
+    of_doubts = doubted * found.E_MPa
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     return ModulusRecord(
         E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.hypot(found.E_sd_MPa, of_effects)),
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts])),
         common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa])),
-        parts_sd_MPa=found.parts_sd_MPa | ({CONFIRMED: of_effects} if of_effects else {}),
+        parts_sd_MPa=found.parts_sd_MPa
+        | ({CONFIRMED: of_effects} if of_effects else {})
+        | ({DOUBTED: of_doubts} if of_doubts else {}),
         pit_found=None
         if pit is None
         else PitFoundRecord(

@@ -28,7 +28,7 @@ from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
 
-ALL_GRADED, SOME_NOT_GRADED, INTERRUPTED = 0, 3, 130
+ALL_GRADED, SOME_NOT_GRADED, SOME_DOUBTED, INTERRUPTED = 0, 3, 4, 130
 RETRIED = frozenset(
     outcome.code
     for outcome in (
@@ -104,7 +104,8 @@ def grade(
                 provenance(INTERRUPTED)
             raise
         in_order = [records[row.fruit_id] for row in batch.rows]
-        status = ALL_GRADED if all(r.graded for r in in_order) else SOME_NOT_GRADED
+        doubted = SOME_DOUBTED if any(r.doubts for r in in_order) else ALL_GRADED
+        status = doubted if all(r.graded for r in in_order) else SOME_NOT_GRADED
         entry = batch_entry(
             batch,
             in_order,

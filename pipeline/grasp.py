@@ -13,6 +13,8 @@ from fem.modulus import ModulusEstimate
 from fem.modulus_inputs import GraspHistory, PadHistory
 from pipeline.records import CurveRecord, GraspRecord
 from recon.surface_error import sd_on_patch_mm
+from tactile.checks.finding import Finding
+from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.failure import TactileFailure, TactileProblem
@@ -25,7 +27,8 @@ class PlacedGrasp:
     """A recording whose pads have been found on the fruit's surface; `path` is where it was read from.
 
     `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
-    where the mesh's error is known vertex by vertex.
+    where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
+    and yet leaves it of use.
     """
 
     name: str
@@ -34,6 +37,7 @@ class PlacedGrasp:
     contact: Contact
     pads: tuple[PadRegistration, ...]
     surface_sd_mm: Mapping[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
 
     @property
     def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
@@ -44,6 +48,14 @@ class PlacedGrasp:
         }
 
 
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """What the checks of a recording are told: moduli that the category can have, the mesh's error."""
+
+    E_range_MPa: tuple[float, float] | None = None
+    surface_sd_mm: float = 0.0
+
+
 def place_grasp(
     path: Path,
     vertices: Float[np.ndarray, "v 3"],
@@ -52,20 +64,25 @@ def place_grasp(
     name: str | None = None,
     faults: Sequence[Fault] = (),
     sd_mm: Float[np.ndarray, " v"] | None = None,
+    checked: Checked | None = None,
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
     `name` is what people know it by; None: the file's. `sd_mm`: the mesh's error at each vertex, where it is
     known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
-    Raises TactileFailure.
+    `checked`: whether its fields are held against each other and the mesh, and with what.
+    Raises TactileFailure; implausible-recording where the checks refuse it.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
     recording = corrected(read_recording(path), faults)
     _refuse_no_pose(recording, source)
+    findings = _findings(recording, vertices, faces, source, checked)
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
-    placed = PlacedGrasp(name=name, path=path, recording=recording, contact=contact, pads=pads)
+    placed = PlacedGrasp(
+        name=name, path=path, recording=recording, contact=contact, pads=pads, findings=findings
+    )
     if sd_mm is None:
         return placed
     known = {
@@ -74,6 +91,29 @@ def place_grasp(
         if len(points)
     }
     return replace(placed, surface_sd_mm=known)
+
+
+def _findings(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    source: str,
+    checked: Checked | None,
+) -> tuple[Finding, ...]:
+    """What the checks find; raises where that leaves no use for the recording."""
+    if checked is None:
+        return ()
+    found = recording_findings(
+        recording,
+        vertices,
+        faces,
+        E_range_MPa=checked.E_range_MPa,
+        surface_sd_mm=checked.surface_sd_mm,
+    )
+    if any(one.refused for one in found):
+        said = "; ".join(one.sentence for one in found if one.refused)
+        raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
+    return tuple(found)
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:

@@ -11,8 +11,9 @@ from fem.modulus_budget import ErrorBudget
 from fem.solver import solver_name
 from pipeline.confirmed import faults
 from pipeline.diary import Diary
+from pipeline.doubts import Doubt, of_a_given_pit, of_grasps
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
-from pipeline.grasp import PlacedGrasp, foreign, place_grasp
+from pipeline.grasp import Checked, PlacedGrasp, foreign, place_grasp
 from pipeline.layout import in_order, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.raw_grasps import kept_recording
@@ -36,7 +37,10 @@ of the pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangl
 
 @dataclass(frozen=True, kw_only=True)
 class GraspedFruit:
-    """What the modulus and the mismatch finder both start from; `failed`: recordings of no use, and why."""
+    """What the modulus and the mismatch finder both start from; `failed`: recordings of no use, and why.
+
+    `doubts`: what cannot be right in what is used.
+    """
 
     shape: Shape
     pit: Pit
@@ -45,6 +49,7 @@ class GraspedFruit:
     mesh: FleshMesh
     poisson_ratio: float
     budget: ErrorBudget
+    doubts: tuple[Doubt, ...] = ()
 
 
 def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
@@ -67,12 +72,16 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
         pit = embedded_pit(task, shape)
         known["pit"] = pit.record
         write_meshes(task.results, shape, pit)
+        doubts = _pit_doubts(task, shape, pit)
     placed, failures = _placed(task, shape, diary)
     failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
     known["grasps"] = failed
     if not placed:
         write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
         raise _why_no_grasp(list(failures.values()))
+    doubts += of_grasps(placed)
+    diary.warnings[:0] = [doubt.sentence for doubt in doubts]
+    known["doubts"] = tuple(doubt.sentence for doubt in doubts)
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
         mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
@@ -92,7 +101,19 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
         mesh=mesh,
         poisson_ratio=nu,
         budget=error_budget(task, shape),
+        doubts=tuple(doubts),
     )
+
+
+def _pit_doubts(task: FruitTask, shape: Shape, pit: Pit) -> list[Doubt]:
+    """Where the fruit's own pit is unlike its category's; raises FruitEnded where E would mean nothing."""
+    if not task.folder.pit_ply.is_file():
+        return []
+    doubts = of_a_given_pit(shape.vertices, pit.vertices, pit.faces, task.prior)
+    refused = [doubt.sentence for doubt in doubts if doubt.refused]
+    if refused:
+        raise FruitEnded(Outcome.IMPLAUSIBLE_PIT, " ".join(refused))
+    return doubts
 
 
 def _placed(
@@ -117,6 +138,7 @@ def _placed(
                     name=name,
                     faults=faults(task.settings.mismatch),
                     sd_mm=shape.sd_mm,
+                    checked=_checked(task, shape),
                 )
                 placed.append(grasp)
                 diary.warnings += foreign(grasp, task.fruit_id, task.category)
@@ -124,6 +146,16 @@ def _placed(
                 failures[name] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
+
+
+def _checked(task: FruitTask, shape: Shape) -> Checked:
+    """What the recordings' checks are told of this fruit."""
+    plausible = None if task.prior is None else task.prior.plausible
+    scale = (shape.record.scale_sd or 0.0) * max(shape.record.box_mm) / 2
+    return Checked(
+        E_range_MPa=None if plausible is None else plausible.E_MPa,
+        surface_sd_mm=float(np.hypot(shape.record.surface_sd_mm or 0.0, scale)),
+    )
 
 
 def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:

@@ -25,6 +25,12 @@ class Outcome(Enum):
         "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "
         "or photograph on a marker mat and put mat.json beside batch.toml ({}).",
     )
+    IMPLAUSIBLE_PIT = ("implausible-pit", "{} Put the fruit's own pit there, in the fruit's frame and mm.")
+    IMPLAUSIBLE_MODULUS = (
+        "implausible-modulus",
+        "E would be {}, which no flesh of this category has: look for a unit or a factor in forces, "
+        "displacements and meshes.",
+    )
     CRASHED = (
         "crashed",
         "The process working on this fruit died ({}); the other fruit are not touched. Run the same command "

@@ -148,6 +148,8 @@ class FruitRecord(_Record):
     mismatch: str | None = None
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider."""
     seconds: dict[str, float] = {}
     peak_memory_MiB: float | None = None
 

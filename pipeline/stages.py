@@ -13,6 +13,7 @@ from threadpoolctl import threadpool_limits
 from fem.failure import FemFailure
 from pipeline.confirmed import in_words
 from pipeline.diary import Diary
+from pipeline.doubts import causes_alone, of_a_pit_found, relative_sd
 from pipeline.effect_spread import effect_spread
 from pipeline.elasticity import fruit_modulus, modulus_record
 from pipeline.flesh_effects import unused_warnings, used
@@ -102,18 +103,27 @@ def _grade(task: FruitTask, diary: Diary) -> None:
         records = [*failed, *map(grasp_record, placed, found.grasps)]
         known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
         spread = effect_spread(task, fruit, found.modulus.E_MPa)
+        misplaced = of_a_pit_found(
+            modulus_record(found.modulus).pit_found, given=task.folder.pit_ply.is_file()
+        )
+        doubts = [*fruit.doubts, *misplaced]
+        known["doubts"] = tuple(doubt.sentence for doubt in doubts)
+        diary.warnings[:0] = [doubt.sentence for doubt in misplaced]
         known["modulus"] = modulus_record(
             found.modulus,
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
+            doubted=relative_sd(doubts),
         )
+        _refuse_implausible(task, found.modulus.E_MPa)
         known["mismatch"] = in_words(used(task.settings.mismatch)) or None
         diary.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
         for grasp, own in zip(placed, found.grasps, strict=True):
             if isinstance(own, FemFailure):
                 diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
             else:
-                diary.warnings += [f"{grasp.name}: {warning}" for warning in own.warnings]
+                said = causes_alone(own.warnings, named=bool(grasp.findings))
+                diary.warnings += [f"{grasp.name}: {warning}" for warning in said]
         diary.warnings += found.modulus.warnings
     with diary.stage("picture"):
         write_whole(
@@ -127,6 +137,15 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
             ),
         )
+
+
+def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
+    """Raises FruitEnded for a modulus that no flesh of the category has."""
+    plausible = None if task.prior is None else task.prior.plausible
+    limits = None if plausible is None else plausible.E_MPa
+    if limits is not None and not limits[0] <= E_MPa <= limits[1]:
+        said = f"{E_MPa:.3g} MPa ({limits[0]:g} to {limits[1]:g} MPa expected)"
+        raise FruitEnded(Outcome.IMPLAUSIBLE_MODULUS, said)
 
 
 def _peak_memory_MiB() -> float:

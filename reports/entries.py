@@ -97,6 +97,9 @@ class FruitEntry:
     mismatch_taken: bool = False
     """Whether E takes that into account."""
     warnings: tuple[str, ...] = ()
+    """Beyond the doubts."""
+    doubts: tuple[str, ...] = ()
+    """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
     coverage_png: bytes | None = None

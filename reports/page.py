@@ -16,7 +16,13 @@ from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
 
-_EXIT_STATUS = {0: "all graded", 1: "internal error", 2: "usage or settings", 3: "some fruit not graded"}
+_EXIT_STATUS = {
+    0: "all graded",
+    1: "internal error",
+    2: "usage or settings",
+    3: "some fruit not graded",
+    4: "all graded, some E in doubt",
+}
 
 
 def report_html(batch: BatchEntry) -> str:
@@ -57,6 +63,7 @@ def report_html(batch: BatchEntry) -> str:
         batch=batch,
         classes=_legend(batch, marks),
         failed=[(index, fruit) for index, fruit in fruits if not fruit.ok],
+        doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
         graded=any(fruit.E_MPa is not None for fruit in batch.fruits),
         limits_drawn=any(limit is not None for _, limit in batch.classes),

@@ -27,6 +27,7 @@ RANKING_COLUMNS = (
     "rank_low",
     "rank_high",
     "warnings",
+    "doubts",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -64,7 +65,8 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "rank_probability": _decimals(fruit.rank_probability, places=4),
         "rank_low": fruit.rank_low,
         "rank_high": fruit.rank_high,
-        "warnings": safe_cell("; ".join(fruit.warnings)),
+        "warnings": safe_cell("; ".join([*fruit.doubts, *fruit.warnings])),
+        "doubts": safe_cell("; ".join(fruit.doubts)),
     }
 
 

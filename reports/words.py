@@ -28,6 +28,9 @@ _ADVICE = {
     "unreadable-recording": "Write the named recording again from the gripper's own data.",
     "never-touches": "Check that the gripper closed on the fruit, then record the grasp again.",
     "pads-off-fruit": "Check the gripper's calibration, and that stem and suture lay as agreed.",
+    "implausible-recording": "Correct what is named above in the recording, or record the grasp again.",
+    "implausible-pit": "Put the pit of this fruit into pit.ply, or remove it: the category's is then used.",
+    "implausible-modulus": "Look for a wrong unit or factor in forces, displacements and meshes.",
     "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",
     "out-of-memory": "Run the batch again with fewer jobs; finished fruits are kept.",
     "crashed": "Run the batch again; if this fruit stops again, report it with its files.",
@@ -50,6 +53,8 @@ def remarks(fruit: FruitEntry) -> str:
         taken = " (taken into account)" if fruit.mismatch_taken else ""
         doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""
         found.append(f"mismatch: {effect_name(fruit.mismatch)}{taken}{doubt}")
+    if fruit.doubts:
+        found.append("E is in doubt")
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)

@@ -15,6 +15,7 @@ class TactileProblem(StrEnum):
     WRONG_SENSOR = "wrong-sensor"
     SATURATED = "gel-saturated"
     MARKERS_LOST = "markers-lost"
+    IMPLAUSIBLE_RECORDING = "implausible-recording"
 
 
 class TactileFailure(Exception):

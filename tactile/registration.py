@@ -27,8 +27,8 @@ FEWEST_HITS = 0.5
 class PadRegistration:
     """Of one pad: `surface_mm` is where each marker sits on the mesh, at its first touch or nearest to one.
 
-    `on_skin`: the pad's normal through the marker meets the mesh. A gel is often wider than a small fruit: what
-    lies beside the fruit has no place on it, and its `surface_mm` is beside the fruit too.
+    `on_skin`: the pad's normal through the marker meets the mesh. A gel is often wider than a small fruit:
+    what lies beside the fruit has no place on it, and its `surface_mm` is beside the fruit too.
     `shift_mm` is the mean distance of first touches from the mesh along the pad's normal (positive: the mesh
     lies ahead), a measure and no correction: nothing is moved by it. `residual_mm` is the root mean square
     deviation of those distances from it.

@@ -6,19 +6,25 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing, heaviest
+from tactile.checks.pressing import Pressing, heaviest, like_neighbours, noise_shares
 
 LIVELY = 0.5
 """A frame tells frozen markers where more than this share of all markers differ from the frame before."""
 FROZEN_FRAMES, FROZEN_SHARE = 3, 0.25
 """A marker counts as dead where it repeats itself exactly in so many frames, and in this share of those, in
-which half of its neighbours are pressed. A marker with noise of 4 um in steps of 0.1 um does so by chance once
-in 1e5 frames."""
+which half of its neighbours are pressed. A marker with noise of 4 um in steps of 0.1 um does so by chance
+once in 1e5 frames."""
 FAINT = 0.25
 """So does one that carries less than this share of its neighbours' median where that is half the peak;
 within sound contacts no marker there has less than 0.6."""
 DEAD_SAID, DEAD_REFUSED = 0.01, 0.05
 """Share of the contact's markers. E loses about as much: 30 % of dead markers lose 27 to 28 %."""
+ALIKE = 0.3
+"""Correlation with neighbours below which a field's markers are in chance order, and none can be called "
+"faint."""
+NOISE = (0.06, 0.3)
+"""Noise over peak of displacement and force; sound recordings of the softest fruit have 0.032 and 0.134."""
+E_PER_NOISE = 0.5
 CLIPPED_SAMPLES = 12
 """Samples that share the field's greatest value exactly; sound recordings have one or two."""
 FEWEST_LEVELS = 12
@@ -29,9 +35,35 @@ def channel_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """What is wrong with single markers, values and frames, pad by pad."""
     found: list[Finding] = []
     for one in pressings:
-        found += _whole_frames(one)
-        found += _markers(one)
-        found += _values(one)
+        rough = _values(one)
+        found += rough
+        if not any("quantised" in finding.sentence for finding in rough):
+            found += _whole_frames(one)
+            found += _markers(one)
+    return found
+
+
+def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Signals that hardly rise above their noise."""
+    found = []
+    for one in pressings:
+        for name, share, most in zip(("displacement", "force"), noise_shares(one), NOISE, strict=True):
+            if share > most and one.pressed.any():
+                found.append(
+                    Finding(
+                        rank=Rank.FIELD,
+                        sentence=(
+                            f"{pads_said((one.pad.name,))} {name} is mostly noise: {100 * share:.0f} % "
+                            "of what the "
+                            f"most pressed markers show, expected below {100 * most:.0f} %; press "
+                            "harder, or look "
+                            "after the sensor"
+                        ),
+                        pad=one.pad.name,
+                        relative_sd=E_PER_NOISE * share,
+                    )
+                )
+                break
     return found
 
 
@@ -46,9 +78,10 @@ def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
         asked = around[1:] & lively[:, None]
         same = repeats & asked
         frozen = (same.sum(axis=0) >= FROZEN_FRAMES) & (same.sum(axis=0) >= FROZEN_SHARE * asked.sum(axis=0))
-        faint = _faint(one, values)
+        alike = like_neighbours(one, values)
+        faint = _faint(one, values) if alike is not None and alike > ALIKE else np.zeros_like(dead)
         if frozen.any():
-            zero = bool((values[1:][same[:, :] & frozen] == 0).all())
+            zero = not np.any(values[1:][same & frozen])
             words.append(("zero" if zero else "frozen", name))
         elif faint.any():
             words.append(("dead", name))
@@ -96,11 +129,11 @@ def _whole_frames(one: Pressing) -> list[Finding]:
         ("displacement", one.pad.displacement_mm, one.felt_sd_mm),
         ("force", one.pad.force_N, one.force_sd_N),
     ):
-        zero = (values == 0).all(axis=(1, 2))
+        zero = np.asarray((values == 0).all(axis=(1, 2)))
         beside = np.zeros_like(zero)
-        pressed = one.pressed.any(axis=1)
+        pressed = np.asarray(one.pressed.any(axis=1))
         beside[1:-1] = pressed[:-2] | pressed[2:]
-        lost = zero & beside & ~zero.all()
+        lost = np.asarray(zero & beside) if not zero.all() else np.zeros_like(zero)
         if noise > 0 and lost.any():
             found.append(
                 Finding(
@@ -159,7 +192,7 @@ def _values(one: Pressing) -> list[Finding]:
                 )
             )
             continue
-        clipped = normal >= top * (1 - 1e-6)
+        clipped = np.asarray(normal >= top * (1 - 1e-6))
         if clipped.sum() >= CLIPPED_SAMPLES and _smooth_below(normal, top):
             share = float(clipped.sum() / max(one.pressed.sum(), 1))
             found.append(

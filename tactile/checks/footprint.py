@@ -91,9 +91,7 @@ def footprint_findings(
                 )
             )
     elif prints and abs(prints[0].ahead_mm) > MOVED_MM + SAID * surface_sd_mm:
-        found.append(
-            _aside(f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from where pose and mesh say")
-        )
+        found.append(_aside(f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from where pose and mesh say"))
     limit = SAID * float(np.hypot(MIDDLE_SD_MM, 3 * surface_sd_mm))
     far = [one for one in prints if float(np.nanmax(np.abs([*one.middle_mm, 0.0]))) > limit]
     if far and not found:
@@ -113,7 +111,8 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
         rank=Rank.FRUIT,
         sentence=(
             f"the fruit between the pads is {real:.1f} mm wide where they first touch, its mesh "
-            f"{width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, the mesh is "
+            f"{width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, the "
+            "mesh is "
             "scaled, turned or of another fruit, or the poses are wrong"
         ),
         refused=refused,
@@ -125,7 +124,8 @@ def _aside(what: str) -> Finding:
     return Finding(
         rank=Rank.FRUIT,
         sentence=(
-            f"{what}: the mesh is turned, mirrored or of another fruit, or the poses are of another session or "
+            f"{what}: the mesh is turned, mirrored or of another fruit, or the poses are of another "
+            "session or "
             "of the other pad"
         ),
         relative_sd=E_OF_A_TURN,

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
 from tactile.checks.pressing import Pressing
-from tactile.checks.units import LENGTH, times_said, unit_like
+from tactile.checks.units import LENGTH, unit_like
 from tactile.recording import Recording
 
 FACING = 0.9
@@ -16,6 +16,8 @@ OPENING_SAID_MM = 0.3
 """Aperture against the poses' distance, of what the jaws close; recordings here agree to 1e-6 mm."""
 MOVED = 0.2
 """Poses that move by less than this share of the aperture's change stand still."""
+FAR_TOO_NEAR = 0.5
+"""Pads that never come farther apart than this share of the fruit's size."""
 OVER_CLOSING, SLACK_MM = 1.2, 0.15
 """The gel cannot be indented by more than its jaw has gone past the first touch."""
 
@@ -30,9 +32,13 @@ def closing_mm(one: Pressing) -> float:
 
 
 def jaw_findings(
-    recording: Recording, pressings: Sequence[Pressing], *, centre_mm: Float[np.ndarray, " 3"] | None = None
+    recording: Recording,
+    pressings: Sequence[Pressing],
+    *,
+    centre_mm: Float[np.ndarray, " 3"],
+    size_mm: float,
 ) -> list[Finding]:
-    """What poses say of each other and of the aperture; `centre_mm` is the fruit's, if a mesh is there."""
+    """What poses say of each other, of the aperture and of the fruit's middle and size."""
     found: list[Finding] = []
     poses = [one.pad.pose for one in pressings]
     if recording.loading == "grasp" and len(poses) == 2:
@@ -41,8 +47,8 @@ def jaw_findings(
         inward = [float(normals[0] @ line), float(-normals[1] @ line)]
         if -float(normals[0] @ normals[1]) < FACING or min(inward) < 0:
             return [_wrong_way(poses, inward)]
-        found += _aperture(recording, poses)
-    if centre_mm is not None and not found:
+        found += _aperture(recording, poses, size_mm=size_mm)
+    if not found:
         for one in pressings:
             pose = one.pad.pose[0]
             if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
@@ -65,7 +71,8 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
         if felt > OVER_CLOSING * closing + SLACK_MM and one.pressed.any():
             found.append(
                 _refused(
-                    f"{pads_said((one.pad.name,))} gel is indented by {felt:.2f} mm although its jaw goes only "
+                    f"{pads_said((one.pad.name,))} gel is indented by {felt:.2f} mm although its jaw "
+                    "goes only "
                     f"{closing:.2f} mm past the first touch: displacement, or the poses' movement, is scaled "
                     "or of another recording",
                     pad=one.pad.name,
@@ -74,15 +81,27 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     return found
 
 
-def _aperture(recording: Recording, poses: Sequence[Float[np.ndarray, "t 4 4"]]) -> list[Finding]:
+def _aperture(
+    recording: Recording, poses: Sequence[Float[np.ndarray, "t 4 4"]], *, size_mm: float
+) -> list[Finding]:
     between = np.einsum("ti,i->t", poses[1][:, :3, 3] - poses[0][:, :3, 3], poses[0][0, :3, 2])
     stated = recording.aperture_mm
     moved, said = float(np.ptp(between)), float(np.ptp(stated))
     apart = float(np.ptp(stated - between))
-    if said > 0.3 and moved < MOVED * said and unit_like(moved / said, LENGTH) is None:
+    unit = unit_like(moved / max(said, 1e-12), LENGTH)
+    if unit and float(np.abs(between).max()) < FAR_TOO_NEAR * size_mm:
         return [
             _refused(
-                f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by {said:.2f} mm: "
+                f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, about a "
+                "fruit of "
+                f"{size_mm:.0f} mm"
+            )
+        ]
+    if said > 0.3 and moved < MOVED * said:
+        return [
+            _refused(
+                f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by "
+                f"{said:.2f} mm: "
                 "poses of one instant, or of another recording"
             )
         ]
@@ -90,13 +109,11 @@ def _aperture(recording: Recording, poses: Sequence[Float[np.ndarray, "t 4 4"]])
         return []
     scale = moved / max(said, 1e-12)
     unit = unit_like(scale, {1 / times: name for times, name in LENGTH.items()})
-    if unit:
-        what = f"aperture_mm looks like {unit}"
-    elif unit_like(scale, LENGTH):
-        what = f"the poses look like {unit_like(scale, LENGTH)}"
-        return [_refused(f"{what}: they move {times_said(scale)} what the aperture does")]
-    else:
-        what = "aperture and poses disagree (another recording's, or another clock)"
+    what = (
+        f"aperture_mm looks like {unit}"
+        if unit
+        else ("aperture and poses disagree (another recording's, or another clock)")
+    )
     return [
         Finding(
             rank=Rank.MACHINE,
@@ -116,7 +133,8 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     line = origins[1] - origins[0]
     if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
         return _refused(
-            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): only turned round do "
+            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): only turned "
+            "round do "
             "the pads face each other"
         )
     back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
@@ -128,7 +146,8 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
             "the gel into the fruit, or the poses of left and right are exchanged (swapped)"
         )
     return _refused(
-        "the pads do not face each other by their poses: rotations are transposed, or poses of another session"
+        "the pads do not face each other by their poses: rotations are transposed, or poses of another "
+        "session"
     )
 
 

@@ -1,4 +1,5 @@
-"""The grid of markers: sites without a marker, a contact that runs over its edge, markers in another order."""
+"""The grid of markers: sites without a marker, a contact that runs over its edge, markers in another "
+"order."""
 
 from collections.abc import Sequence
 
@@ -7,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing, heaviest
+from tactile.checks.pressing import Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 
 REGULAR = 0.75
@@ -17,7 +18,7 @@ MISSING_SAID, MISSING_REFUSED = 0.01, 0.05
 FACE_MM = (3.0, 150.0)
 """Longest side of a gel's markers: sensors have 10 to 60 mm."""
 AT_EDGE = 0.6
-"""Mean force of the grid's outermost markers in contact over the peak; sound: up to 0.3."""
+"""Mean force of the grid's outermost markers over the peak; sound: up to 0.3."""
 ORDERED = 0.5
 """Correlation of a marker with the mean of its neighbours at the peak; sound: 0.9 and more."""
 
@@ -67,7 +68,6 @@ def _pad(one: Pressing) -> list[Finding]:
                     relative_sd=share,
                 )
             )
-    found += _edge(one, rest)
     return found
 
 
@@ -127,17 +127,17 @@ def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray,
 
 
 def _order(one: Pressing) -> float | None:
-    """Correlation of each marker with its neighbours at the peak, in the field with less noise."""
-    top = heaviest(one)
+    """Correlation of each marker with its neighbours at the peak, in the field where that is greater."""
     if one.touched.sum() < 20:
         return None
-    values = []
-    for field, sd in ((one.felt_mm, one.felt_sd_mm), (one.force_N, one.force_sd_N)):
-        mean = field[top, :, 2].mean(axis=0)
-        if mean.std() < 4 * sd / np.sqrt(len(top) / 1.5):
-            return None
-        values.append(float(np.corrcoef(mean, mean[one.near].mean(axis=1))[0, 1]))
-    return max(values)
+    values = [like_neighbours(one, field) for field in (one.felt_mm, one.force_N)]
+    known = [value for value in values if value is not None]
+    return max(known) if len(known) == len(values) else None
+
+
+def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Contacts that run over the edge of the markers."""
+    return [f for one in pressings for f in _edge(one, one.pad.rest_mm[:, :2])]
 
 
 def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
@@ -155,7 +155,8 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
         Finding(
             rank=Rank.FIELD,
             sentence=(
-                f"{pads_said((one.pad.name,))} contact runs over the edge of its markers (the outermost carry "
+                f"{pads_said((one.pad.name,))} contact runs over the edge of its markers (the outermost "
+                "carry "
                 f"{100 * share:.0f} % of the peak): the force beyond them is missing; markers are missing, "
                 "or the fruit was not held in the pad's middle"
             ),

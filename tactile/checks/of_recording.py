@@ -1,17 +1,17 @@
 """All checks of one recording, in the order in which a cause explains what follows from it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from tactile.checks.channels import channel_findings
+from tactile.checks.channels import channel_findings, noise_findings
 from tactile.checks.finding import Finding
 from tactile.checks.footprint import footprint, footprint_findings
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
-from tactile.checks.lattice import lattice_findings
+from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
-from tactile.checks.relation import relation_findings
+from tactile.checks.relation import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.recording import GelPad, Recording
 from tactile.registration import depth_along
@@ -36,16 +36,25 @@ def recording_findings(
     pressings = [pressing_of(pad) for pad in pads]
     found: list[Finding] = []
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    for stage in (
+    size = float(np.ptp(vertices, axis=0).mean())
+
+    def noisy() -> bool:
+        return any("noise" in one.sentence for one in found)
+
+    stages: tuple[Callable[[], list[Finding]], ...] = (
         lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
+        lambda: axis_findings(pressings),
         lambda: time_findings(recording, pressings),
         lambda: relation_findings(
             pressings, closing_mm=[closing_mm(one) for one in pressings], E_range_MPa=E_range_MPa
         ),
-        lambda: jaw_findings(recording, pressings, centre_mm=centre),
+        lambda: noise_findings(pressings),
+        lambda: jaw_findings(recording, pressings, centre_mm=centre, size_mm=size),
         lambda: indentation_findings(pressings),
-        lambda: _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
-    ):
+        lambda: [] if noisy() else edge_findings(pressings),
+        lambda: [] if noisy() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
+    )
+    for stage in stages:
         found += stage()
         if any(one.refused for one in found):
             break

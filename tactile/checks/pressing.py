@@ -12,7 +12,8 @@ from tactile.recording import GelPad
 QUIET_SHARE = 10.0
 """Per cent of the frames that are taken to touch nothing at first; recordings here have 25 to 60 % of air."""
 QUIET_OVER = 1.5
-"""Frames whose forces, and displacements, have a root mean square up to this many times that of the quietest."""
+"""Frames whose forces, and displacements, have a root mean square up to this many times that of the "
+"quietest."""
 PRESSED_SD = 6.0
 """A marker is pressed where its force or its displacement exceeds this many standard deviations of noise."""
 LEAST_SHARE = 0.1
@@ -106,3 +107,27 @@ def heaviest(one: Pressing) -> Int[np.ndarray, " h"]:
     sizes = [np.linalg.norm(values, axis=(1, 2)) for values in (one.felt_mm, one.force_N)]
     size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
     return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])
+
+
+def like_neighbours(one: Pressing, field: Float[np.ndarray, "t n 3"]) -> float | None:
+    """Correlation over markers of a field's normal part with the mean of the nearest, at the peak.
+
+    None where the field hardly rises above its noise.
+    """
+    top = heaviest(one)
+    mean = field[top, :, 2].mean(axis=0)
+    sd = float(np.sqrt((field[one.quiet] ** 2).mean())) / np.sqrt(len(top) / 1.5)
+    around = mean[one.near].mean(axis=1)
+    if mean.std() < 4 * sd or not around.std() > 0:
+        return None
+    return float(np.corrcoef(mean, around)[0, 1])
+
+
+def noise_shares(one: Pressing) -> tuple[float, float]:
+    """Noise of displacement and of force over what the most pressed markers show."""
+    top = heaviest(one)
+    peaks = [
+        float(np.sort(np.abs(field[top, :, 2].mean(axis=0)))[-5:].mean())
+        for field in (one.felt_mm, one.force_N)
+    ]
+    return one.felt_sd_mm / max(peaks[0], 1e-30), one.force_sd_N / max(peaks[1], 1e-30)

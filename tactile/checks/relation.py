@@ -21,8 +21,11 @@ DEAD = 0.02
 IN_STEP, OUT_OF_STEP = 0.97, 0.93
 """Correlation over frames of the totals of U and V; sound recordings have 0.99 and more."""
 SAME_MARKERS = 0.6
-"""Correlation of U and V over markers at the peak, divided by what noise leaves of it; sound: 0.95 and more."""
+"""Correlation of U and V over markers at the peak, divided by what noise leaves of it; sound: 0.95 and "
+"more."""
 ON_ANOTHER_AXIS = 0.8
+NOT_FRICTION = 2.5
+"""Mean along another axis over that along z; friction of 1 allows 1."""
 SATURATES = 0.6
 """Slope of V on U above half the peak over the slope below; sound 0.9 to 1.1, a sensor that reads a quarter
 less at its peak 0.7."""
@@ -79,6 +82,33 @@ def relation_of(one: Pressing) -> Relation | None:
     )
 
 
+def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Fields that are greatest along another axis than the one that is pressed.
+
+    Friction carries no more than about the normal force, so that stiffness times displacement, and force, are
+    greatest along z on the mean over a contact, whatever is sheared.
+    """
+    found = []
+    for one in pressings:
+        if not one.touched.any():
+            continue
+        top, pad = heaviest(one), one.pad
+        stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
+        for name, values in (("displacement", one.felt_mm * stiffness), ("force", one.force_N)):
+            mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
+            most = int(np.argmax(mean))
+            if most != 2 and mean[most] > NOT_FRICTION * mean[2]:
+                found.append(
+                    _refused(
+                        pad.name,
+                        f"{pads_said((pad.name,))} {name} has its axes exchanged or turned: it is "
+                        "greatest along "
+                        f"{AXES[most]}, expected along z, out of the gel",
+                    )
+                )
+    return _shared(found)
+
+
 def relation_findings(
     pressings: Sequence[Pressing], *, closing_mm: Sequence[float], E_range_MPa: tuple[float, float] | None
 ) -> list[Finding]:
@@ -117,20 +147,20 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
             f"{lead} force is dead: it stays at {_total_N(one):.2g} N while its markers move "
             f"{_peak(one.felt_mm):.2f} mm",
         )
+    if exchanged := _exchanged(r):
+        i, j = exchanged
+        field = _field_exchanged(one)
+        return _refused(
+            name,
+            f"{lead} {field} has its axes exchanged or turned: the force along {AXES[i]} goes with the "
+            f"displacement along {AXES[j]}",
+        )
     if r.in_time < -IN_STEP:
         what = "displacement" if _pushes(one) else "force"
         return _refused(
             name,
             f"{lead} {what} has the wrong sign: pressing moves markers to negative z and puts a positive "
             "force on the fruit, expected as the format has it",
-        )
-    if exchanged := _exchanged(r):
-        i, j = exchanged
-        field = _field_exchanged(one, r)
-        return _refused(
-            name,
-            f"{lead} {field} has its axes exchanged or turned: the force along {AXES[i]} goes with the "
-            f"displacement along {AXES[j]}",
         )
     if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + 0.03):
         late = "late" if r.lag_frames > 0 else "early"
@@ -192,7 +222,7 @@ def _gain_finding(
     pressing, _, closing = one
     lead = pads_said(names)
     size = abs(float(np.log(gain)))
-    blamed = _blamed(pressing, closing, E_range_MPa)
+    blamed = _blamed(pressing, closing, gain, E_range_MPa)
     said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
     scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
     unit_F = unit_like(gain, FORCE)
@@ -205,8 +235,10 @@ def _gain_finding(
         sentence = f"{lead} forces look like {unit_F}: {said}"
     elif blamed == "force":
         sentence = f"{lead} forces are scaled: {said}, and no fruit of this category is as stiff or soft"
-    elif unit_k:
+    elif unit_k and blamed == "stiffness":
         sentence = f"{lead} gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+    elif unit_F and unit_k:
+        sentence = f"{lead} forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
     else:
         unit = f" (as if in {unit_F})" if unit_F else ""
         sentence = (
@@ -222,18 +254,20 @@ def _gain_finding(
     )
 
 
-def _blamed(one: Pressing, closing_mm: float, E_range_MPa: tuple[float, float] | None) -> str:
-    """Force or displacement, whichever cannot be for these jaws and this fruit; else neither."""
+def _blamed(one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None) -> str:
+    """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
     felt = _peak(one.felt_mm)
     if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
         return "displacement"
-    if E_range_MPa is not None and closing_mm > 0:
-        into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
-        E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
-        low, high = E_range_MPa
-        if not low / HERTZ_OFF < E < high * HERTZ_OFF:
-            return "force"
-    return ""
+    if E_range_MPa is None or closing_mm <= 0:
+        return ""
+    into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
+    E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
+    low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
+    as_written, as_the_gel_says = low < E < high, low < E / gain < high
+    if as_the_gel_says and not as_written:
+        return "force"
+    return "stiffness" if as_written and not as_the_gel_says else ""
 
 
 LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
@@ -282,8 +316,7 @@ def _axes(
         return np.eye(3)
     su, sv = np.sqrt((u**2).mean(axis=0)), np.sqrt((v**2).mean(axis=0))
     seen_u, seen_v = (
-        x > 2.5 * sd / np.sqrt(frames / 1.5)
-        for x, sd in ((su, one.felt_sd_mm), (sv, one.gel_sd_mm))
+        x > 2.5 * sd / np.sqrt(frames / 1.5) for x, sd in ((su, one.felt_sd_mm), (sv, one.gel_sd_mm))
     )
     both = v.T @ u / len(u) / np.maximum(sv[:, None] * su[None], 1e-30)
     return np.asarray(np.where(seen_v[:, None] & seen_u[None], both, 0.0))
@@ -300,7 +333,7 @@ def _exchanged(r: Relation) -> tuple[int, int] | None:
     return None
 
 
-def _field_exchanged(one: Pressing, r: Relation) -> str:
+def _field_exchanged(one: Pressing) -> str:
     """Force or displacement: whichever has its largest component elsewhere than along z."""
     for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
         if int(np.argmax((values[one.pressed] ** 2).sum(axis=0))) != 2:

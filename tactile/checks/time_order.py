@@ -21,8 +21,15 @@ LATE_MM, EARLY_MM = 0.6, 1.2
 flesh has 0.1 and less, an adhesive gel (reach 0.12 mm) 0.25; creep and yield make it negative."""
 LATE_REFUSED_MM = 4.0
 """A clock late by 0.19 s at 4 mm/s, which `drupe explain` can put right, makes 3.1."""
-SPEED_MM_PER_S = (0.002, 300.0)
+SPEED_MM_PER_S = (0.02, 300.0)
 """Fastest closing of the jaws; grippers have 0.1 to 100."""
+IN_CONTACT = 0.15
+"""Share of the peak that the gel may show in the first frame."""
+E_WITHOUT_TOUCH = 0.2
+"""Markers are compared with themselves at their first touch; without it the surface counts, as far as its
+error is known (absolute surfaces: 15 to 18 %)."""
+TARE_SHARE = 0.1
+"""Force at rest over the peak where the displacement is none."""
 
 
 def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
@@ -36,7 +43,8 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
         return [
             _refused(
                 "the frames are out of order (shuffled): the jaws turn back at "
-                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; sort the frames by "
+                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; sort the "
+                "frames by "
                 "the time at which they were taken"
             )
         ]
@@ -56,7 +64,51 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if not found:
         found += _late(recording, pressings)
     found += _clock(recording)
+    return [*found, *_start(pressings)]
+
+
+def _start(pressings: Sequence[Pressing]) -> list[Finding]:
+    """A recording that begins in contact, and forces without a tare."""
+    found = []
+    for one in pressings:
+        use = one.touched
+        if not use.any():
+            continue
+        raw_u, raw_F = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
+        u, F = (float(np.abs(x).max()) for x in (raw_u, raw_F))
+        lead = pads_said((one.pad.name,))
+        if raw_u[0] > IN_CONTACT * u and raw_F[0] > IN_CONTACT * F:
+            found.append(
+                Finding(
+                    rank=Rank.MACHINE,
+                    sentence=(
+                        f"{lead} recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in "
+                        "the first "
+                        "frame): the frames before the first touch are missing"
+                    ),
+                    pad=one.pad.name,
+                    relative_sd=E_WITHOUT_TOUCH,
+                )
+            )
+            continue
+        rest_u, rest_F = (float(np.median(x[one.quiet])) for x in (raw_u, raw_F))
+        if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < 0.3 * TARE_SHARE * u:
+            found.append(
+                Finding(
+                    rank=Rank.MACHINE,
+                    sentence=(
+                        f"{lead} force has an offset of {rest_F:.2g} N in the contact's markers while "
+                        "nothing "
+                        "touches (no tare)"
+                    ),
+                    pad=one.pad.name,
+                    relative_sd=E_OF_A_TARE,
+                )
+            )
     return found
+
+
+E_OF_A_TARE = 0.1
 
 
 def roughness(signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"]) -> float:
@@ -93,8 +145,10 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
         Finding(
             rank=Rank.MACHINE,
             sentence=(
-                f"the gel's signals (displacement and force) are {late} against the jaws: at release the jaws "
-                f"stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than at touch; the two clocks "
+                f"the gel's signals (displacement and force) are {late} against the jaws: at release the "
+                "jaws "
+                f"stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than at touch; the two "
+                "clocks "
                 "disagree (lag)"
             ),
             refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),

@@ -1,0 +1,145 @@
+"""What in a fruit's inputs cannot be right although E could be computed, and how much of E it puts in "
+"doubt."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.grasp import PlacedGrasp
+from pipeline.records import PitFoundRecord
+from recon.closed import volume_mm3
+from recon.priors import PitPrior
+
+FAR_SD, FAR_SHARE = 5.0, 0.08
+"""A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
+the fruit's half width: stones sit within 0.5 mm (sd) of where their category has them."""
+FAR_REFUSED = 0.25
+"""Of the half width: no stone of a whole fruit lies there."""
+SIZE_SAID, SIZE_REFUSED = 0.18, 0.45
+"""|ln| of a given pit's size over its category's; stones of one kind spread by 0.03 to 0.06 (sd)."""
+TURNED = 0.25
+"""Spread of ln(side over the category's) over the axes: a turned pit has its longest side elsewhere."""
+E_PER_MM, E_PER_SIZE = 0.03, 0.6
+"""Relative error of E per mm of the pit's offset and per ln of its size (docs/validation.md)."""
+MOVED_SD = 5.0
+"""Grasps that put a given pit this many of the prior's standard deviations from where it was given."""
+FOLLOWS = (
+    "not linear elastic flesh",
+    "the pads do not balance",
+    "the linear model leaves",
+    "loading gives",
+    "the forces do no work",
+)
+"""Signs that something is wrong, without its cause: left out where a cause is named."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A sentence with the cause, and the relative standard deviation that it adds to E."""
+
+    sentence: str
+    relative_sd: float = 0.0
+    refused: bool = False
+
+
+def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
+    """The doubts of the recordings that are used; each counts by its recording's share of them."""
+    return [
+        Doubt(
+            sentence=f"{grasp.name}: {finding.sentence}.",
+            relative_sd=finding.relative_sd / len(grasps),
+        )
+        for grasp in grasps
+        for finding in grasp.findings
+    ]
+
+
+def relative_sd(doubts: Sequence[Doubt]) -> float:
+    """Of all together: causes that are not each other's add in squares."""
+    return float(np.linalg.norm([doubt.relative_sd for doubt in doubts])) if doubts else 0.0
+
+
+def causes_alone(warnings: Sequence[str], *, named: bool) -> list[str]:
+    """`warnings` without the signs that follow from a named cause."""
+    return [one for one in warnings if not (named and any(sign in one for sign in FOLLOWS))]
+
+
+def of_a_given_pit(
+    vertices: Float[np.ndarray, "n 3"],
+    pit_vertices: Float[np.ndarray, "m 3"],
+    pit_faces: Int[np.ndarray, "k 3"],
+    prior: PitPrior | None,
+) -> list[Doubt]:
+    """A pit.ply that lies, or is, unlike the category's: moved, scaled, turned. Nothing is said without one.
+
+    A category whose bodies may have their pit anywhere (`axis_ratios` unknown) is not judged.
+    """
+    if prior is None or prior.axis_ratios is None:
+        return []
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    half = (high - low) / 2
+    pit_low, pit_high = pit_vertices.min(axis=0), pit_vertices.max(axis=0)
+    expected = (low + high) / 2 + np.asarray(prior.raised) * half
+    off = float(np.linalg.norm((pit_low + pit_high) / 2 - expected))
+    found = []
+    if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * float(half.mean())):
+        found.append(
+            Doubt(
+                sentence=(
+                    f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the fruit's "
+                    "middle); "
+                    "it was moved, or is in another frame or of another fruit."
+                ),
+                relative_sd=E_PER_MM * off,
+                refused=off > FAR_REFUSED * float(half.mean()),
+            )
+        )
+    usual = np.asarray(prior.axis_ratios) * half
+    sides = np.log((pit_high - pit_low) / 2 / usual)
+    size = float(np.log(abs(volume_mm3(pit_vertices, pit_faces)) / (4.18879 * usual.prod()))) / 3
+    if abs(size) > max(SIZE_SAID, 4 * prior.size_sd):
+        found.append(
+            Doubt(
+                sentence=(
+                    f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in a "
+                    "fruit of this "
+                    "size; it is scaled, in another unit or of another fruit."
+                ),
+                relative_sd=E_PER_SIZE * abs(size),
+                refused=abs(size) > SIZE_REFUSED,
+            )
+        )
+    elif float(np.ptp(sides)) > 2 * TURNED:
+        longest = "xyz"[int(np.argmax(sides))]
+        found.append(
+            Doubt(
+                sentence=(
+                    f"pit.ply is too long along {longest} for a {prior.category}'s pit "
+                    f"({np.exp(sides.max()):.2f} "
+                    f"times, {np.exp(sides.min()):.2f} times elsewhere); it is turned against the fruit, "
+                    "or of "
+                    "another."
+                ),
+                relative_sd=0.1,
+            )
+        )
+    return found
+
+
+def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
+    """A given pit that the grasps find elsewhere, or of another size, by far more than it may be off."""
+    if found is None or not given or max(map(abs, found.moved)) <= MOVED_SD:
+        return []
+    off = float(np.linalg.norm(found.offset_mm))
+    return [
+        Doubt(
+            sentence=(
+                f"the grasps put the pit {off:.1f} mm from where pit.ply has it, at {found.size:.2f} "
+                "times its "
+                "size: pit.ply is moved, scaled or of another fruit, or the grasps are."
+            ),
+            relative_sd=E_PER_MM * off,
+        )
+    ]
