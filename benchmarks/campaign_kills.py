@@ -195,7 +195,7 @@ def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
         ends = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGTERM: {130, -signal.SIGTERM}}[number]
         campaign.require(status in ends | {campaign.status}, f"ended with {status}")
     if whom == "process":
-        campaign.require(status in {0, 1, 3}, f"ended with {status}")
+        campaign.require(status in {3, campaign.status}, f"ended with {status}")
     done = len(list(out.glob("fruits/*/record.json")))
     campaign.require_repaired(out)
     return f"{done} of 2 fruit done" if victim is not None else "too late"
