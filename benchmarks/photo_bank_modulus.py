@@ -1,6 +1,7 @@
 """Modulus of elasticity from photos and simulated grasps, over sets of the photo bank with known moduli.
 
-    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2] [--finer] [--out CSV]
+    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2] [--finer]
+        [--pits category|drawn] [--keep FOLDER] [--out CSV]
 
 BANK holds the sets that benchmarks/photo_bank.py drew. For each set two jaws close on the true fruit of
 scene.json (shape, pit, modulus) in a simulation with hexahedra and a contact law of its own, which share
@@ -12,7 +13,9 @@ pits scatter (samples/scenes/shape.py; 1 % of the half box per axis, 4 % in size
 proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box from the
 prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So for
 nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no kind of a
-wrong Poisson's ratio: they are lower bounds of what real fruit will show.
+wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn` the batch
+brings a category file of its own, the shipped one with the proportions about which the bank's pits were
+drawn, as somebody has it who has opened fruits of his cultivar: what is left then is of photos and grasps.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
 standard deviation, CPU seconds of the grading, and what was warned of. Exit status 1 where an error is over
@@ -22,6 +25,7 @@ MOST_ERROR or a fruit was not graded.
 import argparse
 import csv
 import json
+import re
 import resource
 import shutil
 import subprocess
@@ -34,11 +38,13 @@ from typing import Any
 
 import numpy as np
 
+from recon.priors import FOLDER
 from samples.failure import NotInEquilibrium
 from samples.fruit import Pit, SampleFruit, Skin
 from samples.grasp import simulate
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
+from samples.scenes.shape import KINDS
 from tactile.recording import write_recording
 
 MOST_ERROR = 0.02
@@ -99,21 +105,41 @@ def planned(fruit: SampleFruit, *, count: int) -> list[PlannedGrasp]:
     return [replace(plan, programme=programme) for plan in planned_grasps(fruit, count=count)]
 
 
-def write_batch(batch: Path, folder: Path, scene: dict[str, Any], *, grasps: int, fineness: Fineness) -> None:
-    """The batch folder of one set. Raises NotInEquilibrium where a grasp cannot be simulated."""
+def category_of_bank(kind: str) -> str:
+    """The shipped category file with the proportions about which the bank draws the kind's pits."""
+    shipped = (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
+    drawn = ", ".join(f"{share:g}" for share in KINDS[kind].pit_over_box)
+    own = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/shape.py" }}'
+    return re.sub(r"^axis_ratios = .*$", own, shipped, flags=re.MULTILINE)
+
+
+def write_batch(
+    batch: Path, folder: Path, scene: dict[str, Any], *, grasps: int, fineness: Fineness, pits: str
+) -> None:
+    """The batch folder of one set; recordings that are there are kept.
+
+    Raises NotInEquilibrium where a grasp cannot be simulated.
+    """
     fruit, kind = fruit_of_scene(scene), scene["fruit"]["kind"]
     where = batch / "fruits" / fruit.fruit_id
-    (where / "grasps").mkdir(parents=True)
-    shutil.copytree(folder / "photos", where / "photos")
+    (where / "grasps").mkdir(parents=True, exist_ok=True)
+    shutil.copytree(folder / "photos", where / "photos", dirs_exist_ok=True)
     shutil.copyfile(folder / "mat.json", batch / "mat.json")
-    settings = _SETTINGS.format(kind=kind, poisson_ratio=fruit.poisson_ratio)
+    category = kind
+    if pits == "drawn":
+        category = f"{kind}-of-the-bank.toml"
+        (batch / category).write_text(category_of_bank(kind), encoding="utf-8")
+    settings = _SETTINGS.format(kind=category, poisson_ratio=fruit.poisson_ratio)
     (batch / "batch.toml").write_text(settings, encoding="utf-8")
     (batch / "fruits.csv").write_text(f"fruit_id\n{fruit.fruit_id}\n", encoding="utf-8")
     for k, plan in enumerate(planned(fruit, count=grasps)):
+        path = where / "grasps" / f"{plan.name}.h5"
+        if path.is_file():
+            continue
         rng = np.random.default_rng([fruit.seed, 7, k])
         made = simulate(fruit, plan.hold, plan.programme, rng=rng, fineness=fineness)
         recording = replace(made.recording, category=kind)
-        write_recording(where / "grasps" / f"{plan.name}.h5", recording)
+        write_recording(path, recording)
 
 
 def graded(batch: Path, scene: dict[str, Any]) -> Graded:
@@ -169,7 +195,8 @@ def main() -> int:
     parser.add_argument("--sets", type=int, nargs="+", required=True)
     parser.add_argument("--grasps", type=int, default=2)
     parser.add_argument("--finer", action="store_true", help="simulate on a finer mesh (five times as slow)")
-    parser.add_argument("--keep", type=Path, help="leave the batch folders there")
+    parser.add_argument("--pits", choices=("category", "drawn"), default="category", help="whose proportions")
+    parser.add_argument("--keep", type=Path, help="leave the batch folders there, and use their recordings")
     parser.add_argument("--out", type=Path, help="a CSV of the rows")
     options = parser.parse_args()
     rows = []
@@ -178,11 +205,16 @@ def main() -> int:
             folder = options.bank / f"set-{number:03d}"
             scene = json.loads((folder / "scene.json").read_text())
             batch = (options.keep or Path(scratch)) / folder.name
-            shutil.rmtree(batch, ignore_errors=True)
+            shutil.rmtree(batch / "results", ignore_errors=True)
             start = time.process_time()
             try:
                 write_batch(
-                    batch, folder, scene, grasps=options.grasps, fineness=FINER if options.finer else SHIPPED
+                    batch,
+                    folder,
+                    scene,
+                    grasps=options.grasps,
+                    fineness=FINER if options.finer else SHIPPED,
+                    pits=options.pits,
                 )
             except NotInEquilibrium as failure:
                 print(f"{folder.name}: the grasp could not be simulated: {failure}", flush=True)
