@@ -323,6 +323,7 @@ def main() -> int:
         except Fault as fault:
             faults += 1
             counted[what, str(fault), "DOES NOT HOLD"] += 1
+        print(f"{sum(counted.values())} of {len(trials)}: {what}", file=sys.stderr)
     try:
         counted.update((what, how, "holds") for what, _, how in full_at_every_write(campaign))
     except Fault as fault:

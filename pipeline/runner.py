@@ -78,6 +78,8 @@ def run_fruits(
     no lock is left held. The time limit goes by a clock that nobody sets. Leaving the iterator early stops
     what is running; a killed caller takes its processes along.
     """
+    if not tasks:
+        return
     context = multiprocessing.get_context("spawn")
     with (
         scratch() as folder,
@@ -90,7 +92,7 @@ def run_fruits(
             }
         ),
         ProcessPool(
-            max_workers=max(1, min(jobs, len(tasks))),
+            max_workers=min(jobs, len(tasks)),
             max_tasks=1,
             context=context,
             initializer=_begin,
