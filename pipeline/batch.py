@@ -131,10 +131,10 @@ def _implausible(
     """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
     kind = kind_of(category)
     columns = table_doubts(rows or (), kind).values()
-    return [
-        *(Problem(str(folder.settings), said, implausible=True) for said in grading_doubts(grading, kind)),
-        *(Problem(str(folder.table), said, implausible=True) for said in columns),
-    ]
+    said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
+    said += [(folder.table, sentence) for sentence in columns]
+    hint = "If it is right: `drupe grade --force`."
+    return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
 
 
 def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading]:

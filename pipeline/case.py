@@ -9,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch import Batch, as_named, open_batch
+from pipeline.check import implausible_fruit
 from pipeline.config import Name, Pit, Relative, Settings, Shift, read_toml
 from pipeline.layout import CaseFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
@@ -169,12 +170,14 @@ _LEFT = 'the category "{}" leaves that to the case'
 
 
 def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
-    batch = open_batch(root)
+    batch = open_batch(root, force=True)
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:
         near = difflib.get_close_matches(fruit_id, known, n=1)
         hint = f'did you mean "{near[0]}"?' if near else "add a row for it."
         raise BatchRefused([Problem(str(batch.folder.table), f'there is no fruit "{fruit_id}"; {hint}')])
+    if said := implausible_fruit(batch).get(fruit_id):
+        raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
     notes: tuple[str, ...] = ()
     if held := batch.settings.mismatch:
         notes = (_SETTINGS_LEFT_ASIDE.format(", ".join(dict.fromkeys(one.effect for one in held))),)

@@ -74,6 +74,10 @@ def grade(
     time_limit: Annotated[
         float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
     ] = 1800,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Grade in spite of numbers that no fruit of the category has."),
+    ] = False,
 ) -> None:
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
@@ -92,6 +96,7 @@ def grade(
             jobs=jobs or _cores(),
             time_limit_s=time_limit,
             console=Console(stderr=True),
+            force=force,
         )
     except KeyboardInterrupt:
         typer.echo(

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from pipeline.alone import alone, is_held
 from pipeline.batch import Batch, open_batch, own_files
+from pipeline.check import implausible_fruit
 from pipeline.layout import FruitResults, Results, write_whole
 from pipeline.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.outcome import Outcome, ending_of
@@ -37,9 +38,10 @@ RETRIED = frozenset(
         Outcome.OUT_OF_MEMORY,
         Outcome.NOT_WRITTEN,
         Outcome.INTERNAL,
+        Outcome.IMPLAUSIBLE_INPUT,
     )
 )
-"""Endings that may come out otherwise when tried again; every other ending is the inputs' own."""
+"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
 
 
 def utc_now() -> datetime:
@@ -54,11 +56,13 @@ def grade(
     jobs: int,
     time_limit_s: float,
     console: Console,
+    force: bool = False,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
-    Fruit whose inputs, settings and code are those of an earlier run keep their record. Raises BatchRefused
+    Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
+    numbers no fruit of the category has ends with that as its reason, unless `force`. Raises BatchRefused
     where the batch as a whole cannot be graded, or `out` is no place for results, before anything is written,
     and NotWritten where the batch's own files cannot be.
     """
@@ -67,7 +71,7 @@ def grade(
     def until_now() -> datetime:
         return started + timedelta(seconds=time.monotonic() - since_s)
 
-    batch = open_batch(root)
+    batch = open_batch(root, force=force)
     results = Results(out or batch.folder.default_results)
     fruits = [results.fruit(row.fruit_id) for row in batch.rows]
     require_results_apart(results, batch.folder, read_files(batch), "--out")
@@ -77,12 +81,19 @@ def grade(
         require_free(results, fruits, "--out")
         _begun(results, fruits)
         tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
-        records = dict(_kept(tasks))
-        todo = [(fruit_id, task) for fruit_id, task in tasks.items() if fruit_id not in records]
+        doubted_inputs = implausible_fruit(batch)
+        if force:
+            for fruit_id, sentence in doubted_inputs.items():
+                console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
+            doubted_inputs = {}
+        records = dict(_kept({name: task for name, task in tasks.items() if name not in doubted_inputs}))
+        todo = [(name, task) for name, task in tasks.items() if name not in {*records, *doubted_inputs}]
         if records:
             console.print(
                 f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False
             )
+        for fruit_id, sentence in doubted_inputs.items():
+            records[fruit_id] = _ended(tasks[fruit_id], Outcome.IMPLAUSIBLE_INPUT, sentence)
         inputs = input_hashes(batch.folder.root, _inputs(batch))
 
         def provenance(status: int) -> None:

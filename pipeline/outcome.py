@@ -25,6 +25,10 @@ class Outcome(Enum):
         "Photos without a mat need the fruit's height for scale: fill height_mm in fruits.csv, "
         "or photograph on a marker mat and put mat.json beside batch.toml ({}).",
     )
+    IMPLAUSIBLE_INPUT = (
+        "implausible-input",
+        "{} Correct it; if it is right, `drupe grade --force` grades the fruit all the same.",
+    )
     IMPLAUSIBLE_PIT = ("implausible-pit", "{} Put the fruit's own pit there, in the fruit's frame and mm.")
     IMPLAUSIBLE_MODULUS = (
         "implausible-modulus",

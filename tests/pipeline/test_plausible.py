@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from pipeline import grade as grading
 from pipeline.batch import open_batch, survey
 from pipeline.check import check, implausible_fruit
 from pipeline.config import Grading, GradingClass
 from pipeline.fruits_table import FruitRow
+from pipeline.outcome import Outcome
 from pipeline.plausible import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.problem import BatchRefused
 from recon.hull import ball
@@ -178,3 +181,32 @@ def test_numbers_are_never_said_twice(batch):
     (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
     assert said(batch).count("5.59") == 1
     assert survey(batch).problems == ()
+
+
+def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, monkeypatch):
+    """What the work itself does is not asked here: it is replaced by a failure that says it was reached."""
+    reached = []
+
+    def work(todo, records, **_):
+        for fruit_id, task in todo:
+            reached.append(fruit_id)
+            records[fruit_id] = grading._ended(task, Outcome.NO_GRASP, "")
+
+    monkeypatch.setattr(grading, "_work", work)
+    (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
+
+    def run(**options):
+        reached.clear()
+        console = Console(quiet=True)
+        status, entry = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        reasons = {fruit.fruit_id: fruit.reason for fruit in entry.fruits}
+        return status, list(reached), reasons
+
+    status, worked, reasons = run()
+    assert (status, worked) == (3, ["B"])
+    assert reasons["A"].startswith("height_mm 5.59: a nectarine is 25 to 105 mm high; is it in cm (55.9 mm)?")
+    assert "--force" in reasons["A"]
+    assert run(force=True)[1] == ["A"]
+    (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,0.09\n")
+    status, worked, reasons = run()
+    assert "is it in kg (90 g)?" in reasons["B"]

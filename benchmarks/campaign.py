@@ -1,0 +1,217 @@
+"""Broken inputs, one at a time: each must end in a clear error, or be read as what it says; nothing may hang,
+take all memory, or show the inside of a library.
+
+    python benchmarks/campaign.py [--every N] [--list]
+
+Every case (campaign_inputs.py, always the same) changes one file of a small sound batch, case or source and
+gives it to `drupe check`, to the reader of `drupe explain` or to `drupe convert`, in a process of its own
+with limits of time and memory. The verdicts:
+
+- clear error: a sentence that names the file, with no traceback and no words of a library;
+- same: accepted, and every number read is that of the sound input;
+- other: accepted, and what is read differs: a valid file with other content, its numbers within all limits;
+- FAILED: a hang, too much memory, an exception, an error that names no file or shows a library.
+"""
+
+import argparse
+import csv
+import hashlib
+import json
+import os
+import re
+import resource
+import select
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from campaign_inputs import Broken, cases, write_sound
+
+from pipeline.batch import survey
+from pipeline.case import open_case
+from pipeline.check import check
+from pipeline.convert import Wanted, convert
+from pipeline.problem import BatchRefused
+from recon.failure import ReconFailure
+from recon.mesh_file import read_mesh
+from recon.photos import read_photo
+from tactile.failure import TactileFailure
+from tactile.raw_grasp import read_raw_grasp
+from tactile.recording import read_recording
+
+MOST_CPU_S, MOST_WALL_S = 20, 90
+"""Of processor time: a sound batch takes 0.1 s. Of the clock: waiting for ever takes no processor time."""
+MOST_MEMORY_MB = 1500
+"""Beside what the process starts with: the largest photo that is decoded takes 180 MB."""
+LIBRARY = re.compile(
+    r"Traceback|Errno|pydantic|Input should|H5[A-Z]\w+|HDF5 error|numpy\.|<class|object at 0x|cv2\.|trimesh|"
+    r"\[ONNXRuntimeError\]|codec can't decode|invalid literal|Expecting value"
+)
+VERDICTS = ("clear error", "same", "other", "FAILED")
+
+
+def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
+    """What is said of the input, and a digest of all that was read where nothing is."""
+    try:
+        if command == "check":
+            said = [str(p) for p in check(root / "batch")]
+            return said, "" if said else _digest_of_batch(root / "batch")
+        if command == "case":
+            case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
+            held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.thickness_mm)]
+            return [], _digest(held)
+        source = root / ("sources/tac3d" if "tac3d" in path else path)
+        wanted = Wanted(sensor=root / "sources" / "sensor.toml")
+        convert(source, root / "out.h5", wanted, report=lambda _: None)
+        return [], _digest([read_recording(root / "out.h5")])
+    except BatchRefused as refused:
+        return [str(p) for p in refused.problems], ""
+    except (ReconFailure, TactileFailure) as failure:
+        return [failure.detail], ""
+
+
+def _digest_of_batch(batch: Path) -> str:
+    found = survey(batch)
+    held: list[object] = [found.settings, found.rows, found.prior, found.mat and found.mat.corners_mm]
+    held += [read_mesh(batch / "fruits" / "A" / name) for name in ("fruit.ply", "pit.ply")]
+    held += [read_recording(batch / "fruits" / "A" / "grasps" / "grasp-1.h5")]
+    raw = read_raw_grasp(batch / "fruits" / "B" / "grasps" / "raw")
+    held += [(pad.sensor, pad.time_s, pad.pose, pad.view.reference) for pad in raw.pads]
+    held += [raw.aperture_mm, raw.fruit_id, raw.category, raw.support]
+    held += [read_photo(p).image for p in sorted((batch / "fruits" / "B" / "photos").glob("0*"))]
+    return _digest(held)
+
+
+def _digest(held: list[object]) -> str:
+    with np.printoptions(threshold=sys.maxsize, precision=7):
+        return hashlib.sha256(repr(held).encode()).hexdigest()
+
+
+def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, float, float]:
+    """Verdict, what was said, processor time (s) and memory (MB) of one case."""
+    with tempfile.TemporaryDirectory() as scratch:
+        root = Path(scratch) / "r"
+        shutil.copytree(sound, root, copy_function=os.link)
+        broken.change(root / broken.path, np.random.default_rng([broken.seed, len(broken.kind)]))
+        said, cpu_s, memory_MB = _in_a_child(broken.command, root, broken.path)
+    if isinstance(said, str):
+        return "FAILED", said, cpu_s, memory_MB
+    lines, found = said
+    text = " | ".join(lines).replace(f"{root}/", "")
+    if not lines:
+        kind = broken.command if broken.command != "convert" else broken.path.partition("/AD2")[0]
+        return ("same" if found == digest[kind] else "other"), "", cpu_s, memory_MB
+    place = Path(broken.path)
+    named = place.name in text or place.parent.name in text
+    shown = LIBRARY.search(text) or not text.isprintable() or any(len(line) > 1200 for line in lines)
+    if named and not shown and memory_MB <= MOST_MEMORY_MB:
+        return "clear error", text, cpu_s, memory_MB
+    return "FAILED", text, cpu_s, memory_MB
+
+
+def _in_a_child(command: str, root: Path, path: str) -> tuple[tuple[list[str], str] | str, float, float]:
+    """What `outcome` says in a forked process with limits; a sentence where it did not come back."""
+    reader, writer = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(reader)
+        quiet = os.open(os.devnull, os.O_RDWR)
+        for handle in (0, 1, 2):
+            os.dup2(quiet, handle)
+        resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
+        own = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        most = own + 4 * MOST_MEMORY_MB * 2**20
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+        try:
+            answer = json.dumps(outcome(command, root, path))
+        except BaseException:  # noqa: BLE001 - whatever it is, it is this case's verdict
+            answer = json.dumps("raised: " + traceback.format_exc()[-900:])
+        with os.fdopen(writer, "w") as pipe:
+            pipe.write(answer)
+        os._exit(0)
+    os.close(writer)
+    data, end = b"", time.monotonic() + MOST_WALL_S
+    while (left := end - time.monotonic()) > 0 and select.select([reader], [], [], left)[0]:
+        block = os.read(reader, 65536)
+        if not block:
+            break
+        data += block
+    else:
+        os.kill(child, signal.SIGKILL)
+    os.close(reader)
+    _, status, used = os.wait4(child, 0)
+    cpu_s, memory_MB = used.ru_utime + used.ru_stime, used.ru_maxrss / 1024 - BASELINE_MB
+    if status or not data:
+        return f"did not come back (wait status {status})", cpu_s, memory_MB
+    said = json.loads(data)
+    return (said if isinstance(said, str) else (said[0], said[1])), cpu_s, memory_MB
+
+
+BASELINE_MB = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main() -> None:
+    """Prints every failure, then the table by format."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--every", type=int, default=1, help="Only every N-th case.")
+    parser.add_argument("--format", default="", help="Only formats that hold this text.")
+    parser.add_argument("--list", action="store_true", help="Print every case's verdict.")
+    parser.add_argument("--csv", type=Path, help="Write every case's verdict here.")
+    asked = parser.parse_args()
+    chosen = [one for one in cases()[:: asked.every] if asked.format in one.format]
+    with tempfile.TemporaryDirectory() as scratch:
+        sound = Path(scratch) / "sound"
+        write_sound(sound)
+        digest = sound_digests(sound)
+        results = []
+        for one in chosen:
+            verdict, said, cpu_s, memory_MB = run(one, sound, digest)
+            results.append((one, verdict, said, cpu_s, memory_MB))
+            if asked.list or verdict == "FAILED":
+                print(f"{verdict}: {one.format}: {one.kind} ({one.seed}): {said[:1500]}", flush=True)
+    if asked.csv:
+        with asked.csv.open("w", newline="") as file:
+            table = csv.writer(file)
+            table.writerow(["format", "kind", "seed", "verdict", "cpu_s", "memory_MB", "said"])
+            for one, verdict, said, cpu_s, memory_MB in results:
+                table.writerow(
+                    [one.format, one.kind, one.seed, verdict, f"{cpu_s:.2f}", f"{memory_MB:.0f}", said]
+                )
+    print_table(results)
+
+
+def sound_digests(sound: Path) -> dict[str, str]:
+    """What is read of the sound inputs; raises RuntimeError where anything is said of them."""
+    digest = {}
+    for command in ("check", "case"):
+        said, digest[command] = outcome(command, sound)
+        if said:
+            raise RuntimeError(said)
+    for path in ("sources/fields.csv", "sources/fields.npz", "sources/tac3d"):
+        said, digest[path] = outcome("convert", sound, path)
+        if said:
+            raise RuntimeError(said)
+    return digest
+
+
+def print_table(results: list[tuple[Broken, str, str, float, float]]) -> None:
+    """Verdicts by format, and the largest of time and memory."""
+    print("| format | cases | " + " | ".join(VERDICTS) + " | longest, s | most memory, MB |")
+    print("|---|" + "---:|" * (len(VERDICTS) + 3))
+    formats = list(dict.fromkeys(one.format for one, *_ in results))
+    for name in [*formats, "all"]:
+        rows = [r for r in results if name in (r[0].format, "all")]
+        count = Counter(r[1] for r in rows)
+        numbers = " | ".join(str(count[v]) for v in VERDICTS)
+        longest, most = max(r[3] for r in rows), max(max(r[4] for r in rows), 0)
+        print(f"| {name} | {len(rows)} | {numbers} | {longest:.1f} | {most:.0f} |")
+
+
+if __name__ == "__main__":
+    main()
