@@ -6,7 +6,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing, heaviest, like_neighbours, noise_shares
+from tactile.checks.pressing import (
+    Pressing,
+    gives_way,
+    heaviest,
+    like_neighbours,
+    noise_shares,
+)
 
 LIVELY = 0.5
 """A frame tells frozen markers where more than this share of all markers differ from the frame before."""
@@ -48,6 +54,8 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     found = []
     for one in pressings:
         for name, share, most in zip(("displacement", "force"), noise_shares(one), NOISE, strict=True):
+            if name == "displacement" and not gives_way(one):
+                continue
             if share > most and one.pressed.any():
                 found.append(
                     Finding(
@@ -61,6 +69,7 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                         ),
                         pad=one.pad.name,
                         relative_sd=E_PER_NOISE * share,
+                        hides_touch=True,
                     )
                 )
                 break

@@ -22,7 +22,8 @@ class Finding:
     """`sentence` names the likely cause and has no full stop; `pad` is None where both are meant.
 
     `refused`: a modulus from this recording would mean nothing. Else E's relative standard deviation grows
-    by `relative_sd`, which is 0 where E does not depend on what was found.
+    by `relative_sd`, which is 0 where E does not depend on what was found. `hides_touch`: the first touch
+    cannot be seen for it, so that nothing can be said of where and when the pads met the fruit.
     """
 
     rank: Rank
@@ -30,6 +31,7 @@ class Finding:
     pad: str | None = None
     refused: bool = False
     relative_sd: float = 0.0
+    hides_touch: bool = False
 
 
 def pads_said(names: tuple[str, ...]) -> str:

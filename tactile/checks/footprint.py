@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.checks.finding import Finding, Rank
-from tactile.checks.pressing import Pressing
+from tactile.checks.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
 AHEAD_SD_MM, MIDDLE_SD_MM = 0.13, 0.3
@@ -39,6 +39,7 @@ class Footprint:
 
     name: str
     ahead_mm: float
+    ahead_sd_mm: float
     middle_mm: Float[np.ndarray, " 2"]
 
 
@@ -47,7 +48,7 @@ def footprint(
 ) -> Footprint | None:
     """The pad's print against the mesh; None where the pad never touches or looks past the mesh."""
     pose, rest = one.pad.pose[0], one.pad.rest_mm
-    total = one.felt_mm[:, one.touched, 2].sum(axis=1)
+    total = clearer(one)[0][:, one.touched, 2].sum(axis=1)
     if not one.touched.any() or total.max() <= 0:
         return None
     ahead = depth_along(rest @ pose[:3, :3].T + pose[:3, 3], pose[:3, 2], vertices[faces])
@@ -55,11 +56,12 @@ def footprint(
     if met.sum() < FEWEST:
         return None
     travel = one.closing_mm
-    touch = _first_touch(one, total, travel)
+    touch, sd = _first_touch(one, total, travel)
     first = ahead[met & _inner(one)] if (met & _inner(one)).any() else ahead[met]
     return Footprint(
         name=one.pad.name,
         ahead_mm=touch - float(first.min()),
+        ahead_sd_mm=float(np.hypot(AHEAD_SD_MM, sd)),
         middle_mm=_middle(one, ahead, travel),
     )
 
@@ -68,19 +70,17 @@ def footprint_findings(
     prints: Sequence[Footprint],
     *,
     width_mm: float | None,
-    middle_mm: Float[np.ndarray, "3"] | None = None,
     surface_sd_mm: float = 0.0,
 ) -> list[Finding]:
     """Another fruit, a mesh of another size or turned, poses of another session.
 
     `width_mm`: the mesh's width between the pads. `surface_sd_mm`: the mesh's own error.
     """
-    del middle_mm
     found: list[Finding] = []
     if len(prints) == 2 and width_mm is not None:
         wider = prints[0].ahead_mm + prints[1].ahead_mm
         aside = (prints[0].ahead_mm - prints[1].ahead_mm) / 2
-        sd = float(np.sqrt(2.0) * np.hypot(AHEAD_SD_MM, surface_sd_mm))
+        sd = float(np.linalg.norm([*(one.ahead_sd_mm for one in prints), np.sqrt(2.0) * surface_sd_mm]))
         if abs(wider) > SAID * sd:
             found.append(_width(width_mm, wider, refused=abs(wider) > REFUSED * sd))
         if abs(aside) > MOVED_MM + SAID * sd:
@@ -140,22 +140,31 @@ def _inner(one: Pressing) -> np.ndarray:
     return np.asarray(np.linalg.norm(rest - middle, axis=1) <= reach)
 
 
-def _first_touch(one: Pressing, total: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]) -> float:
-    """Travel at which the first contact begins: total^(2/3) is nearly linear in the travel past it."""
+def _first_touch(
+    one: Pressing, total: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]
+) -> tuple[float, float]:
+    """Travel at which the first contact begins, and how far the way there leaves it open.
+
+    Total indentation grows with travel past the touch to the power 1.5 (a half-space, Hertz) to 2 (a bed of
+    springs): the first frames are led back by both, at most one step before the first frame above noise.
+    """
     noise = float(np.sqrt((total[one.quiet] ** 2).mean()))
     level = max(5.0 * noise, 0.01 * float(total.max()))
     first = int(np.argmax(total > level))
     before = max(first - 1, 0)
+    step = max(float(travel[first] - travel[before]), 0.0)
     rising = [first]
-    for k in range(first + 1, min(first + 4, len(total))):
+    for k in range(first + 1, min(first + 5, len(total))):
         if travel[k] <= travel[rising[-1]] + 1e-6 or total[k] <= total[rising[-1]]:
             break
         rising.append(k)
     if len(rising) < 2:
-        return float((travel[first] + travel[before]) / 2)
-    root = np.maximum(total[rising], 0.0) ** (2 / 3)
-    slope, at = np.polyfit(travel[rising], root, 1)
-    return float(np.clip(-at / slope, travel[before], travel[first]))
+        return float(travel[first] - step / 2), step / 2
+    touches = []
+    for power in (1.5, 2.0):
+        slope, at = np.polyfit(travel[rising], np.maximum(total[rising], 0.0) ** (1 / power), 1)
+        touches.append(float(np.clip(-at / slope, travel[before] - step, travel[first])))
+    return float(np.mean(touches)), float(np.ptp(touches)) / 2
 
 
 def _middle(
@@ -166,9 +175,10 @@ def _middle(
     At the end of the first closing: a shear during a later hold moves markers.
     """
     end = int(np.argmax(travel >= travel.min() + 0.98 * np.ptp(travel)))
-    depth = one.felt_mm[end, :, 2]
+    values, sd = clearer(one)
+    depth = values[end, :, 2]
     peak = float(np.sort(depth)[-5:].mean())
-    use = (depth > max(DEEP * peak, 4 * one.felt_sd_mm)) & np.isfinite(ahead)
+    use = (depth > max(DEEP * peak, 4 * sd)) & np.isfinite(ahead)
     nothing = np.full(2, np.nan)
     if use.sum() < FEWEST:
         return nothing

@@ -19,6 +19,9 @@ FACE_MM = (3.0, 150.0)
 """Longest side of a gel's markers: sensors have 10 to 60 mm."""
 AT_EDGE = 0.6
 """Mean force of the grid's outermost markers over the peak; sound: up to 0.3."""
+PUNCH, ALL_ROUND = 0.3, 0.7
+"""A pad that is in contact all over presses as a flat punch: this share of the outermost markers carries this
+share of the peak, and beyond them there is no gel."""
 ORDERED = 0.5
 """Correlation of a marker with the mean of its neighbours at the peak; sound: 0.9 and more."""
 
@@ -147,6 +150,8 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
     mean = one.force_N[heaviest(one), :, 2].mean(axis=0)
     peak = float(np.quantile(mean, 0.98))
     if peak <= 0 or not outermost.any():
+        return []
+    if float((mean[outermost] > PUNCH * peak).mean()) > ALL_ROUND:
         return []
     share = float(np.sort(mean[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
     if share < AT_EDGE:

@@ -38,8 +38,8 @@ def recording_findings(
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     size = float(np.ptp(vertices, axis=0).mean())
 
-    def noisy() -> bool:
-        return any("noise" in one.sentence for one in found)
+    def touch_hidden() -> bool:
+        return any(one.hides_touch for one in found)
 
     stages: tuple[Callable[[], list[Finding]], ...] = (
         lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
@@ -50,9 +50,9 @@ def recording_findings(
         ),
         lambda: noise_findings(pressings),
         lambda: jaw_findings(recording, pressings, centre_mm=centre, size_mm=size),
-        lambda: indentation_findings(pressings),
-        lambda: [] if noisy() else edge_findings(pressings),
-        lambda: [] if noisy() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
+        lambda: [] if touch_hidden() else indentation_findings(pressings),
+        lambda: [] if touch_hidden() else edge_findings(pressings),
+        lambda: [] if touch_hidden() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
     )
     for stage in stages:
         found += stage()

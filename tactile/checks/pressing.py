@@ -123,6 +123,24 @@ def like_neighbours(one: Pressing, field: Float[np.ndarray, "t n 3"]) -> float |
     return float(np.corrcoef(mean, around)[0, 1])
 
 
+def clearer(one: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
+    """Displacement or force, whichever stands out more from its noise, and its noise; positive z: pressed."""
+    shares = noise_shares(one)
+    return (one.felt_mm, one.felt_sd_mm) if shares[0] <= shares[1] else (one.force_N, one.force_sd_N)
+
+
+def gives_way(one: Pressing) -> bool:
+    """Whether the gel moves, or should by its law, by more than its markers' noise: a stiff one does not."""
+    top = heaviest(one)
+    fields = [one.felt_mm, *([] if one.gel_mm is None else [one.gel_mm])]
+    least = LEAST_OVER_NOISE * one.felt_sd_mm
+    return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), 0.98)) >= least for f in fields)
+
+
+LEAST_OVER_NOISE = 3.0
+"""Normal displacement of the most pressed markers over noise, in the mean of the heaviest frames."""
+
+
 def noise_shares(one: Pressing) -> tuple[float, float]:
     """Noise of displacement and of force over what the most pressed markers show."""
     top = heaviest(one)

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing, heaviest
+from tactile.checks.pressing import Pressing, gives_way, heaviest
 from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
 
 AXES = "xyz"
@@ -61,7 +61,7 @@ class Relation:
 
 def relation_of(one: Pressing) -> Relation | None:
     """How the pad's forces and displacements relate; None where no marker is pressed or no law is known."""
-    if one.gel_mm is None or not one.touched.any():
+    if one.gel_mm is None or not one.touched.any() or not gives_way(one):
         return None
     use = one.touched
     felt, gel = one.felt_mm[:, use], one.gel_mm[:, use]
@@ -94,7 +94,10 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
             continue
         top, pad = heaviest(one), one.pad
         stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
-        for name, values in (("displacement", one.felt_mm * stiffness), ("force", one.force_N)):
+        fields = {"force": one.force_N} | (
+            {"displacement": one.felt_mm * stiffness} if gives_way(one) else {}
+        )
+        for name, values in fields.items():
             mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
             most = int(np.argmax(mean))
             if most != 2 and mean[most] > NOT_FRICTION * mean[2]:

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing
+from tactile.checks.pressing import Pressing, clearer
+from tactile.contact import STARTS_IN_CONTACT
 from tactile.recording import Recording
 
 FEWEST_MOVES = 8
@@ -16,6 +17,8 @@ of several cycles up to a quarter."""
 ROUGH = 0.3
 """Mean square of a signal's steps over twice its variance: 1 for chance order; sound recordings, some of
 whose signals cross their whole range in five frames, have up to 0.16."""
+OVER_NOISE = 15.0
+"""A total below so many standard deviations of its noise jumps for no other reason."""
 LATE_MM, EARLY_MM = 0.6, 1.2
 """The jaws' opening at release less that at touch, both pads together: late signals make it positive. Sound
 flesh has 0.1 and less, an adhesive gel (reach 0.12 mm) 0.25; creep and yield make it negative."""
@@ -49,11 +52,13 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
             )
         ]
     for one in pressings:
-        for name, signal in (
-            ("displacement", one.felt_mm[:, one.touched, 2].sum(axis=1)),
-            ("force", one.force_N[:, one.touched, 2].sum(axis=1)),
+        for name, values, sd in (
+            ("displacement", one.felt_mm, one.felt_sd_mm),
+            ("force", one.force_N, one.force_sd_N),
         ):
-            if roughness(signal, jaws) > ROUGH:
+            signal = values[:, one.touched, 2].sum(axis=1)
+            faint = np.abs(signal).max(initial=0.0) < OVER_NOISE * sd * np.sqrt(one.touched.sum())
+            if not faint and roughness(signal, jaws) > ROUGH:
                 found.append(
                     _refused(
                         f"{pads_said((one.pad.name,))} {name} jumps from frame to frame while the jaws move "
@@ -88,6 +93,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
                     ),
                     pad=one.pad.name,
                     relative_sd=E_WITHOUT_TOUCH,
+                    hides_touch=True,
                 )
             )
             continue
@@ -102,13 +108,21 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
                         "touches (no tare)"
                     ),
                     pad=one.pad.name,
+                    refused=_taken_for_contact(one),
                     relative_sd=E_OF_A_TARE,
                 )
             )
     return found
 
 
-E_OF_A_TARE = 0.1
+E_OF_A_TARE = 0.05
+"""An offset that is seen as one is taken out with the frames in the air."""
+
+
+def _taken_for_contact(one: Pressing) -> bool:
+    """Whether the offset of the whole pad is so large that tactile.contact sees no frame in the air."""
+    total = one.pad.force_N[:, :, 2].sum(axis=1)
+    return bool(np.median(total[one.quiet]) > 0.9 * STARTS_IN_CONTACT * total.max())
 
 
 def roughness(signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"]) -> float:
@@ -129,7 +143,11 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     """Touch and release at unlike openings of the jaws."""
     jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
     total = np.sum(
-        [one.felt_mm[:, one.touched, 2].sum(axis=1) / max(one.touched.sum(), 1) for one in pressings], axis=0
+        [
+            total / max(float(total.max()), 1e-30)
+            for total in (clearer(one)[0][:, one.touched, 2].sum(axis=1) for one in pressings)
+        ],
+        axis=0,
     )
     at = 0.15 * float(total.max())
     up = np.flatnonzero((total[1:] >= at) & (total[:-1] < at))

@@ -1,0 +1,267 @@
+"""A sound recording passes every check; each mistake of the field made on it is named by its cause.
+
+The recording is tests/data/nectarine-grasp: another solver's, with noise, on a scanned mesh (SOURCE.md).
+"""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from recon.mesh_file import read_mesh
+from samples.fruit import fruits_of_seed, scanned_mesh
+from tactile.checks.lattice import missing_sites
+from tactile.checks.of_recording import recording_findings
+from tactile.checks.units import FORCE, unit_like
+from tactile.recording import read_recording
+
+DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
+SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
+RANGE_MPA = (0.005, 20.0)
+
+
+@pytest.fixture(scope="module")
+def sound():
+    return read_recording(DATA / "grasp.h5"), read_mesh(DATA / "fruit.ply")
+
+
+def findings(recording, mesh):
+    return recording_findings(recording, *mesh, E_range_MPa=RANGE_MPA)
+
+
+def on_pads(change, only=None):
+    def changed(recording):
+        pads = [change(pad) if only in (None, pad.name) else pad for pad in recording.pads]
+        return replace(recording, pads=tuple(pads))
+
+    return changed
+
+
+def force(times, only=None):
+    return on_pads(lambda pad: replace(pad, force_N=pad.force_N * times), only)
+
+
+def shift(times, only=None):
+    return on_pads(lambda pad: replace(pad, displacement_mm=pad.displacement_mm * times), only)
+
+
+def both(change):
+    return on_pads(
+        lambda pad: replace(
+            pad, force_N=change(pad.force_N.copy()), displacement_mm=change(pad.displacement_mm.copy())
+        )
+    )
+
+
+def delayed(values, frames):
+    return values[np.clip(np.arange(len(values)) - frames, 0, None)]
+
+
+def picked(n, share=0.3):
+    return np.random.default_rng(5).random(n) < share
+
+
+def spoilt(start, value):
+    def change(values):
+        who = picked(values.shape[1])
+        values[start:, who] = value if value is not None else values[start, who]
+        return values
+
+    return both(change)
+
+
+def clipped(values):
+    out = values.copy()
+    out[:, :, 2] = np.minimum(out[:, :, 2], 0.5 * out[:, :, 2].max())
+    return out
+
+
+def without(choose):
+    def change(pad):
+        k = ~choose(pad)
+        return replace(
+            pad, rest_mm=pad.rest_mm[k], force_N=pad.force_N[:, k], displacement_mm=pad.displacement_mm[:, k]
+        )
+
+    return on_pads(change)
+
+
+def in_order(log):
+    def change(recording):
+        k = np.random.default_rng(3).permutation(len(recording.time_s))
+        changed = both(lambda values: values[k])(recording)
+        if log:
+            changed = on_pads(lambda pad: replace(pad, pose=pad.pose[k]))(changed)
+            changed = replace(changed, aperture_mm=changed.aperture_mm[k])
+        return changed
+
+    return change
+
+
+def one_zero_frame(values):
+    values[30] = 0.0
+    return values
+
+
+def permuted(field):
+    order = np.random.default_rng(4).permutation(400)
+    if field == "rest_mm":
+        return on_pads(lambda pad: replace(pad, rest_mm=pad.rest_mm[order]))
+    return on_pads(lambda pad: replace(pad, **{field: getattr(pad, field)[:, order]}))
+
+
+def poses(change):
+    return on_pads(lambda pad: replace(pad, pose=change(pad.pose.copy())))
+
+
+def in_metres(pose):
+    pose[:, :3, 3] *= 1e-3
+    return pose
+
+
+def transposed(pose):
+    pose[:, :3, :3] = np.swapaxes(pose[:, :3, :3], 1, 2)
+    return pose
+
+
+def gel(times):
+    return on_pads(lambda pad: replace(pad, gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times))
+
+
+def from_frame(start):
+    def change(recording):
+        cut = both(lambda values: values[start:])(recording)
+        cut = poses(lambda pose: pose[start:])(cut)
+        return replace(cut, time_s=cut.time_s[start:], aperture_mm=cut.aperture_mm[start:])
+
+    return change
+
+
+REFUSED = {
+    "grams": (force(101.97), "look like grams"),
+    "kilonewtons": (force(1e-3), "look like kilonewtons"),
+    "one pad in grams": (force(101.97, "left"), "the left pad's forces look like grams"),
+    "one pad halved": (force(0.5, "right"), "the right pad's forces are 0.50 times"),
+    "force sign": (force(-1.0), "force has the wrong sign"),
+    "force clipped": (on_pads(lambda p: replace(p, force_N=clipped(p.force_N))), "is clipped"),
+    "force late": (on_pads(lambda p: replace(p, force_N=delayed(p.force_N, 5))), "5 frames late"),
+    "force x and z": (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1])), "force has its axes"),
+    "force permuted": (permuted("force_N"), "permuted"),
+    "metres": (shift(1e-3), "displacement looks like metres"),
+    "displacement halved": (shift(0.5), "a scale of the displacement"),
+    "displacement sign": (shift(-1.0), "displacement has the wrong sign"),
+    "displacement x and z": (
+        on_pads(lambda p: replace(p, displacement_mm=p.displacement_mm[..., ::-1])),
+        "displacement has its axes",
+    ),
+    "displacement permuted": (permuted("displacement_mm"), "permuted"),
+    "displacement dead": (shift(0.0, "left"), "the left pad's displacement is dead"),
+    "increments": (
+        on_pads(lambda p: replace(p, displacement_mm=np.diff(p.displacement_mm, axis=0, prepend=0.0))),
+        "increments",
+    ),
+    "rest permuted": (permuted("rest_mm"), "permuted"),
+    "markers missing": (without(lambda pad: picked(len(pad.rest_mm))), "grid has holes"),
+    "half of the gel missing": (without(lambda pad: pad.rest_mm[:, 0] > 0.2), "markers are missing"),
+    "zero throughout": (spoilt(0, 0.0), "are zero in displacement and force"),
+    "zero from the middle": (spoilt(28, 0.0), "are zero in displacement and force"),
+    "frozen": (spoilt(24, None), "are frozen in displacement and force"),
+    "a frame of zeros": (both(one_zero_frame), "zero at every marker in 1 frames"),
+    "gel's frames shuffled": (in_order(log=False), "shuffled"),
+    "all frames shuffled": (in_order(log=True), "shuffled"),
+    "poses in metres": (poses(in_metres), "poses look like metres"),
+    "poses transposed": (poses(transposed), "transposed"),
+    "poses of one instant": (poses(lambda pose: np.tile(pose[0], (len(pose), 1, 1))), "poses stand still"),
+    "stiffness in kPa": (gel(1e3), "kPa/mm"),
+}
+SAID = {
+    "a gain of 1.2": (force(1.2), "forces are 1.20 times"),
+    "time in ms": (lambda r: replace(r, time_s=1e3 * r.time_s), "time_s looks like milliseconds"),
+    "aperture in cm": (lambda r: replace(r, aperture_mm=r.aperture_mm / 10), "aperture_mm looks like cent"),
+    "no first touch": (from_frame(22), "starts in contact"),
+}
+
+
+def test_a_sound_recording_passes(sound):
+    assert findings(*sound) == []
+
+
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_the_shipped_sample_passes_on_its_scans(number):
+    fruit = fruits_of_seed(4, seed=1)[number - 1]
+    mesh = scanned_mesh(fruit, cells=28, error_mm=0.1)
+    for path in sorted((SHIPPED / "fruits" / fruit.fruit_id / "grasps").glob("*.h5")):
+        assert findings(read_recording(path), mesh) == [], path
+
+
+@pytest.mark.parametrize("mistake", REFUSED)
+def test_a_mistake_is_refused_and_its_cause_stands_first(sound, mistake):
+    change, words = REFUSED[mistake]
+    recording, mesh = sound
+    found = findings(change(recording), mesh)
+    assert found
+    assert found[0].refused
+    assert words in found[0].sentence
+
+
+@pytest.mark.parametrize("mistake", SAID)
+def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(sound, mistake):
+    change, words = SAID[mistake]
+    recording, mesh = sound
+    found = findings(change(recording), mesh)
+    assert any(words in one.sentence for one in found)
+    assert not any(one.refused for one in found)
+
+
+def test_a_gain_widens_the_error_by_what_it_may_do(sound):
+    recording, mesh = sound
+    (one,) = findings(force(1.2, "left")(recording), mesh)
+    (two,) = findings(force(1.2)(recording), mesh)
+    assert two.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.05)
+    assert one.relative_sd == pytest.approx(two.relative_sd / 2, rel=0.1)
+
+
+@pytest.mark.parametrize("times", [0.93, 1.1])
+def test_a_mesh_of_another_size_is_refused_with_both_widths(sound, times):
+    recording, (vertices, faces) = sound
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    (found,) = findings(recording, (middle + times * (vertices - middle), faces))
+    assert found.refused
+    said = re.search(r"\(([0-9.]+) times\)", found.sentence)
+    assert said is not None
+    assert float(said.group(1)) == pytest.approx(times, abs=0.005)
+    assert "another fruit" in found.sentence
+
+
+def test_a_mesh_moved_along_the_pads_is_said(sound):
+    recording, (vertices, faces) = sound
+    aside = recording.pads[0].pose[0, :3, 0]
+    found = findings(recording, (vertices + 3.0 * aside, faces))
+    assert found
+    assert "middle of the" in found[0].sentence
+    assert not found[0].refused
+
+
+def test_missing_sites_are_those_left_out_and_no_others():
+    line = np.arange(12.0)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    assert len(missing_sites(grid)) == 0
+    out = (np.abs(grid - [5, 6]) < 1.5).all(axis=1)
+    sites = missing_sites(grid[~out])
+    assert sorted(map(tuple, np.round(sites).tolist())) == sorted(map(tuple, grid[out].tolist()))
+    hexagonal = grid @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
+    assert len(missing_sites(hexagonal)) == 0
+    assert len(missing_sites(np.delete(hexagonal, 70, axis=0))) == 1
+
+
+def test_markers_in_no_grid_miss_none():
+    scattered = np.random.default_rng(0).uniform(0, 20, (300, 2))
+    assert len(missing_sites(scattered)) == 0
+
+
+def test_a_factor_is_a_unit_only_near_it():
+    assert unit_like(102.0, FORCE) == "grams"
+    assert unit_like(2.0, FORCE) is None
+    assert unit_like(-1.0, FORCE) is None
