@@ -66,7 +66,11 @@ def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], 
             write_source(draft, sensors)
         with h5py.File(draft, "a") as file:
             file.attrs["written_by"] = WRITTEN_BY
-        read_recording(draft)
+        try:
+            read_recording(draft)
+        except TactileFailure as failure:
+            detail = failure.detail.removeprefix(f"{draft.name}: ")
+            raise TactileFailure(failure.problem, f"{source.name}: {detail}") from failure
         put(out, draft.read_bytes())
     frames = len(converted.recording.time_s)
     report(

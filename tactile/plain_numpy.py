@@ -50,7 +50,7 @@ def _array(file: Any) -> np.ndarray:
         version = npy.read_magic(file)
         read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
         shape, _, dtype = read(file)
-    except (ValueError, EOFError, OSError, SyntaxError, TypeError, RecursionError) as error:
+    except Exception as error:  # its header is a Python literal: a broken one fails in a dozen ways
         raise NotReadable("is no whole NumPy file") from error
     if dtype.kind not in "fiub":
         raise NotReadable(f"holds values of type {dtype}, no numbers")

@@ -26,15 +26,15 @@ FEWEST_FOR_AREA = 9
 MOST_BYTES = 8_000_000_000
 """Of a recording with its images; nothing but the fields asked for is read into memory."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
-APERTURE = Limit(2000.0, "millimetres: is it in m or µm?")
+APERTURE = Limit(2000.0, "millimetres (is it in m or µm?)")
 WRENCH = Limit(1e7, "newtons and newton millimetres")
-REST = Limit(500.0, "millimetres: is it in µm, or in pixels?")
-DISPLACEMENT = Limit(500.0, "millimetres: is it in µm, or in pixels?")
-FORCE = Limit(1e4, "newtons at a marker: is it in mN?")
-LOAD = Limit(1e6, "newtons: is it in mN?")
-STIFFNESS = Limit(1e4, "MPa per mm: is it in Pa or kPa?")
+REST = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
+DISPLACEMENT = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
+FORCE = Limit(1e4, "newtons at a marker (is it in mN?)")
+LOAD = Limit(1e6, "newtons (is it in mN?)")
+STIFFNESS = Limit(1e4, "MPa per mm (is it in Pa or kPa?)")
 THICKNESS = Limit(200.0, "millimetres")
-MODULUS = Limit(1e4, "MPa: is it in Pa or kPa?")
+MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)")
 RATIO = Limit(0.4999, "")
 RADIUS = Limit(1000.0, "millimetres")
 """The largest that each field can be at all, some hundred times what sensors and grippers reach: beyond it a

@@ -43,6 +43,7 @@ def first_line(cause: Exception) -> str:
 
 def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
     """The failure sentence of this format: where, what was found, what was expected, what to do."""
+    found = found if len(found) <= 200 else f"{found[:197]}..."
     detail = f"{path.name}: {field}: found {found}, expected {expected}; {advice}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
 

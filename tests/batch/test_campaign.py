@@ -1,0 +1,32 @@
+"""Every fifteenth broken input of the campaign: none hangs, takes all memory or shows a library's inside."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+from campaign import run, sound_digests
+from campaign_inputs import cases, write_sound
+
+CHOSEN = cases()[7::15]
+
+
+@pytest.fixture(scope="module")
+def sound(tmp_path_factory):
+    root = tmp_path_factory.mktemp("sound") / "sound"
+    write_sound(root)
+    return root, sound_digests(root)
+
+
+@pytest.mark.parametrize("broken", CHOSEN, ids=lambda one: f"{one.format}: {one.kind} ({one.seed})")
+def test_a_broken_input_ends_in_a_clear_error_or_is_read_as_what_it_says(sound, broken):
+    verdict, said, *_ = run(broken, *sound)
+    assert verdict != "FAILED", said
+
+
+def test_the_campaign_has_every_format_and_enough_of_each():
+    formats = {one.format for one in cases()}
+    assert len(formats) == 18
+    assert len(cases()) > 1000
+    assert all(sum(one.format == name for one in cases()) >= 30 for name in formats)
