@@ -1,7 +1,7 @@
 """Modulus of elasticity from photos and simulated grasps, over sets of the photo bank with known moduli.
 
     python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2] [--finer]
-        [--pits category|drawn] [--keep FOLDER] [--out CSV]
+        [--shape photos|true] [--pits category|drawn|true] [--keep FOLDER] [--out CSV]
 
 BANK holds the sets that benchmarks/photo_bank.py drew. For each set two jaws close on the true fruit of
 scene.json (shape, pit, modulus) in a simulation with hexahedra and a contact law of its own, which share
@@ -15,7 +15,8 @@ prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger 
 nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no kind of a
 wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn` the batch
 brings a category file of its own, the shipped one with the proportions about which the bank's pits were
-drawn, as somebody has it who has opened fruits of his cultivar: what is left then is of photos and grasps.
+drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit. With
+`--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
 standard deviation, CPU seconds of the grading, and what was warned of. Exit status 1 where an error is over
@@ -38,7 +39,9 @@ from typing import Any
 
 import numpy as np
 
+from recon.mesh_file import write_mesh
 from recon.priors import FOLDER
+from samples.cubed_sphere import even_sphere
 from samples.failure import NotInEquilibrium
 from samples.fruit import Pit, SampleFruit, Skin
 from samples.grasp import simulate
@@ -53,6 +56,7 @@ DEEPEST_SHARE = 0.05
 """Largest travel of a jaw past first touch, as a share of the fruit's smallest half axis: DEEPEST_MM on a
 nectarine, and no larger a strain in smaller fruit."""
 SPEED_MM_PER_S = 1.5
+PIT_CELLS = 33
 
 _SETTINGS = """\
 category = "{kind}"
@@ -114,7 +118,14 @@ def category_of_bank(kind: str) -> str:
 
 
 def write_batch(
-    batch: Path, folder: Path, scene: dict[str, Any], *, grasps: int, fineness: Fineness, pits: str
+    batch: Path,
+    folder: Path,
+    scene: dict[str, Any],
+    *,
+    grasps: int,
+    fineness: Fineness,
+    shape: str,
+    pits: str,
 ) -> None:
     """The batch folder of one set; recordings that are there are kept.
 
@@ -123,8 +134,14 @@ def write_batch(
     fruit, kind = fruit_of_scene(scene), scene["fruit"]["kind"]
     where = batch / "fruits" / fruit.fruit_id
     (where / "grasps").mkdir(parents=True, exist_ok=True)
-    shutil.copytree(folder / "photos", where / "photos", dirs_exist_ok=True)
     shutil.copyfile(folder / "mat.json", batch / "mat.json")
+    if shape == "photos":
+        shutil.copytree(folder / "photos", where / "photos", dirs_exist_ok=True)
+    else:
+        shutil.copyfile(folder / "fruit_truth.ply", where / "fruit.ply")
+    if pits == "true":
+        sphere = even_sphere(PIT_CELLS)
+        write_mesh(where / "pit.ply", fruit.pit.points_mm(sphere.directions), sphere.triangles())
     category = kind
     if pits == "drawn":
         category = f"{kind}-of-the-bank.toml"
@@ -195,7 +212,10 @@ def main() -> int:
     parser.add_argument("--sets", type=int, nargs="+", required=True)
     parser.add_argument("--grasps", type=int, default=2)
     parser.add_argument("--finer", action="store_true", help="simulate on a finer mesh (five times as slow)")
-    parser.add_argument("--pits", choices=("category", "drawn"), default="category", help="whose proportions")
+    parser.add_argument("--shape", choices=("photos", "true"), default="photos", help="what is handed in")
+    parser.add_argument(
+        "--pits", choices=("category", "drawn", "true"), default="category", help="whose proportions"
+    )
     parser.add_argument("--keep", type=Path, help="leave the batch folders there, and use their recordings")
     parser.add_argument("--out", type=Path, help="a CSV of the rows")
     options = parser.parse_args()
@@ -214,6 +234,7 @@ def main() -> int:
                     scene,
                     grasps=options.grasps,
                     fineness=FINER if options.finer else SHIPPED,
+                    shape=options.shape,
                     pits=options.pits,
                 )
             except NotInEquilibrium as failure:
