@@ -92,6 +92,8 @@ def in_order(path: Path) -> tuple[tuple[str, int], ...]:
 
 def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
     """Every file of a raw grasp, and every description of a sensor that it may mean (beside or above it)."""
+    if not (folder / "grasp.toml").is_file():  # no raw grasp; a link here may lead to a whole disk
+        return ()
     own = [path for path in folder.rglob("*") if path.is_file()]
     above = [path for place in folder.resolve().parents[:4] for path in place.iterdir()]
     meant = [path for path in above if path.suffix in {".toml", ".npz"} and path.name != "batch.toml"]

@@ -11,6 +11,7 @@ from enum import Enum
 from pathlib import Path
 
 from pipeline.whole_file import MACHINE_FAULTS, NotWritten
+from recon.plain_file import printable
 
 
 class Outcome(Enum):
@@ -55,7 +56,7 @@ class Outcome(Enum):
 
     def sentence(self, particulars: str = "") -> str:
         """What happened and what to do next."""
-        return str(self.value[1]).format(particulars)
+        return printable(str(self.value[1]).format(particulars))
 
 
 class FruitEnded(Exception):

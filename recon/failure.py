@@ -4,6 +4,7 @@ sentence.
 
 from enum import StrEnum
 
+from recon.plain_file import printable
 from recon.view_plan import ViewPlan
 
 
@@ -33,11 +34,12 @@ class ReconFailure(Exception):
     """Raised for everything that a user's photos, files or settings can cause.
 
     `detail` is one sentence: what was found, what was expected, what to do next; it names the file and the
-    field when a file is at fault. `str(failure) == failure.detail`. `views` says where photos were taken,
-    where views are missing.
+    field when a file is at fault; control characters, which names of files can hold, are taken out.
+    `str(failure) == failure.detail`. `views` says where photos were taken, where views are missing.
     """
 
     def __init__(self, problem: ReconProblem, detail: str, views: ViewPlan | None = None) -> None:
+        detail = printable(detail)
         super().__init__(detail)
         self.problem = problem
         self.detail = detail

@@ -2,6 +2,8 @@
 
 from enum import StrEnum
 
+from tactile.plain_file import printable
+
 
 class TactileProblem(StrEnum):
     """What can be wrong with a recording; the value is the code that tables and records carry."""
@@ -22,6 +24,7 @@ class TactileFailure(Exception):
     """The one exception of this room: `problem` for programs, `detail` (also `str`) for people."""
 
     def __init__(self, problem: TactileProblem, detail: str) -> None:
+        detail = printable(detail)
         super().__init__(detail)
         self.problem = problem
         self.detail = detail
