@@ -23,7 +23,9 @@ IN_STEP, OUT_OF_STEP = 0.97, 0.93
 SAME_MARKERS = 0.6
 """Correlation of U and V over markers at the peak, divided by what noise leaves of it; sound: 0.95 and "
 "more."""
-ON_ANOTHER_AXIS = 0.8
+ON_ANOTHER_AXIS, BETTER = 0.8, 0.02
+"""Correlation over markers, and by how much it exceeds that of the normal parts; in sound recordings these
+have 0.98 and more and shear has less, by 0.05 at least."""
 NOT_FRICTION = 2.5
 """Mean along another axis over that along z; friction of 1 allows 1."""
 SATURATES = 0.6
@@ -317,7 +319,8 @@ def _axes(
     """Correlations over markers of the components' means over some frames; 0 where noise hides one."""
     if len(u) < 9:
         return np.eye(3)
-    su, sv = np.sqrt((u**2).mean(axis=0)), np.sqrt((v**2).mean(axis=0))
+    u, v = u - u.mean(axis=0), v - v.mean(axis=0)
+    su, sv = u.std(axis=0), v.std(axis=0)
     seen_u, seen_v = (
         x > 2.5 * sd / np.sqrt(frames / 1.5) for x, sd in ((su, one.felt_sd_mm), (sv, one.gel_sd_mm))
     )
@@ -329,7 +332,7 @@ def _exchanged(r: Relation) -> tuple[int, int] | None:
     """The axes (force, displacement) that go together although they differ."""
     axes = np.abs(r.axes)
     for j in (0, 1):
-        if axes[2, 2] < 0.9 and max(axes[2, j], axes[j, 2]) > max(ON_ANOTHER_AXIS, axes[2, 2] + 0.1):
+        if max(axes[2, j], axes[j, 2]) > max(ON_ANOTHER_AXIS, axes[2, 2] + BETTER):
             return (2, j) if axes[2, j] >= axes[j, 2] else (j, 2)
     if min(axes[0, 1], axes[1, 0]) > 0.5 and max(axes[0, 0], axes[1, 1]) < 0.3:
         return 0, 1

@@ -132,9 +132,17 @@ def gel(times):
 
 def from_frame(start):
     def change(recording):
-        cut = both(lambda values: values[start:])(recording)
-        cut = poses(lambda pose: pose[start:])(cut)
-        return replace(cut, time_s=cut.time_s[start:], aperture_mm=cut.aperture_mm[start:])
+        pads = tuple(
+            replace(
+                pad,
+                pose=pad.pose[start:],
+                force_N=pad.force_N[start:],
+                displacement_mm=pad.displacement_mm[start:],
+            )
+            for pad in recording.pads
+        )
+        cut = {"time_s": recording.time_s[start:], "aperture_mm": recording.aperture_mm[start:]}
+        return replace(recording, pads=pads, **cut)
 
     return change
 

@@ -1,0 +1,84 @@
+"""A given pit unlike its category's is said, with what it may do to E; named causes hide their signs."""
+
+import numpy as np
+import pytest
+
+from pipeline.doubts import Doubt, causes_alone, of_a_given_pit, of_a_pit_found, relative_sd
+from pipeline.records import PitFoundRecord
+from recon.pit import place_pit
+from recon.priors import load_prior
+from samples.fruit import fruit_of_seed, scanned_mesh
+
+
+@pytest.fixture(scope="module")
+def nectarine():
+    vertices, faces = scanned_mesh(fruit_of_seed("N", seed=3, E_MPa=0.5), cells=20, error_mm=0.1)
+    prior = load_prior("nectarine")
+    return vertices, place_pit(vertices, faces, prior), prior
+
+
+def about_middle(vertices, matrix):
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    return middle + (vertices - middle) @ np.asarray(matrix, dtype=float).T
+
+
+def test_the_categorys_own_pit_is_not_doubted(nectarine):
+    skin, (pit, faces), prior = nectarine
+    assert of_a_given_pit(skin, pit, faces, prior) == []
+    assert of_a_given_pit(skin, pit + np.array([0.5, -0.5, 0.5]), faces, prior) == []
+    assert of_a_given_pit(skin, about_middle(pit, 1.08 * np.eye(3)), faces, prior) == []
+
+
+@pytest.mark.parametrize(("shift_mm", "refused"), [(4.0, False), (15.0, True)])
+def test_a_pit_elsewhere_is_said_and_far_away_refused(nectarine, shift_mm, refused):
+    skin, (pit, faces), prior = nectarine
+    (doubt,) = of_a_given_pit(skin, pit + np.array([shift_mm, 0.0, 0.0]), faces, prior)
+    assert f"pit.ply lies {shift_mm:.1f} mm" in doubt.sentence
+    assert doubt.refused == refused
+    assert doubt.relative_sd == pytest.approx(0.03 * shift_mm, rel=0.05)
+
+
+@pytest.mark.parametrize(("times", "refused"), [(1.3, False), (0.6, True), (1.7, True)])
+def test_a_pit_of_another_size_is_said(nectarine, times, refused):
+    skin, (pit, faces), prior = nectarine
+    (doubt,) = of_a_given_pit(skin, about_middle(pit, times * np.eye(3)), faces, prior)
+    assert f"{times:.2f} times the size" in doubt.sentence
+    assert doubt.refused == refused
+
+
+def test_a_turned_pit_is_said(nectarine):
+    skin, (pit, faces), prior = nectarine
+    (doubt,) = of_a_given_pit(skin, about_middle(pit, [[1, 0, 0], [0, 0, -1], [0, 1, 0]]), faces, prior)
+    assert "it is turned" in doubt.sentence
+
+
+def test_a_body_that_may_have_its_core_anywhere_is_not_judged(nectarine):
+    skin, (pit, faces), _ = nectarine
+    phantom = load_prior("phantom")
+    assert of_a_given_pit(skin, pit + np.array([9.0, 0, 0]), faces, phantom) == []
+    assert of_a_given_pit(skin, pit + np.array([9.0, 0, 0]), faces, None) == []
+
+
+def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
+    found = PitFoundRecord(
+        offset_mm=(4.0, 0.0, 3.0),
+        offset_sd_mm=(0.3, 0.3, 0.3),
+        offset_prior_sd_mm=(0.5, 0.5, 0.5),
+        size=1.01,
+        size_sd=0.02,
+        size_prior_sd=0.03,
+        moved=(8.0, 0.0, 6.0, 0.3),
+    )
+    (doubt,) = of_a_pit_found(found, given=True)
+    assert "5.0 mm from where pit.ply has it" in doubt.sentence
+    assert of_a_pit_found(found, given=False) == []
+    near = found.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
+    assert of_a_pit_found(near, given=True) == []
+
+
+def test_doubts_add_in_squares_and_named_causes_hide_their_signs():
+    assert relative_sd([]) == 0.0
+    assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
+    signs = ["the pads do not balance at their peak (left 1 N and right 2 N)", "12 frames are lost"]
+    assert causes_alone(signs, named=True) == ["12 frames are lost"]
+    assert causes_alone(signs, named=False) == signs
