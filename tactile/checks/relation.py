@@ -247,8 +247,8 @@ def _gain_finding(
     else:
         unit = f" (as if in {unit_F})" if unit_F else ""
         sentence = (
-            f"{lead} forces are {said}{unit}: a gain of the force, a scale of the displacement, or the "
-            "stiffness (kn, kt) of another gel"
+            f"{lead} forces are {said}{unit}: a gain of the force, a scale of the displacement, a gel that "
+            "creeps, or the stiffness (kn, kt) of another gel"
         )
     return Finding(
         rank=Rank.RELATION,
