@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch import Batch, as_named, open_batch
 from pipeline.check import implausible_fruit
-from pipeline.config import Name, Pit, Relative, Settings, Shift, read_toml
+from pipeline.config import Name, Pit, Relative, Settings, Shift, Strict, read_toml
 from pipeline.layout import CaseFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
 from pipeline.records import Given
@@ -22,7 +22,7 @@ ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
 
 
-class CaseSettings(BaseModel):
+class CaseSettings(Strict):
     """case.toml: what is assumed of the fruit. Keys beyond these are left aside, and it is said so."""
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, allow_inf_nan=False)

@@ -11,7 +11,7 @@ from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.layout import FruitFolder
 from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
 from pipeline.problem import Problem
-from recon.failure import ReconFailure
+from recon.failure import ReconFailure, ReconProblem
 from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
@@ -106,6 +106,7 @@ def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder, kind
         broken.append(Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True))
     if folder.pit_ply.exists() or folder.pit_ply.is_symlink():
         broken += _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
+        broken = broken or list(_tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, kind)))
     yield from broken
     if not broken:
         yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, folder))
@@ -119,6 +120,17 @@ def _pit_fits(batch: Survey, folder: FruitFolder) -> None:
         return
     elif batch.prior is not None and batch.prior.has_pit:
         embed_pit(*fruit, *place_pit(*fruit, batch.prior))
+
+
+def _pit_sized(path: Path, kind: Kind) -> None:
+    """Refuse a pit of no pit's size; raises ReconFailure."""
+    vertices, _ = read_mesh(path)
+    longest, (least, most) = float(np.ptp(vertices, axis=0).max()), kind.body.pit_mm
+    if not least <= longest <= most:
+        sentence = (
+            f"{path.name} is {longest:.3g} mm long; a pit of {kind.a_fruit} has {least:g} to {most:g} mm"
+        )
+        raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
 
 
 def _closed_mesh(path: Path) -> None:

@@ -35,7 +35,9 @@ Shift = Annotated[float, Field(gt=0, le=20)]
 Model = TypeVar("Model", bound=BaseModel)
 
 
-class _Strict(BaseModel):
+class Strict(BaseModel):
+    """A table of settings: unknown keys, numbers that are not finite and true for a number are refused."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @field_validator("*", mode="before")
@@ -46,14 +48,14 @@ class _Strict(BaseModel):
         return printable(value).strip() if isinstance(value, str) else value
 
 
-class GradingClass(_Strict):
+class GradingClass(Strict):
     """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
     E_max_MPa: Annotated[float, Field(gt=0, le=1e9)] | None = None
 
 
-class Grading(_Strict):
+class Grading(Strict):
     """The batch's own limits, softest class first; the last class has no upper limit."""
 
     classes: Annotated[tuple[GradingClass, ...], Field(max_length=50)] = ()
@@ -79,7 +81,7 @@ NO_PIT = "none"
 """The pit prior of fruit without a pit."""
 
 
-class Pit(_Strict):
+class Pit(Strict):
     """Which pit prior is embedded, and how far the true pit may be from it (standard deviations).
 
     Of prior "none", a fruit that brings no pit.ply has no pit.
@@ -95,7 +97,7 @@ class Pit(_Strict):
         return self.prior == NO_PIT
 
 
-class Recon(_Strict):
+class Recon(Strict):
     """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
     on the first of the ONNX Runtime `providers` that the machine has. `fruit_model`: whether the shipped
     model is asked which pixels are fruit.
@@ -107,7 +109,7 @@ class Recon(_Strict):
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 
 
-class Photos(_Strict):
+class Photos(Strict):
     """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter."""
 
     coin: Name | None = None
@@ -137,7 +139,7 @@ class Photos(_Strict):
         return None if self.coin_mm is None else Coin(name="coin_mm", diameter_mm=self.coin_mm)
 
 
-class FleshMesh(_Strict):
+class FleshMesh(Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
     Under the pads a fifth of each contact's width and at most 1.7 mm (fem.contact_size) unless given.
@@ -147,13 +149,13 @@ class FleshMesh(_Strict):
     pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] | None = None
 
 
-class Flesh(_Strict):
+class Flesh(Strict):
     """How the flesh deforms: "linear" (small strain) or "neo-hookean" (large deformation, slower)."""
 
     model: Literal["linear", "neo-hookean"] = "linear"
 
 
-class Device(_Strict):
+class Device(Strict):
     """A named piece of equipment, for the record."""
 
     name: Annotated[str, Field(max_length=200)]
@@ -169,7 +171,7 @@ class Sensor(Device):
     pose_sd_mm: Shift | None = None
 
 
-class Settings(_Strict):
+class Settings(Strict):
     """Everything a batch says of itself in `batch.toml`; only the category is required."""
 
     category: Name

@@ -77,6 +77,14 @@ class ConfirmedEffect(BaseModel):
     def _printable(cls, value: Any) -> Any:
         return printable(value) if isinstance(value, str) else value
 
+    @field_validator("parameters", "sd", mode="before")
+    @classmethod
+    def _numbers(cls, held: Any) -> Any:
+        for name, value in held.items() if isinstance(held, dict) else ():
+            if isinstance(value, bool):
+                raise ValueError(f"{name} is {str(value).lower()}, expected a number")
+        return held
+
     @field_validator("effect")
     @classmethod
     def _known(cls, effect: str) -> str:

@@ -17,6 +17,7 @@ from tactile.plain_file import NotReadable, not_plain, read_text
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
+FARTHEST_MM = 2000.0
 LARGEST = 1e12
 """A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
@@ -71,6 +72,9 @@ def read_log(path: Path) -> GraspLog:
             found = "the columns " + ", ".join(columns)
             raise unusable(f"{path.name}: {name}", found, f"a column {name} as well")
     increasing(path.name, columns["time_s"])
+    if (farthest := float(np.abs(columns["aperture_mm"]).max())) > FARTHEST_MM:
+        expected = f"at most {FARTHEST_MM:g} mm (is it in µm?)"
+        raise unusable(f"{path.name}: aperture_mm", f"{farthest:g}", expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):
         raise unusable(path.name, f"only {', '.join(cell)} of the load cell", ", ".join(LOAD_CELL))

@@ -39,7 +39,7 @@ from tactile.failure import TactileFailure, TactileProblem
 from tactile.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.recording import PADS_OF_LOADING, Loading, Support
-from tactile.sensor_file import read_sensor
+from tactile.sensor_file import is_rigid, read_sensor
 from tactile.sensors import Sensor
 from tactile.toml_table import Table, read_table
 
@@ -130,6 +130,10 @@ def _pad(
     described = read_sensor(sensor or _sensor_path(folder, table))
     pictures = pictures_in(_place(folder, name, table.text("frames", default="")))
     reference = _reference(folder, name, table, pictures)
+    if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
+        found = f"a picture of {reference.shape[1]} x {reference.shape[0]} px"
+        expected = "{} x {} px as its sensor's description says".format(*described.camera.image_px)
+        raise unusable(f"{name}: the untouched gel", found, expected)
     second = None
     if described.kind == "markers-stereo":
         other = folder / table.text("second_frames", default=f"{name}-b")
@@ -145,6 +149,8 @@ def _pad(
             raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
     time_s, aperture_mm = _times(folder, name, table, pictures, log)
     pose = table.numbers("pose", (4, 4))
+    if not is_rigid(pose):
+        raise table.refusal("pose", "a matrix that is no rotation and shift", "a rigid motion, mm")
     poses = np.broadcast_to(pose, (len(time_s), 4, 4)).copy()
     share = -0.5 if loading == "grasp" else 1.0
     poses[:, :3, 3] += (share * (aperture_mm - at_mm))[:, None] * pose[:3, 2]

@@ -49,6 +49,7 @@ TOP = {
     "ambient", "gamma",
 }  # fmt: skip
 FEWEST_LIGHTS = 3
+FARTHEST_MM = 1e5
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation."""
 
@@ -93,6 +94,14 @@ def read_sensor(path: Path) -> Sensor:
     )
 
 
+def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether a matrix is a rotation and a shift of at most 100 m."""
+    turn = pose[:3, :3]
+    rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
+    last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE
+    return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)
+
+
 def _camera(table: Table) -> Camera | None:
     if not table:
         return None
@@ -105,9 +114,7 @@ def _camera(table: Table) -> Camera | None:
         raise table.refusal("focal_px", str(focal.tolist()), "two numbers above 0")
     distortion = table.numbers("distortion", (5,), needed=False)
     pose = table.numbers("gel_from_camera", (4, 4))
-    turn = pose[:3, :3]
-    rigid = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
-    if not (rigid and np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE):
+    if not is_rigid(pose):
         raise table.refusal("gel_from_camera", "a matrix that is no rotation and shift", "a rigid motion, mm")
     return Camera(
         image_px=(int(width), int(height)),
