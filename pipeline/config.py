@@ -64,8 +64,10 @@ class Grading(Strict):
     def _ordered(self) -> Self:
         limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
         if any(a >= b for a, b in itertools.pairwise(limits)):
+            numbers = [limit for limit in limits if math.isfinite(limit)]
+            slip = ": is one of them in kPa?" if numbers and max(numbers) > 100 * min(numbers) else ""
             raise ValueError(
-                f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}"
+                f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}{slip}"
             )
         if limits and limits[-1] != math.inf:
             raise ValueError(
