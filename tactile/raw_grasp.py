@@ -131,9 +131,12 @@ def _pad(
     pictures = pictures_in(_place(folder, name, table.text("frames", default="")))
     reference = _reference(folder, name, table, pictures)
     if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
-        found = f"a picture of {reference.shape[1]} x {reference.shape[0]} px"
-        expected = "{} x {} px as its sensor's description says".format(*described.camera.image_px)
-        raise unusable(f"{name}: the untouched gel", found, expected)
+        width, height = described.camera.image_px
+        raise TactileFailure(
+            TactileProblem.WRONG_SENSOR,
+            f"{folder.name}, pad {name}: found frames of {reference.shape[1]} x {reference.shape[0]} pixels, "
+            f"expected {width} x {height} as the sensor's description says; is it this sensor's description?",
+        )
     second = None
     if described.kind == "markers-stereo":
         other = folder / table.text("second_frames", default=f"{name}-b")
