@@ -329,7 +329,8 @@ def main() -> None:
     parser.add_argument("--grade", type=Path)
     parser.add_argument("--csv", type=Path)
     parser.add_argument("--only", default="")
-    parser.add_argument("--grasps", type=int, default=2)
+    parser.add_argument("--grasps", type=int, default=2, help="recordings of each fruit that are used")
+    parser.add_argument("--limit", type=int, help="judge so many fruit; the rest lend theirs")
     parser.add_argument("--verbose", action="store_true")
     options = parser.parse_args()
     if options.cheap:
@@ -347,7 +348,7 @@ def main() -> None:
         if options.only not in mistake.name:
             continue
         own = []
-        for k, fruit in enumerate(fruits):
+        for k, fruit in enumerate(fruits[: options.limit]):
             rng = np.random.default_rng([11, fruit.number])
             changed = mistake.change(fruit, partner(fruits, k), rng)
             own.append(judged(fruit, changed, mistake, options.grade))

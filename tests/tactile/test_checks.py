@@ -14,8 +14,13 @@ from recon.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.lattice import missing_sites
 from tactile.checks.of_recording import recording_findings
+from tactile.checks.pressing import pressing_of
+from tactile.checks.relation import relation_of
 from tactile.checks.units import FORCE, unit_like
-from tactile.recording import read_recording
+from tactile.gel_force import FIRST_STRENGTH, GelForce
+from tactile.gel_grid import gel_grid
+from tactile.gel_slab import GelSlab, tent_compliance
+from tactile.recording import GelPad, read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
@@ -273,3 +278,43 @@ def test_a_factor_is_a_unit_only_near_it():
     assert unit_like(102.0, FORCE) == "grams"
     assert unit_like(2.0, FORCE) is None
     assert unit_like(-1.0, FORCE) is None
+
+
+def slab_pad():
+    """A slab under growing pressure, forces by the inverse of its displacement."""
+    slab = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
+    line = 1.5 * (np.arange(11) - 5.0)
+    rest = np.column_stack([np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2), np.zeros(121)])
+    fine = np.arange(-6, 6.01, 0.5)
+    nodes = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
+    compliance = -tent_compliance(slab, rest[:, :2], nodes, pitch_mm=0.5)
+    rng = np.random.default_rng(0)
+    inverse = GelForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (121, 1, 1)), FIRST_STRENGTH)
+    moved, pushed = [], []
+    for depth in (*np.zeros(6), *np.linspace(0.1, 1, 6), *np.linspace(0.8, 0.1, 4), *np.zeros(3)):
+        within = 1 - (nodes**2).sum(axis=1) / (20.0 * depth + 1e-9)
+        load = np.outer(0.015 * np.sqrt(depth * np.maximum(within, 0.0)), [0.2, 0.0, 1.0])
+        seen = np.einsum("nimj,mj->ni", compliance, load) + rng.normal(0, 0.004, rest.shape)
+        moved.append(seen)
+        pushed.append(inverse.solve(seen).force_N)
+    return GelPad(
+        name="left",
+        pose=np.tile(np.eye(4), (len(moved), 1, 1)),
+        rest_mm=rest,
+        displacement_mm=np.array(moved),
+        force_N=np.array(pushed),
+        gel_kn_MPa_per_mm=slab.oedometric_MPa / 4.0,
+        gel_kt_MPa_per_mm=slab.shear_MPa / 4.0,
+        thickness_mm=4.0,
+        gel_E_MPa=0.2,
+        gel_nu=0.48,
+    )
+
+
+def test_a_slabs_forces_follow_its_own_law_and_not_that_of_springs():
+    pad = slab_pad()
+    by_slab = relation_of(pressing_of(pad))
+    by_springs = relation_of(pressing_of(replace(pad, gel_E_MPa=None)))
+    assert by_slab.gain == pytest.approx(1.0, abs=0.03)
+    assert by_slab.over_markers > 0.95
+    assert by_springs.gain < 0.6
