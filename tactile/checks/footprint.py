@@ -124,9 +124,8 @@ def _aside(what: str) -> Finding:
     return Finding(
         rank=Rank.FRUIT,
         sentence=(
-            f"{what}: the mesh is turned, mirrored or of another fruit, or the poses are of another "
-            "session or "
-            "of the other pad"
+            f"{what}: the mesh is turned, mirrored or of another fruit, or a pose is wrong (a pad moved in "
+            "its mount, another session, the other pad)"
         ),
         relative_sd=E_OF_A_TURN,
     )

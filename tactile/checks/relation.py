@@ -34,7 +34,7 @@ less at its peak 0.7."""
 NOISE_FOR_SLOPES = 0.06
 """Noise over peak of the less noisy field, up to which its bins tell a saturation."""
 GAIN_SAID, GAIN_REFUSED = 0.06, 0.4
-"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.05 and less, the mildest
+"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.03 and less, the mildest
 gain fault of the open cases (gel creep) 0.14, a nonlinear sensor 0.23."""
 E_PER_GAIN = 0.7
 """Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.checks.finding import Finding, Rank, pads_said
-from tactile.checks.pressing import Pressing, clearer
+from tactile.checks.pressing import QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.recording import Recording
 
@@ -69,7 +69,46 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if not found:
         found += _late(recording, pressings)
     found += _clock(recording)
-    return [*found, *_start(pressings)]
+    return [*found, *_start(pressings), *_drift(pressings)]
+
+
+def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Force that does not come back to where it was before the first touch, though the gel does."""
+    found = []
+    for one in pressings:
+        pressed = np.flatnonzero((one.felt_mm[:, one.touched, 2] > 6 * one.felt_sd_mm).sum(axis=1) >= 3)
+        if not len(pressed):
+            continue
+        still = np.sqrt((one.felt_mm**2).mean(axis=(1, 2)))
+        quiet = np.asarray(still <= QUIET_OVER * np.percentile(still, QUIET_SHARE))
+        before, after = quiet.copy(), quiet.copy()
+        before[pressed[0] :] = False
+        after[: pressed[-1]] = False
+        if min(before.sum(), after.sum()) < FEWEST_QUIET:
+            continue
+        total = one.force_N[:, :, 2].sum(axis=1)
+        peak = float(total.max())
+        change = float(np.median(total[after]) - np.median(total[before]))
+        noise = float(total[before].std()) / np.sqrt(min(before.sum(), after.sum()) / 2)
+        if abs(change) > max(DRIFT_SHARE * peak, 6 * noise):
+            found.append(
+                Finding(
+                    rank=Rank.RELATION,
+                    sentence=(
+                        f"{pads_said((one.pad.name,))} force drifts: with nothing touching it differs by "
+                        f"{change:+.2f} N after the grasp from before ({100 * change / peak:+.0f} % of the "
+                        "peak)"
+                    ),
+                    pad=one.pad.name,
+                    relative_sd=0.5 * abs(change) / peak,
+                )
+            )
+    return found
+
+
+FEWEST_QUIET, DRIFT_SHARE = 3, 0.04
+"""Quiet frames before and after; share of the peak. Sound recordings change by up to 0.033 of
+it and 3.0 standard deviations of the noise; 4 % and 6 are asked for."""
 
 
 def _start(pressings: Sequence[Pressing]) -> list[Finding]:

@@ -152,6 +152,15 @@ def from_frame(start):
     return change
 
 
+def drifting(recording):
+    time = recording.time_s
+    grown = 1.8 * (time - time[0])[:, None] / (time[-1] - time[0]) / 400
+    left, right = recording.pads
+    force = left.force_N.copy()
+    force[:, :, 2] += grown
+    return replace(recording, pads=(replace(left, force_N=force), right))
+
+
 REFUSED = {
     "grams": (force(101.97), "look like grams"),
     "kilonewtons": (force(1e-3), "look like kilonewtons"),
@@ -191,6 +200,7 @@ REFUSED = {
 }
 SAID = {
     "a gain of 1.2": (force(1.2), "forces are 1.20 times"),
+    "a drift": (drifting, "the left pad's force drifts"),
     "time in ms": (lambda r: replace(r, time_s=1e3 * r.time_s), "time_s looks like milliseconds"),
     "aperture in cm": (lambda r: replace(r, aperture_mm=r.aperture_mm / 10), "aperture_mm looks like cent"),
     "no first touch": (from_frame(22), "starts in contact"),
@@ -283,15 +293,15 @@ def test_a_factor_is_a_unit_only_near_it():
 def slab_pad():
     """A slab under growing pressure, forces by the inverse of its displacement."""
     slab = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
-    line = 1.5 * (np.arange(11) - 5.0)
-    rest = np.column_stack([np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2), np.zeros(121)])
-    fine = np.arange(-6, 6.01, 0.5)
+    line = 1.5 * (np.arange(9) - 4.0)
+    rest = np.column_stack([np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2), np.zeros(81)])
+    fine = np.arange(-5, 5.01, 0.5)
     nodes = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
     compliance = -tent_compliance(slab, rest[:, :2], nodes, pitch_mm=0.5)
     rng = np.random.default_rng(0)
-    inverse = GelForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (121, 1, 1)), FIRST_STRENGTH)
+    inverse = GelForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), FIRST_STRENGTH)
     moved, pushed = [], []
-    for depth in (*np.zeros(6), *np.linspace(0.1, 1, 6), *np.linspace(0.8, 0.1, 4), *np.zeros(3)):
+    for depth in (*np.zeros(4), *np.linspace(0.2, 1, 4), 0.6, 0.0, 0.0):
         within = 1 - (nodes**2).sum(axis=1) / (20.0 * depth + 1e-9)
         load = np.outer(0.015 * np.sqrt(depth * np.maximum(within, 0.0)), [0.2, 0.0, 1.0])
         seen = np.einsum("nimj,mj->ni", compliance, load) + rng.normal(0, 0.004, rest.shape)
