@@ -58,11 +58,13 @@ from field_changes import (
 from field_fruit import Fruit, cheap_fruit, fruits_in, partner
 
 from pipeline.batch import open_batch
+from pipeline.doubts import of_a_given_pit
 from pipeline.layout import Results
 from pipeline.records import FruitRecord, read_record, write_record
 from pipeline.stages import grade_fruit
 from pipeline.task import fruit_task
 from recon.mesh_file import write_mesh
+from recon.priors import load_prior
 from tactile.checks.of_recording import recording_findings
 from tactile.failure import TactileFailure
 from tactile.recording import write_recording
@@ -207,7 +209,7 @@ RANGE_MPA = {"nectarine": (0.005, 20.0), "plum": (0.005, 12.0), "phantom": (0.00
 
 
 def checked(fruit: Fruit) -> list[tuple[str, bool, float]]:
-    """(sentence, refused, relative sd) of every recording by the checks alone."""
+    """(sentence, refused, relative sd) of every recording, and of a given pit, by the checks alone."""
     said: list[tuple[str, bool, float]] = []
     for one in fruit.recordings:
         try:
@@ -217,6 +219,9 @@ def checked(fruit: Fruit) -> list[tuple[str, bool, float]]:
             said += [(f.sentence, f.refused, f.relative_sd) for f in found]
         except TactileFailure as failure:
             said.append((failure.detail, True, 0.0))
+    if fruit.pit is not None:
+        doubts = of_a_given_pit(fruit.vertices, *fruit.pit, load_prior(fruit.category))
+        said = [(one.sentence, one.refused, one.relative_sd) for one in doubts] + said
     return said
 
 

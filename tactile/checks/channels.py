@@ -28,9 +28,12 @@ DEAD_SAID, DEAD_REFUSED = 0.01, 0.05
 ALIKE = 0.3
 """Correlation with neighbours below which a field's markers are in chance order, and none can be called "
 "faint."""
-NOISE = (0.06, 0.3)
+NOISE = (0.045, 0.25)
 """Noise over peak of displacement and force; sound recordings of the softest fruit have 0.032 and 0.134."""
-E_PER_NOISE = 0.5
+E_PER_NOISE = (6.0, 1.0)
+"""Relative error of E per share of noise in displacement and force: ten times the usual noise, 0.08 of the
+displacement, made E of one fruit 47 % too small, since first touches are then found late."""
+NOISE_REFUSED = 0.1
 CLIPPED_SAMPLES = 12
 """Samples that share the field's greatest value exactly; sound recordings have one or two."""
 FEWEST_LEVELS = 12
@@ -68,7 +71,8 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                             "after the sensor"
                         ),
                         pad=one.pad.name,
-                        relative_sd=E_PER_NOISE * share,
+                        refused=name == "displacement" and share > NOISE_REFUSED,
+                        relative_sd=float(np.dot(E_PER_NOISE, noise_shares(one))),
                         hides_touch=True,
                     )
                 )
