@@ -13,7 +13,10 @@ LOCK = ".lock"
 
 @contextmanager
 def alone(root: Path, *, option: str = "--out") -> Iterator[None]:
-    """Holds the results folder for this run; the operating system lets go of it however the run ends."""
+    """Holds the results folder for this run; the operating system lets go of it however the run ends.
+
+    Where the file system has no locks, two runs are not kept apart.
+    """
     try:
         root.mkdir(parents=True, exist_ok=True)
         lock = os.open(root / LOCK, os.O_CREAT | os.O_RDWR | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
@@ -21,11 +24,9 @@ def alone(root: Path, *, option: str = "--out") -> Iterator[None]:
         sentence = f"cannot be written ({error.strerror}); choose another place with {option}."
         raise BatchRefused([Problem(str(root), sentence)]) from None
     try:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
+        if not _taken(lock):
             sentence = f"another run is writing here; wait for it, or choose another {option}."
-            raise BatchRefused([Problem(str(root), sentence)]) from None
+            raise BatchRefused([Problem(str(root), sentence)])
         yield
     finally:
         os.close(lock)
@@ -38,9 +39,17 @@ def is_held(root: Path) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        return True
+        return not _taken(lock)
     finally:
         os.close(lock)
-    return False
+
+
+def _taken(lock: int) -> bool:
+    """Takes the lock, unless another process holds it; a file system without locks has nobody to wait for."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True

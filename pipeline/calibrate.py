@@ -1,6 +1,5 @@
 """`drupe calibrate`: what presses say of a sensor goes into its description."""
 
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from pipeline.places import require_file_apart, require_new_or_ours
 from pipeline.problem import BatchRefused, Problem
 from pipeline.scratch import scratch
 from pipeline.whole_file import put
+from recon.plain_file import NotReadable, read_text, toml_of
 from tactile.ball_press import ball_lookup, ball_print
 from tactile.from_frames import recording_of
 from tactile.gel_fields import layer_of
@@ -24,6 +24,8 @@ from tactile.sensor_file import read_sensor
 from tactile.sensors import Camera
 from tactile.shading_file import write_lookup
 
+MOST_BYTES = 4_000_000
+"""Of a description, as its reader has it (tactile.sensor_file)."""
 WRITTEN_BY = "# written by drupe calibrate"
 """First line of every description written, by which a later run knows its own."""
 
@@ -79,6 +81,8 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
 
 def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: Presses) -> None:
     """What is read stays as it is, and so does what somebody else wrote."""
+    if out.is_dir():
+        raise BatchRefused([Problem(str(out), "is a folder; give the name of a file that ends in .toml.")])
     beside = out.with_suffix(".npz")
     if out == beside:
         raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
@@ -96,8 +100,8 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
 
 def _is_calibrated(path: Path) -> bool:
     try:
-        return path.read_text(encoding="utf-8").startswith(f"{WRITTEN_BY}\n")
-    except (OSError, UnicodeDecodeError):
+        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
+    except NotReadable:
         return False
 
 
@@ -122,9 +126,9 @@ def _described(sensor: Path) -> dict[str, Any]:
     if not sensor.is_file():
         raise BatchRefused([Problem(str(sensor), "does not exist; give the sensor's description.")])
     try:
-        return tomllib.loads(sensor.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as cause:
-        raise BatchRefused([Problem(str(sensor), f"is no TOML: {cause}.")]) from cause
+        return toml_of(read_text(sensor, most_bytes=MOST_BYTES))
+    except NotReadable as cause:
+        raise BatchRefused([Problem(str(sensor), f"{cause}; correct the description.")]) from cause
 
 
 def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
@@ -228,7 +232,7 @@ def _value(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, str):
         escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return f'"{escaped}"'
+        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
     if isinstance(value, list):
         return "[" + ", ".join(_value(item) for item in value) + "]"
     return repr(value)

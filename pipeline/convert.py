@@ -85,8 +85,9 @@ def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], 
 def _is_converted(path: Path) -> bool:
     try:
         with h5py.File(path, "r") as file:
-            return bool(file.attrs.get("written_by") == WRITTEN_BY)
-    except (OSError, RuntimeError):
+            said = file.attrs.get("written_by")
+            return isinstance(said, str) and said == WRITTEN_BY
+    except (OSError, RuntimeError, TypeError, ValueError):  # HDF5 holds more types than h5py reads
         return False
 
 

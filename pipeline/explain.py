@@ -20,6 +20,7 @@ from pipeline.explain_notes import require_one_fruit
 from pipeline.finding import finding
 from pipeline.grade import read_files
 from pipeline.layout import CaseFolder, Results, write_whole
+from pipeline.manifest import MANIFEST, MOST_BYTES, json_in
 from pipeline.outcome import FruitEnded
 from pipeline.places import (
     batch_trees,
@@ -34,6 +35,7 @@ from pipeline.provenance import versions
 from pipeline.scratch import scratch, temporary_files_in
 from pipeline.whole_file import put
 from recon.failure import ReconFailure
+from recon.plain_file import NotReadable, read_text
 from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
 from tactile.failure import TactileFailure
@@ -163,13 +165,17 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: Wanted) -> Path:
     """A batch's fruit: its results are no inputs, and answers go nowhere else in the batch; the results."""
     root = case.task.results.root.parents[1]
     results = Results(wanted.out or batch.folder.default_results)
-    inputs = read_files(batch)
+    inputs, fruit = read_files(batch), results.fruit(case.name)
     require_results_apart(results, batch.folder, inputs, "--out")
     if not is_held(root):
-        require_free(results, [results.fruit(case.name)], "--out")
+        require_free(results, [fruit], "--out")
+    own = (*results.files, results.lock, results.root / MANIFEST, *fruit.files, fruit.root / MANIFEST)
     for target in (wanted.json, wanted.html):
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
+            if any(_same(target, path) for path in own):
+                sentence = "is a file that the results have themselves; give another name."
+                raise BatchRefused([Problem(str(target), sentence)])
     return root
 
 
@@ -195,21 +201,25 @@ def _require_writable(wanted: Wanted) -> None:
             raise BatchRefused(
                 [Problem(str(target.parent), f"there is no such folder; make it, or change {option}.")]
             )
+    if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
+        raise BatchRefused([Problem(str(wanted.html), "is named by --json and --html; give two names.")])
     if wanted.json is not None:
         require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
     if wanted.html is not None:
         require_new_or_ours(wanted.html, _is_page, "a page of drupe explain")
 
 
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
+
+
 def _is_answer(path: Path) -> bool:
-    try:
-        return bool(json.loads(path.read_text("utf-8"))["format"] == "drupe-mismatch")
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    said = json_in(path)
+    return isinstance(said, dict) and said.get("format") == "drupe-mismatch"
 
 
 def _is_page(path: Path) -> bool:
     try:
-        return PAGE_TITLE in path.read_text("utf-8")
-    except (OSError, ValueError):
+        return PAGE_TITLE in read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable:
         return False

@@ -1,12 +1,11 @@
 """Where things lie in a batch and in its results."""
 
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.manifest import claim, enter, is_claimed, is_ours, remove
+from pipeline.manifest import claim, enter, is_claimed, is_ours, json_in, remove, strange_list
 from pipeline.whole_file import put, sweep
 from recon.photos import photo_paths
 
@@ -95,9 +94,21 @@ def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
     if not (folder / "grasp.toml").is_file():  # no raw grasp; a link here may lead to a whole disk
         return ()
     own = [path for path in folder.rglob("*") if path.is_file()]
-    above = [path for place in folder.resolve().parents[:4] for path in place.iterdir()]
-    meant = [path for path in above if path.suffix in {".toml", ".npz"} and path.name != "batch.toml"]
+    above = [path for place in folder.resolve().parents[:4] for path in _listed(place)]
+    meant = [
+        path
+        for path in above
+        if path.suffix in {".toml", ".npz"} and path.name != "batch.toml" and path.is_file()
+    ]
     return tuple(sorted(own) + sorted(meant))
+
+
+def _listed(folder: Path) -> list[Path]:
+    """What lies in `folder`; nothing, where we may not look (a folder far above the batch)."""
+    try:
+        return list(folder.iterdir())
+    except PermissionError:
+        return []
 
 
 @dataclass(frozen=True)
@@ -237,6 +248,7 @@ class FruitResults:
     def in_the_way(self) -> Iterator[Path]:
         """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
         yield from (path for path in (*self.files, self.cache) if path.is_symlink())
+        yield from strange_list(self.root)
         if not self._made_by_an_earlier_version():
             yield from (path for path in self.files if _stands(path) and not is_ours(path))
             unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
@@ -298,6 +310,7 @@ class Results:
 
     def in_the_way(self) -> Iterator[Path]:
         """What stands where the batch's own results would be written, and is not drupe's."""
+        yield from strange_list(self.root)
         if not self._made_by_an_earlier_version():
             yield from (path for path in self.files if _stands(path) and not is_ours(path))
 
@@ -307,7 +320,9 @@ class Results:
             if _stands(self.root / name):
                 yield self.root / name
         yield from self.root.glob("*.h5")
+        yield from photo_paths(self.root)
         for kind in ("photos", "photos-flipped", "grasps"):
+            yield from self.root.glob(kind)
             yield from self.root.glob(f"fruits/*/{kind}")
 
     def _made_by_an_earlier_version(self) -> bool:
@@ -322,9 +337,9 @@ def write_whole(path: Path, content: bytes | str) -> None:
     """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
     In a folder of results (one with a list of what drupe wrote) the file goes on the list, and one that drupe
-    did not write is not replaced. Raises NotWritten.
+    did not write is not replaced. Raises NotWritten. Bytes of a file's name that are no UTF-8 are escaped.
     """
-    data = content.encode() if isinstance(content, str) else content
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     enter(path, data)
     put(path, data)
 
@@ -335,10 +350,8 @@ def _stands(path: Path) -> bool:
 
 def _says(path: Path, name: str) -> bool:
     """Whether `path` is a plain JSON file of this format."""
-    try:
-        return not path.is_symlink() and bool(json.loads(path.read_text("utf-8"))["format"] == name)
-    except (OSError, ValueError, KeyError, TypeError):
-        return False
+    said = json_in(path)
+    return isinstance(said, dict) and said.get("format") == name
 
 
 def _holds_stages(cache: Path) -> bool:

@@ -9,13 +9,18 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from pipeline.whole_file import NotWritten, put
+from recon.plain_file import NotReadable, json_of, read_text
 
 MANIFEST = ".written.json"
 FORMAT = "drupe-written"
+MOST_BYTES = 20_000_000
+"""Of a JSON file or page that drupe wrote: batch.json of 2000 fruit with 72 photos each, at 110 bytes a
+photo, is 16 MB."""
 
 
 class NotOurs(NotWritten):
@@ -35,6 +40,24 @@ STRANGER = (
 def is_claimed(folder: Path) -> bool:
     """Whether `folder` is one that drupe keeps a list of."""
     return _read(folder) is not None
+
+
+def strange_list(folder: Path) -> Iterator[Path]:
+    """What stands where the list of `folder` would be, and is none."""
+    path = folder / MANIFEST
+    if (path.is_symlink() or path.exists()) and not is_claimed(folder):
+        yield path
+
+
+def json_in(path: Path) -> Any:
+    """What a JSON file that drupe wrote holds; None where it is no plain file, a link, or broken.
+
+    Nothing is waited for: a named pipe or a device in its place is not opened.
+    """
+    try:
+        return json_of(read_text(path, most_bytes=MOST_BYTES)) if _is_plain(path) else None
+    except NotReadable:
+        return None
 
 
 def claim(folder: Path, *, vouched: Iterable[Path] = ()) -> None:
@@ -71,12 +94,12 @@ def remove(path: Path) -> None:
 
 
 def _read(folder: Path) -> dict[str, list[str]] | None:
+    said = json_in(folder / MANIFEST)
     try:
-        said = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
         if said["format"] != FORMAT:
             return None
         return {str(name): [str(one) for one in hashes] for name, hashes in said["files"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (KeyError, TypeError, AttributeError):
         return None
 
 

@@ -31,6 +31,6 @@ def write_mat(folder: Path, *, paper: Paper, cherry: bool) -> tuple[Path, Path]:
 
 def _holds(path: Path, *, data: bytes) -> bool:
     try:
-        return path.read_bytes() == data
+        return path.stat().st_size == len(data) and path.read_bytes() == data
     except OSError:
         return False

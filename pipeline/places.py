@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pipeline.layout import BatchFolder, CaseFolder, FruitFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
+from recon.plain_file import not_plain
 
 Place = tuple[int, int]
 MOVE = "choose another place"
@@ -77,9 +78,11 @@ def require_file_apart(
 
 def require_new_or_ours(target: Path, is_ours: Callable[[Path], bool], what: str) -> None:
     """Raises BatchRefused where a file stands at `target` that is not `what`, as `is_ours` tells."""
-    if target.is_dir():
+    if not target.name or target.is_dir():
         raise _refused(target, "is a folder; give the name of a file.")
-    if (target.exists() or target.is_symlink()) and (target.is_symlink() or not is_ours(target)):
+    if not target.exists() and not target.is_symlink():
+        return
+    if target.is_symlink() or not_plain(target) or not is_ours(target):
         raise _refused(
             target, f"exists and is not {what}, so it is not overwritten; move it away or give another name."
         )

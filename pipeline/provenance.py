@@ -24,8 +24,13 @@ def versions() -> dict[str, str]:
 
 
 def input_hashes(root: Path, files: Iterable[Path]) -> dict[str, str]:
-    """SHA-256 of each input file, by its path inside the batch."""
-    return {path.relative_to(root).as_posix(): file_hash(path) for path in files}
+    """SHA-256 of each input file, by its path inside the batch, or its whole path where it lies outside."""
+    return {_inside(path, root): file_hash(path) for path in files}
+
+
+def _inside(path: Path, root: Path) -> str:
+    around = next((place for place in (root, root.resolve()) if path.is_relative_to(place)), None)
+    return (path.absolute() if around is None else path.relative_to(around)).as_posix()
 
 
 def write_provenance(

@@ -14,7 +14,7 @@ def write_sample(
 ) -> None:
     """Writes a shipped batch, or generates one; raises BatchRefused where the name or an extra is missing.
 
-    `folder` is empty or not there yet; it appears whole or not at all.
+    `folder` is empty or not there yet; a new one appears whole or not at all.
     """
     from samples.failure import SampleFailure
 
@@ -33,11 +33,22 @@ def write_sample(
                     photos=photos,
                     progress=lambda line: console.print(line, highlight=False, markup=False),
                 )
-            (beside / "batch").rename(target)
+            _moved(beside / "batch", target)
         except SampleFailure as failure:
             raise BatchRefused([Problem(str(folder), str(failure))]) from None
         except OSError as error:
             raise NotWritten(folder, error) from error
+
+
+def _moved(batch: Path, target: Path) -> None:
+    """An empty folder stays the one it is: a shell may be in it. batch.toml, which makes it a batch, comes
+    last.
+    """
+    if not target.is_dir():
+        batch.rename(target)
+        return
+    for path in sorted(batch.iterdir(), key=lambda path: path.name == "batch.toml"):
+        path.rename(target / path.name)
 
 
 def _copied(folder: Path, name: str) -> None:

@@ -1,12 +1,16 @@
 """Which files of a fruit's folder count."""
 
+import os
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
 
 from pipeline.check import check
-from pipeline.layout import FruitFolder, FruitResults, write_whole
+from pipeline.layout import BatchFolder, FruitFolder, FruitResults, write_whole
 from pipeline.manifest import MANIFEST
+from pipeline.provenance import input_hashes
 from pipeline.whole_file import put
 
 
@@ -89,3 +93,21 @@ def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
     said = [p.sentence for p in check(batch) if "flipped" in p.file]
     assert any("upside down holds 2 photos" in sentence for sentence in said)
     assert any("2.jpg in" in sentence and "is empty" in sentence for sentence in said)
+
+
+def test_inputs_have_the_same_names_however_the_batch_is_named(tmp_path, monkeypatch):
+    grasp = tmp_path / "batch" / "fruits" / "N01" / "grasps" / "g"
+    grasp.mkdir(parents=True)
+    (grasp / "grasp.toml").touch()
+    (tmp_path / "batch" / "sensor.toml").touch()
+    os.mkfifo(tmp_path / "batch" / "pipe.toml")
+    (tmp_path / "link").symlink_to(tmp_path / "batch")
+    monkeypatch.chdir(tmp_path)
+    names = {"fruits/N01/grasps/g/grasp.toml", "sensor.toml"}
+    for root in (tmp_path / "batch", Path("batch"), Path("link")):
+        assert set(input_hashes(root, BatchFolder(root).fruit("N01").input_files())) == names
+    moved = grasp.rename(tmp_path / "elsewhere")
+    grasp.symlink_to(moved)
+    (tmp_path / "other.toml").touch()
+    found = set(input_hashes(Path("batch"), BatchFolder(Path("batch")).fruit("N01").input_files()))
+    assert found >= {"fruits/N01/grasps/g/grasp.toml", str(tmp_path / "other.toml")}

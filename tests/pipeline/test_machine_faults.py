@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import pytest
 
 from pipeline import grade, runner
+from pipeline.alone import alone, is_held
 from pipeline.layout import write_whole
 from pipeline.memory import free_memory_MiB, jobs_that_fit
 from pipeline.outcome import Outcome, ending_of
@@ -125,6 +126,19 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     monkeypatch.setattr(grade, "free_memory_MiB", lambda: 200.0)
     with pytest.raises(BatchRefused, match=r"has 200 MiB of memory left, and one fruit needs about 1500 MiB"):
         grade._jobs([photos], 1, console)
+
+
+def test_a_folder_of_a_file_system_without_locks_is_written_into(tmp_path, monkeypatch):
+    def no_locks(_handle, _operation):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    with alone(tmp_path):
+        assert is_held(tmp_path)
+        with pytest.raises(BatchRefused, match="another run is writing here"), alone(tmp_path):
+            pass
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    with alone(tmp_path):
+        assert not is_held(tmp_path)
 
 
 def test_a_process_whose_parent_was_gone_before_it_began_ends(monkeypatch):

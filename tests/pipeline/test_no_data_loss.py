@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
 
 from pipeline.cli import main
@@ -190,6 +191,43 @@ def test_results_of_an_earlier_version_are_still_drupes_own(tmp_path):
         assert one.fruit_ply.exists() == bool(strangers)
 
 
+@pytest.mark.parametrize("name", [".written.json", "batch.json", "fruits/N01/.written.json"])
+@pytest.mark.parametrize("kind", ["pipe", "link", "deep", "strange"])
+def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_replaced(
+    drupe, batch, tmp_path, name, kind
+):
+    path = tmp_path / "out" / name
+    path.parent.mkdir(parents=True)
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "link":
+        path.symlink_to("/dev/zero")
+    else:
+        path.write_text('{"format": ' + "[" * 50_000 if kind == "deep" else "my notes")
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    assert f"{path}: was not written by drupe" in said or f"{path}: is a link" in said
+
+
+def test_a_list_that_names_other_places_gives_no_right_to_them(drupe, batch, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (tmp_path / "precious.csv").write_bytes(PRECIOUS)
+    (out / "ranking.csv").write_bytes(PRECIOUS)
+    digest = hashlib.sha256(PRECIOUS).hexdigest()
+    for names in (["../precious.csv", str(tmp_path / "precious.csv")], ["ranking.csv"]):
+        listed = {name: [digest] if name[0] in "./" else 5 for name in names}
+        (out / ".written.json").write_text(json.dumps({"format": "drupe-written", "files": listed}))
+        said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+        assert "was not written by drupe" in said
+
+
+@pytest.mark.parametrize("out", ["other/fruits/N01", "other/fruits/N01/photos"])
+def test_results_never_go_among_the_files_of_another_batchs_fruit(drupe, batch, tmp_path, out):
+    (make_batch(tmp_path / "other") / "fruits" / "N01" / "photos" / "1.jpg").write_bytes(PRECIOUS)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / out)
+    assert "so it is no folder of results" in said
+
+
 @pytest.fixture
 def case(tmp_path):
     folder = tmp_path / "case"
@@ -209,6 +247,33 @@ def test_an_answer_never_takes_the_place_of_a_file(drupe, case, tmp_path, target
     (tmp_path / "batch.json").write_text(json.dumps({"format": "drupe-batch-result"}))
     for option in ("--json", "--html"):
         refused_untouched(drupe, tmp_path, "explain", case, option, tmp_path / target)
+
+
+@pytest.mark.parametrize("place", ["pipe", "/dev/zero"])
+def test_no_command_waits_for_a_pipe_or_reads_a_device_in_place_of_its_output(drupe, case, tmp_path, place):
+    (tmp_path / "t.csv").write_bytes(PRECIOUS)
+    (tmp_path / "sensor.toml").write_text('kind = "photometric"\n')
+    os.mkfifo(tmp_path / "pipe")
+    os.mkfifo(tmp_path / "mat.json")
+    ball = ("--ball-mm", 5, "--reference", tmp_path / "t.csv", "--press", tmp_path / "t.csv")
+    for command in (
+        ("explain", case, "--json", tmp_path / place),
+        ("explain", case, "--html", tmp_path / place),
+        ("convert", tmp_path / "t.csv", tmp_path / place, "--sensor", tmp_path / "sensor.toml"),
+        ("calibrate", tmp_path / "sensor.toml", tmp_path / place, *ball),
+        ("mat", tmp_path),
+    ):
+        assert "so it is not overwritten" in refused_untouched(drupe, tmp_path, *command)
+
+
+def test_two_answers_never_share_a_file_nor_take_a_name_of_the_results(drupe, batch, case, tmp_path):
+    both = ("--json", tmp_path / "a", "--html", tmp_path / "case" / ".." / "a")
+    assert "give two names" in refused_untouched(drupe, tmp_path, "explain", case, *both)
+    fruit = batch / "results" / "fruits" / "N01"
+    fruit.mkdir(parents=True)
+    for path in (fruit / "mismatch.json", fruit / ".written.json", batch / "results" / "ranking.csv"):
+        said = refused_untouched(drupe, tmp_path, "explain", batch, "--fruit", "N01", "--json", path)
+        assert "the results have themselves" in said
 
 
 @pytest.mark.parametrize("work", ["case", "case/work", ".", "full"])
@@ -236,6 +301,13 @@ def test_a_table_is_never_converted_onto_itself_or_another(drupe, tmp_path):
     for out in ("t.csv", "u.csv", "link.csv", "hard.csv", "sensor.toml", "theirs.h5", "recorded.h5"):
         said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "t.csv", tmp_path / out, *sensor)
         assert "is not overwritten" in said
+    for value in (np.arange(3), np.zeros(2, dtype=[("a", "i4")])):
+        with h5py.File(tmp_path / "strange.h5", "w") as file:
+            file.attrs["written_by"] = value
+        said = refused_untouched(
+            drupe, tmp_path, "convert", tmp_path / "t.csv", tmp_path / "strange.h5", *sensor
+        )
+        assert "is not overwritten" in said
     said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "raw", tmp_path / "raw" / "out.h5")
     assert "is read and never written into" in said
 
@@ -250,6 +322,11 @@ def test_a_sensors_description_is_never_calibrated_onto_itself_or_a_picture(drup
             drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", tmp_path / out, *options
         )
         assert "is not overwritten" in said
+    folder = refused_untouched(drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", ".", *options)
+    assert "is a folder" in folder
+    (tmp_path / "sensor.toml").write_text("a = " + "[" * 5000 + "]" * 5000)
+    deep = refused_untouched(drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", "out.toml", *options)
+    assert "is nested too deep" in deep
 
 
 def test_a_mat_takes_no_other_mats_place(drupe, tmp_path, capsys):
@@ -271,6 +348,12 @@ def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, tmp_path, mon
     assert "new: cannot be written (No space left on device); free space" in said
     assert drupe("sample", tmp_path / "new", "--name", "two-fruits")[0] == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "taken"]
+
+
+def test_a_sample_in_the_current_folder_leaves_it_the_same_folder(drupe, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert drupe("sample", ".", "--name", "two-fruits")[0] == 0
+    assert Path("batch.toml").is_file()
 
 
 def _disk_full_after_one_file(source, target, **_):
