@@ -149,7 +149,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
     outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * one.spacing_mm
     mean = one.force_N[heaviest(one), :, 2].mean(axis=0)
     peak = float(np.quantile(mean, 0.98))
-    if peak <= 0 or not outermost.any():
+    if peak <= 0 or not outermost.any() or not one.touched.any():
         return []
     if float((mean[outermost] > PUNCH * peak).mean()) > ALL_ROUND:
         return []

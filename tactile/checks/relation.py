@@ -26,8 +26,8 @@ SAME_MARKERS = 0.6
 ON_ANOTHER_AXIS, BETTER = 0.8, 0.02
 """Correlation over markers, and by how much it exceeds that of the normal parts; in sound recordings these
 have 0.98 and more and shear has less, by 0.05 at least."""
-NOT_FRICTION = 2.5
-"""Mean along another axis over that along z; friction of 1 allows 1."""
+NOT_FRICTION, OVER_NOISE = 2.5, 10.0
+"""Mean along another axis over that along z (friction of 1 allows 1), and over the mean's own noise."""
 SATURATES = 0.6
 """Slope of V on U above half the peak over the slope below; sound 0.9 to 1.1, a sensor that reads a quarter
 less at its peak 0.7."""
@@ -102,7 +102,8 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
         for name, values in fields.items():
             mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
             most = int(np.argmax(mean))
-            if most != 2 and mean[most] > NOT_FRICTION * mean[2]:
+            noise = float(np.sqrt((values[one.quiet] ** 2).mean() / one.touched.sum()))
+            if most != 2 and mean[most] > max(NOT_FRICTION * mean[2], OVER_NOISE * noise):
                 found.append(
                     _refused(
                         pad.name,

@@ -66,6 +66,13 @@ def nan_in_force(file):
 
 def never_touches(file):
     for pad in ("left", "right"):
+        for name, noise in (("force_N", 0.008), ("displacement_mm", 0.004)):
+            field = file[f"pads/{pad}/{name}"]
+            field[:] = np.random.default_rng(2).normal(0, noise, field.shape)
+
+
+def dead_force(file):
+    for pad in ("left", "right"):
         force = file[f"pads/{pad}/force_N"]
         force[:] = np.random.default_rng(2).normal(0, 0.008, force.shape)
 
@@ -97,6 +104,7 @@ SPOILED = {
     "wrong-version": (change_recording(wrong_version), "unreadable-recording", "version", True),
     "nan-force": (change_recording(nan_in_force), "unreadable-recording", "force_N", True),
     "never-touches": (change_recording(never_touches), "never-touches", "never touches", False),
+    "dead-force": (change_recording(dead_force), "implausible-recording", "force is dead", False),
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
     "no-folder": (no_folder, "no-shape", "no-folder", True),

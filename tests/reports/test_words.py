@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reports.words import number, percent, with_sd
+from reports.entries import FruitEntry
+from reports.words import number, percent, remarks, with_sd
 
 
 @pytest.mark.parametrize("name", ["charts_batch", "entries", "palette", "svg", "tables", "words"])
@@ -35,3 +36,10 @@ def test_no_probability_is_told_as_certain(probability: float) -> None:
 @pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
 def test_what_is_not_known_is_a_dash(value: float | None) -> None:
     assert number(value) == percent(value) == with_sd(value, 0.1) == "–"
+
+
+def test_a_doubt_about_E_stands_before_the_warnings():
+    doubted = FruitEntry(
+        fruit_id="a", ok=True, outcome="graded", E_MPa=0.4, doubts=("grasp-1: a gain.",), warnings=("dim",)
+    )
+    assert remarks(doubted) == "E is in doubt, 1 warning"

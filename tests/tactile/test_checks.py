@@ -238,6 +238,15 @@ def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(sound, mistake):
     assert not any(one.refused for one in found)
 
 
+def test_a_force_of_noise_alone_is_dead_and_a_pad_that_feels_nothing_is_left_to_the_contact(sound):
+    recording, mesh = sound
+    rng = np.random.default_rng(2)
+    dead = on_pads(lambda p: replace(p, force_N=rng.normal(0, 0.008, p.force_N.shape)))(recording)
+    assert "force is dead" in findings(dead, mesh)[0].sentence
+    silent = on_pads(lambda p: replace(p, displacement_mm=rng.normal(0, 0.004, p.force_N.shape)))(dead)
+    assert findings(silent, mesh) == []
+
+
 def test_a_gain_widens_the_error_by_what_it_may_do(sound):
     recording, mesh = sound
     (one,) = findings(force(1.2, "left")(recording), mesh)
