@@ -14,6 +14,7 @@ from pipeline.fruits_table import FruitRow, read_fruits
 from pipeline.layout import BatchFolder
 from pipeline.plausible import grading_doubts, kind_of, table_doubts
 from pipeline.problem import BatchRefused, Problem
+from pipeline.reference import CATEGORY, reference_prior
 from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
 from recon.measured_pit import load_pit
@@ -110,6 +111,7 @@ def survey(root: Path) -> Survey:
         problems += _without_model(folder, settings)
         problems += _effects_of_strangers(folder, settings, rows)
         problems += _effects_without_pit(folder, settings, rows)
+        problems += _references(folder, settings, rows)
         grading = settings.grading
     else:
         category, grading = _read_alone(folder)
@@ -239,8 +241,9 @@ def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
 
 
 def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
-    """Fruit that bring no pit of their own."""
-    return [row.fruit_id for row in rows or () if not folder.fruit(row.fruit_id).pit_ply.is_file()]
+    """Fruit that bring no pit of their own; reference bodies have none and need none."""
+    fruits = [row.fruit_id for row in rows or () if not row.reference]
+    return [fruit_id for fruit_id in fruits if not folder.fruit(fruit_id).pit_ply.is_file()]
 
 
 def _effects_without_pit(
@@ -259,6 +262,40 @@ def _effects_without_pit(
         for fruit_id in bare
         if one.fruits is None or fruit_id in one.fruits
     ]
+
+
+def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None) -> list[Problem]:
+    """A reference body must be solid, and its Poisson's ratio known."""
+    problems = []
+    for row in rows or ():
+        if not row.reference:
+            continue
+        if reference_ratio(row, settings) is None:
+            sentence = (
+                f'reference_poisson_ratio of "{row.fruit_id}" is empty; expected the Poisson\'s ratio of the '
+                "reference body, for example 0.48 for silicone: fill the column."
+            )
+            problems.append(Problem(str(folder.table), sentence))
+        problems += [
+            Problem(
+                str(folder.settings),
+                f'"mismatch": {one.effect} is of the pit, and {row.fruit_id} is a reference body, which has '
+                "none; take it out of its fruits.",
+            )
+            for one in settings.mismatch
+            if one.effect in _OF_A_PIT and row.fruit_id in (one.fruits or ())
+        ]
+        pit = folder.fruit(row.fruit_id).pit_ply
+        if pit.exists() or pit.is_symlink():
+            sentence = "is the pit of a reference body, which must be solid; remove it, or take another body."
+            problems.append(Problem(str(pit), sentence, fruit_id=row.fruit_id))
+    return problems
+
+
+def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
+    """A reference body's Poisson's ratio: its row's, else a phantom's; a batch of phantoms says theirs."""
+    said = reference_prior(row.reference_poisson_ratio).poisson_ratio
+    return settings.poisson_ratio if said is None and settings.category == CATEGORY else said
 
 
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:

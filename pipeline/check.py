@@ -11,6 +11,7 @@ from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.layout import FruitFolder
 from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
 from pipeline.problem import Problem
+from pipeline.reference import category_of
 from recon.failure import ReconFailure, ReconProblem
 from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
@@ -37,9 +38,9 @@ def implausible_fruit(batch: Batch) -> dict[str, str]:
     """For each fruit whose own numbers no fruit of the category has, the sentence that says so: what was
     measured of it, or the size of its ready mesh.
     """
-    kind = kind_of(batch.known)
     said = {}
     for row in batch.rows:
+        kind = kind_of(category_of(row, batch.known))
         doubts = list(row_doubts(row, batch.rows, kind))
         mesh = batch.folder.fruit(row.fruit_id).fruit_ply
         if mesh.is_file():
@@ -54,7 +55,7 @@ def implausible_fruit(batch: Batch) -> dict[str, str]:
 
 def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
     """What stands in the way of grading one fruit."""
-    kind = kind_of(batch.category)
+    kind = kind_of(category_of(row, batch.category))
     for sentence in row_doubts(row, batch.rows or (), kind):
         named = f"{row.fruit_id}: {sentence}"
         yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
@@ -108,7 +109,7 @@ def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder, kind
         broken += _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
         broken = broken or list(_tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, kind)))
     yield from broken
-    if not broken:
+    if not broken and not row.reference:
         yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, folder))
 
 

@@ -10,6 +10,7 @@ from fem.modulus_budget import ErrorBudget
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.config import Settings
 from pipeline.confirmed import pit_found
+from pipeline.reference import NAME as REFERENCE
 from pipeline.shape import Pit, Shape
 from pipeline.task import FruitTask
 from recon.priors import PitPrior
@@ -31,7 +32,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
         return (
             prior.poisson_ratio,
             prior.poisson_ratio_sd if sd is None else sd,
-            f"prior for {prior.category}",
+            f"{'' if prior.category == REFERENCE else 'prior for '}{prior.category}",
         )
     raise ValueError("a batch was opened without Poisson's ratio")
 

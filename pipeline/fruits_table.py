@@ -7,16 +7,25 @@ import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
+from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL = 4_000_000, 2000, 10_000
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
 MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
-COLUMNS = ("fruit_id", *MEASURES, "notes")
+REFERENCE_E_MPA = (0.0005, 60.0)
+"""What a reference body's modulus can be: as phantoms' (recon/priors/phantom.toml), from hydrogels to cast
+polyurethane."""
+MOST_REFERENCE_SD = 0.5
+"""Its standard deviation as a share of it, at most: at a half nothing is known any more."""
+REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
+COLUMNS = ("fruit_id", *MEASURES, "notes", "reference", *REFERENCE_MEASURES)
+YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
 
 
@@ -30,6 +39,11 @@ class FruitRow:
     shore_oo: float | None = None
     diameter_mm: float | None = None
     notes: str = ""
+    reference: bool = False
+    """Whether this is no fruit but a body of known modulus."""
+    reference_E_MPa: float | None = None
+    reference_E_sd_MPa: float | None = None
+    reference_poisson_ratio: float | None = None
     unreadable: tuple[str, ...] = ()
     """Measures that were written, but are no numbers."""
 
@@ -182,4 +196,75 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             continue
         measures[name] = value
     notes = printable(record.get("notes") or "").strip()
-    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **measures)
+    said = _reference(path, line, fruit_id, record, problems)
+    known: dict[str, Any] = {**measures, **said}
+    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+
+
+def _reference(
+    path: Path, line: int, fruit_id: str, record: dict[str, str], problems: list[Problem]
+) -> dict[str, Any]:
+    """Whether the row is a reference body, and its modulus; every fault of the two is a problem."""
+
+    def wrong(sentence: str) -> None:
+        problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
+
+    cells = {name: (record.get(name) or "").strip() for name in ("reference", *REFERENCE_MEASURES)}
+    flag = cells.pop("reference").lower()
+    if flag not in YES | NO:
+        wrong(
+            f'reference is "{flag[:40]}"; expected true for a body of known modulus, and nothing (or false) '
+            "for a fruit."
+        )
+    if flag not in YES:
+        for name in [name for name, text in cells.items() if text and flag in NO]:
+            wrong(
+                f'{name} is "{cells[name][:40]}", and reference is not true; write true into its column '
+                "reference, or empty the cell."
+            )
+        return {}
+    found = {name: _number(text) for name, text in cells.items()}
+    E_MPa, sd_MPa = found["reference_E_MPa"], found["reference_E_sd_MPa"]
+    low, high = REFERENCE_E_MPA
+    if E_MPa is None or not low <= E_MPa <= high:
+        meant = _other_unit(E_MPa) if E_MPa is not None else ""
+        wrong(
+            f"reference_E_MPa {_as_found(cells['reference_E_MPa'])}; expected the reference body's Young's "
+            f"modulus, {low:g} to {high:g} MPa{meant or '; write it from its certificate or tensile test.'}"
+        )
+        E_MPa = None
+    if sd_MPa is None or sd_MPa <= 0 or (E_MPa is not None and sd_MPa > MOST_REFERENCE_SD * E_MPa):
+        most = (
+            "" if E_MPa is None else f" and at most {MOST_REFERENCE_SD * E_MPa:g} MPa (half of its modulus)"
+        )
+        wrong(
+            f"reference_E_sd_MPa {_as_found(cells['reference_E_sd_MPa'])}; expected one standard deviation "
+            f"of reference_E_MPa, above zero{most}; write it in MPa."
+        )
+    text, ratio = cells["reference_poisson_ratio"], found["reference_poisson_ratio"]
+    if text and (ratio is None or not 0 <= ratio <= LARGEST_POISSON_RATIO):
+        wrong(
+            f"reference_poisson_ratio {_as_found(text)}; expected 0 to {LARGEST_POISSON_RATIO:g}, for "
+            "example 0.48 for silicone; correct it."
+        )
+    return {"reference": True, **found}
+
+
+def _number(text: str) -> float | None:
+    try:
+        value = float(text)
+    except ValueError:
+        return None
+    return value if math.isfinite(value) else None
+
+
+def _as_found(text: str) -> str:
+    return f'is "{text[:40]}"' if text else "is empty"
+
+
+def _other_unit(E_MPa: float) -> str:
+    """The question after the unit that the modulus would fit in."""
+    for unit, in_MPa in (("kPa", 1e-3), ("Pa", 1e-6), ("GPa", 1e3)):
+        if REFERENCE_E_MPA[0] <= E_MPa * in_MPa <= REFERENCE_E_MPA[1]:
+            return f"; is it in {unit} ({E_MPa * in_MPa:.4g} MPa)?"
+    return ""

@@ -141,11 +141,16 @@ def _placed(
                     checked=_checked(task, shape),
                 )
                 placed.append(grasp)
-                diary.warnings += foreign(grasp, task.fruit_id, task.category)
+                diary.warnings += foreign(grasp, task.fruit_id, _kind(task, grasp))
             except TactileFailure as failure:
                 failures[name] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
+
+
+def _kind(task: FruitTask, grasp: PlacedGrasp) -> str:
+    """The category a recording should name; that of a reference body may name the batch's."""
+    return grasp.recording.category if task.given.reference else task.category
 
 
 def _checked(task: FruitTask, shape: Shape) -> Checked:

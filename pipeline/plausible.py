@@ -85,6 +85,7 @@ def grading_doubts(grading: Grading, kind: Kind) -> Iterator[str]:
 def table_doubts(rows: Sequence[FruitRow], kind: Kind) -> dict[str, str]:
     """Sentences on the columns that are out of range in every row: one slip, not many."""
     said = {}
+    rows = [row for row in rows if not row.reference]
     for name in MEASURES:
         values = [value for row in rows if (value := getattr(row, name)) is not None]
         limits = getattr(kind.ranges, name)
@@ -98,8 +99,10 @@ def table_doubts(rows: Sequence[FruitRow], kind: Kind) -> dict[str, str]:
 def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: Kind) -> Iterator[str]:
     """Sentences on what one fruit's numbers cannot be: alone, together, and among the other fruit.
 
-    What `table_doubts` says of a whole column is not said again.
+    What `table_doubts` says of a whole column is not said again. A reference body stands alone, and no fruit
+    is held against one.
     """
+    rows = [] if row.reference else [one for one in rows if not one.reference]
     own = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
     if said := _exchanged(own, kind):
         yield said

@@ -20,6 +20,11 @@ class Given(_Record):
     shore_oo: float | None = None
     diameter_mm: float | None = None
     notes: str = ""
+    reference: bool = False
+    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
+    reference_E_MPa: float | None = None
+    reference_E_sd_MPa: float | None = None
+    reference_poisson_ratio: float | None = None
 
 
 class StanceRecord(_Record):

@@ -28,7 +28,7 @@ def batch_entry(
     exit_status: int,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first."""
-    graded = [r for r in records if r.graded]
+    graded = [r for r in records if r.graded and not r.given.reference]
     E, sd, common = (
         np.array(
             [(r.modulus.E_MPa, r.modulus.E_sd_MPa, r.modulus.common_sd_MPa) for r in graded if r.modulus]
@@ -82,6 +82,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         grasps=sum(g.failure is None for g in record.grasps),
         mismatch=record.mismatch or _explained(record, files),
         mismatch_taken=record.mismatch is not None,
+        reference=record.given.reference,
         shore_oo=record.given.shore_oo,
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
@@ -176,6 +177,8 @@ def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]
             facts += _pit_found(found)
     facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
     given = record.given
+    if given.reference and given.reference_E_MPa is not None and given.reference_E_sd_MPa is not None:
+        facts.append(("Known modulus", f"{given.reference_E_MPa:g} ± {given.reference_E_sd_MPa:g} MPa"))
     if given.mass_g is not None:
         facts.append(("Mass", f"{given.mass_g:g} g"))
     if given.notes:

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from reports.entries import BatchEntry, ranked
+from reports.entries import BatchEntry, ranked, without_references
 from reports.words import remarks
 
 
@@ -32,7 +32,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
             continue
         sure = "" if fruit.maturity_probability is None else f" ({fruit.maturity_probability:.0%})"
         table.add_row(
-            str(fruit.rank),
+            "" if fruit.rank is None else str(fruit.rank),
             escape(fruit.fruit_id),
             f"{fruit.E_MPa:.{decimals(fruit.E_sd_MPa)}f}",
             f"{fruit.E_sd_MPa:.{decimals(fruit.E_sd_MPa)}f}",
@@ -49,7 +49,8 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
                 markup=False,
                 soft_wrap=True,
             )
-    graded = sum(fruit.ok for fruit in batch.fruits)
-    console.print(f"{graded} of {len(batch.fruits)} fruit graded", highlight=False)
+    fruits = without_references(batch.fruits)
+    graded = sum(fruit.ok for fruit in fruits)
+    console.print(f"{graded} of {len(fruits)} fruit graded", highlight=False)
     for name in ("ranking.csv", "report.html"):
         console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)

@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.batch import Batch
+from pipeline.batch import Batch, reference_ratio
 from pipeline.cache import ROOMS, stage_key
-from pipeline.config import Settings
-from pipeline.confirmed import effects_on, keyed
+from pipeline.config import NO_PIT, Pit, Settings
+from pipeline.confirmed import OF_THE_JAWS, effects_on, keyed
 from pipeline.layout import FruitFolder, FruitResults, Results
 from pipeline.records import Given
+from pipeline.reference import CATEGORY, reference_prior
 from recon.mat import Mat
 from recon.priors import Body, PitPrior
 
@@ -45,6 +46,14 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
     folder = batch.folder.fruit(fruit_id)
     own = effects_on(batch.settings.mismatch, fruit_id)
     settings = batch.settings.model_copy(update={"mismatch": own})
+    category, body, prior = batch.category, batch.body, batch.prior
+    if row.reference:
+        # Of the confirmed effects, those of the whole batch's flesh are not this body's.
+        own = tuple(one for one in own if one.fruits is not None or one.effect in OF_THE_JAWS)
+        changed = {"mismatch": own, "pit": Pit(prior=NO_PIT), "poisson_ratio": None, "poisson_ratio_sd": None}
+        settings = batch.settings.model_copy(update=changed)
+        prior = reference_prior(reference_ratio(row, batch.settings))
+        category, body = CATEGORY, prior.body
     files = list(folder.input_files())
     if batch.mat is not None:
         files.append(batch.folder.mat)
@@ -57,9 +66,9 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
             settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
             keyed(own),
             row.height_mm,
-            batch.category,
-            repr(batch.body),
-            repr(batch.prior),
+            category,
+            repr(body),
+            repr(prior),
         ],
         rooms=ROOMS,
     )
@@ -71,9 +80,9 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
         results=FruitResults(results.fruit(fruit_id).root.absolute()),
         settings=settings,
         mat=batch.mat,
-        category=batch.category,
-        body=batch.body,
-        prior=batch.prior,
+        category=category,
+        body=body,
+        prior=prior,
         given=given,
         key=key,
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from reports.entries import BatchEntry, FruitEntry, ShoreCorrelation, ranked
+from reports.entries import BatchEntry, FruitEntry, ShoreCorrelation, ranked, without_references
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_x, error_bar_y, marker, padded
 from reports.words import NO_BREAK, number, percent, with_sd
@@ -18,7 +18,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     The mark's colour and shape are the class. ``width_px`` is the width at which text has its natural
     size (about 340 for a phone, 860 for a desk).
     """
-    graded = [fruit for fruit in ranked(batch.fruits) if fruit.E_MPa is not None]
+    graded = [fruit for fruit in ranked(without_references(batch.fruits)) if fruit.E_MPa is not None]
     names = tuple(name for name, _ in batch.classes)
     marks = class_marks(names)
     limits = [(name, limit) for name, limit in batch.classes if limit is not None]
@@ -91,9 +91,8 @@ def shortened(text: str, *, px: float, px_per_letter: float = 7.4) -> str:
 
 def shore_chart(batch: BatchEntry) -> Markup:
     """Modulus against the Shore OO reading of the same fruit; a mark per fruit, coloured by its class."""
-    pairs = [
-        fruit for fruit in ranked(batch.fruits) if fruit.E_MPa is not None and fruit.shore_oo is not None
-    ]
+    fruits = ranked(without_references(batch.fruits))
+    pairs = [fruit for fruit in fruits if fruit.E_MPa is not None and fruit.shore_oo is not None]
     marks = class_marks(tuple(name for name, _ in batch.classes))
     tops = [(fruit.E_MPa or 0.0) + (fruit.E_sd_MPa or 0.0) for fruit in pairs]
     low_x, high_x = padded([fruit.shore_oo or 0.0 for fruit in pairs])

@@ -96,6 +96,8 @@ class FruitEntry:
     cannot be told apart with OR between them, the likeliest first."""
     mismatch_taken: bool = False
     """Whether E takes that into account."""
+    reference: bool = False
+    """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
     warnings: tuple[str, ...] = ()
     """Beyond the doubts."""
     doubts: tuple[str, ...] = ()
@@ -139,7 +141,7 @@ class BatchEntry:
 
 
 def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
-    """The fruits in reading order: by rank, those without a rank last, ties by fruit_id.
+    """In reading order: fruits by rank, those without a rank, ties by fruit_id; reference bodies after all.
 
     >>> from reports.entries import FruitEntry, ranked
     >>> hard = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=2)
@@ -149,5 +151,19 @@ def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
     ['c', 'a', 'b']
     """
     return tuple(
-        sorted(fruits, key=lambda fruit: (fruit.rank is None, fruit.rank or 0, not fruit.ok, fruit.fruit_id))
+        sorted(
+            fruits,
+            key=lambda fruit: (
+                fruit.reference,
+                fruit.rank is None,
+                fruit.rank or 0,
+                not fruit.ok,
+                fruit.fruit_id,
+            ),
+        )
     )
+
+
+def without_references(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
+    """The fruit alone."""
+    return tuple(fruit for fruit in fruits if not fruit.reference)

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import correlation_words, ranking_chart, shore_chart
 from reports.charts_fruit import force_chart, grasps_chart
-from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked
+from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked, without_references
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
@@ -56,7 +56,8 @@ def report_html(batch: BatchEntry) -> str:
         "with_sd": with_sd,
     }
     fruits = list(enumerate(ranked(batch.fruits), start=1))
-    both = [fruit for fruit in batch.fruits if fruit.E_MPa is not None and fruit.shore_oo is not None]
+    alone = without_references(batch.fruits)
+    both = [fruit for fruit in alone if fruit.E_MPa is not None and fruit.shore_oo is not None]
     return environment.get_template("templates/page.html.j2").render(
         about=_about(batch),
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
@@ -65,7 +66,7 @@ def report_html(batch: BatchEntry) -> str:
         failed=[(index, fruit) for index, fruit in fruits if not fruit.ok],
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         fruits=fruits,
-        graded=any(fruit.E_MPa is not None for fruit in batch.fruits),
+        graded=any(fruit.E_MPa is not None for fruit in alone),
         limits_drawn=any(limit is not None for _, limit in batch.classes),
         provenance=_provenance(batch),
         ranking_narrow=ranking_chart(batch, width_px=360),
@@ -74,7 +75,7 @@ def report_html(batch: BatchEntry) -> str:
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words=_EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
-        verdict=verdict(batch.fruits),
+        verdict=verdict(alone),
     )
 
 

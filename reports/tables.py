@@ -28,6 +28,7 @@ RANKING_COLUMNS = (
     "rank_high",
     "warnings",
     "doubts",
+    "reference",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -35,7 +36,8 @@ _STARTS_A_FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
 def ranking_csv(batch: BatchEntry) -> str:
-    """Table of the batch, softest fruit first, those without a modulus last, as CSV (RFC 4180, LF).
+    """Table of the batch, softest fruit first, those without a modulus last, reference bodies after them, as
+    CSV (RFC 4180, LF).
 
     Moduli carry four significant figures, their standard deviations three; an unknown value is an empty
     cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
@@ -67,6 +69,7 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "rank_high": fruit.rank_high,
         "warnings": safe_cell("; ".join([*fruit.doubts, *fruit.warnings])),
         "doubts": safe_cell("; ".join(fruit.doubts)),
+        "reference": "true" if fruit.reference else None,
     }
 
 

@@ -48,7 +48,7 @@ def remarks(fruit: FruitEntry) -> str:
     """What a reader must know of a fruit before trusting its row; empty where there is nothing."""
     if not fruit.ok:
         return f"not graded: {fruit.outcome}"
-    found = []
+    found = ["reference body"] if fruit.reference else []
     if fruit.mismatch and fruit.mismatch != "none":
         taken = " (taken into account)" if fruit.mismatch_taken else ""
         doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""

@@ -2,6 +2,7 @@ import csv
 import io
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import UTC, datetime
 
 import pytest
 
@@ -64,3 +65,21 @@ def test_not_a_number_is_not_written_as_one(awkward_batch: BatchEntry, graded: M
     fruit = replace(graded("a", rank=1, E_MPa=0.2), E_sd_MPa=float("nan"), height_mm=float("inf"))
     row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
     assert (row["E_sd_MPa"], row["height_mm"]) == ("", "")
+
+
+def test_a_reference_body_stands_last_without_rank_or_class() -> None:
+    """After the fruit that failed, and marked in a column of its own."""
+    ball = FruitEntry(
+        fruit_id="a ball", ok=True, outcome="graded", E_MPa=0.01, E_sd_MPa=0.001, reference=True
+    )
+    fruit = FruitEntry(fruit_id="b", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.01, rank=1)
+    lost = FruitEntry(fruit_id="c", ok=False, outcome="no-shape")
+    moment = datetime(2026, 8, 14, tzinfo=UTC)
+    batch = BatchEntry(
+        name="lot", category="nectarine", fruits=(ball, lost, fruit), started_utc=moment,
+        finished_utc=moment, exit_status=3,
+    )  # fmt: skip
+    rows = list(csv.DictReader(io.StringIO(ranking_csv(batch))))
+    assert [row["fruit_id"] for row in rows] == ["b", "c", "a ball"]
+    assert [row["reference"] for row in rows] == ["", "", "true"]
+    assert (rows[2]["outcome"], rows[2]["rank"], rows[2]["maturity"]) == ("graded", "", "")
