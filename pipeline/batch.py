@@ -265,8 +265,14 @@ def _effects_without_pit(
 
 
 def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None) -> list[Problem]:
-    """A reference body must be solid, and its Poisson's ratio known."""
+    """A reference body must be solid, and its Poisson's ratio known; to correct by one there must be one."""
     problems = []
+    if settings.reference.correct and rows and not any(row.reference for row in rows):
+        sentence = (
+            '"reference.correct" is true, and no row of fruits.csv is a reference body; write true into the '
+            "column reference of the row that is one, or take the line out."
+        )
+        problems.append(Problem(str(folder.settings), sentence))
     for row in rows or ():
         if not row.reference:
             continue

@@ -173,6 +173,14 @@ class Sensor(Device):
     pose_sd_mm: Shift | None = None
 
 
+class Reference(Strict):
+    """What is done where reference bodies (fruits.csv) show that the gripper reads another modulus than
+    theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt.
+    """
+
+    correct: bool = False
+
+
 class Settings(Strict):
     """Everything a batch says of itself in `batch.toml`; only the category is required."""
 
@@ -194,6 +202,7 @@ class Settings(Strict):
     mesh: FleshMesh = FleshMesh()
     flesh: Flesh = Flesh()
     grading: Grading = Grading()
+    reference: Reference = Reference()
     mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
 
 

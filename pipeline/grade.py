@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import asdict
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.progress import BatchProgress
 from pipeline.provenance import input_hashes, write_provenance
 from pipeline.records import FruitRecord, read_record, write_record
+from pipeline.reference_ratio import ReferenceFinding, against_references, as_measured
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.stages import grade_fruit
@@ -96,7 +98,7 @@ def grade(
             records[fruit_id] = _ended(tasks[fruit_id], Outcome.IMPLAUSIBLE_INPUT, sentence)
         inputs = input_hashes(batch.folder.root, _inputs(batch))
 
-        def provenance(status: int) -> None:
+        def provenance(status: int, finding: ReferenceFinding | None = None) -> None:
             write_provenance(
                 results.provenance,
                 settings=batch.settings.model_dump(mode="json"),
@@ -105,6 +107,7 @@ def grade(
                 finished=until_now(),
                 exit_status=status,
                 outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
+                reference=None if finding is None else asdict(finding),
             )
 
         try:
@@ -114,7 +117,9 @@ def grade(
             with suppress(NotWritten):
                 provenance(INTERRUPTED)
             raise
-        in_order = [records[row.fruit_id] for row in batch.rows]
+        measured = [records[row.fruit_id] for row in batch.rows]
+        in_order, finding = against_references(measured, correct=batch.settings.reference.correct)
+        _keep_what_is_told(measured, in_order, results)
         doubted = SOME_DOUBTED if any(r.doubts for r in in_order) else ALL_GRADED
         status = doubted if all(r.graded for r in in_order) else SOME_NOT_GRADED
         entry = batch_entry(
@@ -125,11 +130,21 @@ def grade(
             started=started,
             finished=until_now(),
             exit_status=status,
+            finding=finding,
         )
         write_whole(results.ranking, ranking_csv(entry))
         write_whole(results.report, report_html(entry))
-        provenance(status)
+        provenance(status, finding)
     return status, entry
+
+
+def _keep_what_is_told(
+    measured: Sequence[FruitRecord], told: Sequence[FruitRecord], results: Results
+) -> None:
+    """Every record.json says what the reference bodies make of its fruit, beside what was measured."""
+    for record, one in zip(measured, told, strict=True):
+        if record.reference != one.reference:
+            write_record(results.fruit(record.fruit_id).record, as_measured(record, one))
 
 
 def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:

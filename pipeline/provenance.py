@@ -42,8 +42,9 @@ def write_provenance(
     finished: datetime,
     exit_status: int,
     outcomes: Mapping[str, str],
+    reference: Mapping[str, Any] | None = None,
 ) -> None:
-    """Writes batch.json; times are UTC in ISO 8601."""
+    """Writes batch.json; times are UTC in ISO 8601. `reference`: what the reference bodies say, if any."""
     content = {
         "format": "drupe-batch-result",
         "version": 1,
@@ -54,6 +55,7 @@ def write_provenance(
         "finished_utc": _utc(finished),
         "exit_status": exit_status,
         "outcomes": outcomes,
+        **({} if reference is None else {"reference": reference}),
     }
     write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
 

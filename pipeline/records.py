@@ -135,6 +135,20 @@ class ModulusRecord(_Record):
     pit_found: PitFoundRecord | None = None
 
 
+class ReferenceRecord(_Record):
+    """What the batch's reference bodies say of this fruit's E: the ratio r of the modulus found of them over
+    the known one, with its standard deviation, and E as the ranking has it, `corrected` (divided by r) or
+    not.
+    """
+
+    bodies: tuple[str, ...]
+    ratio: float
+    ratio_sd: float
+    corrected: bool
+    E_MPa: float
+    E_sd_MPa: float
+
+
 class FruitRecord(_Record):
     """Everything known of one fruit."""
 
@@ -150,6 +164,8 @@ class FruitRecord(_Record):
     flesh: FleshRecord | None = None
     grasps: tuple[GraspRecord, ...] = ()
     modulus: ModulusRecord | None = None
+    reference: ReferenceRecord | None = None
+    """Set once the whole batch is graded; `modulus` and `grasps` of record.json stay as measured."""
     mismatch: str | None = None
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     warnings: tuple[str, ...] = ()

@@ -10,9 +10,19 @@ from pipeline.batch import Batch
 from pipeline.layout import FruitResults, Results
 from pipeline.provenance import versions
 from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
+from pipeline.reference_ratio import ReferenceFinding
 from pipeline.ripeness import Standing, agreement, standings
 from pipeline.summary import decimals
-from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, GraspEstimate, ShoreCorrelation
+from reports.entries import (
+    OR,
+    BatchEntry,
+    ForceCurve,
+    FruitEntry,
+    GraspEstimate,
+    ReferenceBodyEntry,
+    ReferenceEntry,
+    ShoreCorrelation,
+)
 
 RANKING_SEED = 20260814
 
@@ -26,8 +36,12 @@ def batch_entry(
     started: datetime,
     finished: datetime,
     exit_status: int,
+    finding: ReferenceFinding | None = None,
 ) -> BatchEntry:
-    """The batch as the reports see it, ranked softest first."""
+    """The batch as the reports see it, ranked softest first.
+
+    `records` and `finding` as `against_references` gives them.
+    """
     graded = [r for r in records if r.graded and not r.given.reference]
     E, sd, common = (
         np.array(
@@ -56,7 +70,27 @@ def batch_entry(
         finished_utc=finished,
         exit_status=exit_status,
         shore=_shore(graded),
+        reference=None if finding is None else _reference(finding),
         fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
+    )
+
+
+def _reference(finding: ReferenceFinding) -> ReferenceEntry:
+    return ReferenceEntry(
+        sentences=finding.sentences,
+        alarm=finding.alarm,
+        bodies=tuple(
+            ReferenceBodyEntry(
+                fruit_id=one.fruit_id,
+                E_known_MPa=one.E_known_MPa,
+                E_known_sd_MPa=one.E_known_sd_MPa,
+                E_found_MPa=one.E_found_MPa,
+                E_found_sd_MPa=one.E_found_sd_MPa,
+                ratio=one.own.ratio,
+                ratio_sd=one.own.sd,
+            )
+            for one in finding.bodies
+        ),
     )
 
 
@@ -83,6 +117,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         mismatch=record.mismatch or _explained(record, files),
         mismatch_taken=record.mismatch is not None,
         reference=record.given.reference,
+        E_uncorrected_MPa=_uncorrected_MPa(record),
         shore_oo=record.given.shore_oo,
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
@@ -97,6 +132,12 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
     )
+
+
+def _uncorrected_MPa(record: FruitRecord) -> float | None:
+    """E as it was measured, where the reference bodies corrected it."""
+    told = record.reference
+    return told.E_MPa * told.ratio if told is not None and told.corrected else None
 
 
 def _explained(record: FruitRecord, files: FruitResults) -> str | None:
@@ -143,6 +184,9 @@ def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
 
 def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]:
     facts: list[tuple[str, str]] = []
+    if (told := record.reference) is not None and told.corrected:
+        by = f"divided by {told.ratio:.3f} ± {told.ratio_sd:.3f}, from {', '.join(told.bodies)}"
+        facts.append(("E as measured", f"{told.E_MPa * told.ratio:.4g} MPa ({by})"))
     if place:
         span = f"{place.rank_low} to {place.rank_high}"
         facts.append(("Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)))

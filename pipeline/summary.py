@@ -52,5 +52,8 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     fruits = without_references(batch.fruits)
     graded = sum(fruit.ok for fruit in fruits)
     console.print(f"{graded} of {len(fruits)} fruit graded", highlight=False)
+    for sentence in () if batch.reference is None else batch.reference.sentences:
+        lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
+        console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
     for name in ("ranking.csv", "report.html"):
         console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)

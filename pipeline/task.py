@@ -13,7 +13,7 @@ from pipeline.reference import CATEGORY, reference_prior
 from recon.mat import Mat
 from recon.priors import Body, PitPrior
 
-IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes"}
+IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}
 """Settings that change no fruit's result."""
 
 

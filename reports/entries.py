@@ -98,6 +98,8 @@ class FruitEntry:
     """Whether E takes that into account."""
     reference: bool = False
     """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
+    E_uncorrected_MPa: float | None = None
+    """E before it was divided by what the reference bodies say; None where it was not."""
     warnings: tuple[str, ...] = ()
     """Beyond the doubts."""
     doubts: tuple[str, ...] = ()
@@ -115,6 +117,28 @@ class FruitEntry:
     seconds: Mapping[str, float] = field(default_factory=dict)
     """Stage name to seconds of wall time, in the order the stages ran."""
     peak_memory_MiB: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceBodyEntry:
+    """A body of known modulus: known and found, and their ratio."""
+
+    fruit_id: str
+    E_known_MPa: float
+    E_known_sd_MPa: float
+    E_found_MPa: float
+    E_found_sd_MPa: float
+    ratio: float
+    ratio_sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceEntry:
+    """What the reference bodies of a batch say of the gripper, in words; ``alarm`` where staff must act."""
+
+    sentences: tuple[str, ...]
+    alarm: bool
+    bodies: tuple[ReferenceBodyEntry, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -138,6 +162,7 @@ class BatchEntry:
     inputs: tuple[tuple[str, str], ...] = ()
     """(path inside the batch folder, SHA-256 in hex)."""
     shore: ShoreCorrelation | None = None
+    reference: ReferenceEntry | None = None
 
 
 def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:

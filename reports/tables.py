@@ -29,6 +29,7 @@ RANKING_COLUMNS = (
     "warnings",
     "doubts",
     "reference",
+    "E_uncorrected_MPa",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -70,6 +71,7 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "warnings": safe_cell("; ".join([*fruit.doubts, *fruit.warnings])),
         "doubts": safe_cell("; ".join(fruit.doubts)),
         "reference": "true" if fruit.reference else None,
+        "E_uncorrected_MPa": _significant(fruit.E_uncorrected_MPa, figures=4),
     }
 
 

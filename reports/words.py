@@ -53,6 +53,8 @@ def remarks(fruit: FruitEntry) -> str:
         taken = " (taken into account)" if fruit.mismatch_taken else ""
         doubt = ", E is not to be trusted" if fruit.mismatch == "unknown" else ""
         found.append(f"mismatch: {effect_name(fruit.mismatch)}{taken}{doubt}")
+    if fruit.E_uncorrected_MPa is not None:
+        found.append("E corrected by the reference body")
     if fruit.doubts:
         found.append("E is in doubt")
     if fruit.warnings:

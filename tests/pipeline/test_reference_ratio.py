@@ -1,0 +1,237 @@
+"""What reference bodies say of the gripper, and what it does to the moduli of the fruit."""
+
+import csv
+import io
+import math
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from pipeline.batch import open_batch
+from pipeline.layout import Results
+from pipeline.problem import BatchRefused
+from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord
+from pipeline.reference_ratio import (
+    Ratio,
+    against_references,
+    as_measured,
+    combined_ratio,
+    corrected_modulus,
+)
+from pipeline.report import batch_entry
+from pipeline.summary import print_summary
+from recon.hull import ball
+from recon.mesh_file import write_mesh
+from reports.page import report_html
+from reports.tables import ranking_csv
+
+GAIN = 1.12
+
+
+def record(name, E_MPa, *, sd=0.02, common=0.01, known=None, outcome="graded"):
+    given = (
+        Given()
+        if known is None
+        else Given(reference=True, reference_E_MPa=known, reference_E_sd_MPa=0.01 * known)
+    )
+    modulus = ModulusRecord(
+        E_MPa=E_MPa, E_sd_MPa=sd * E_MPa, common_sd_MPa=common * E_MPa, parts_sd_MPa={"noise": sd * E_MPa}
+    )
+    return FruitRecord(
+        fruit_id=name,
+        outcome=outcome,
+        key="k",
+        given=given,
+        modulus=modulus if outcome == "graded" else None,
+        grasps=(GraspRecord(grasp="g", E_MPa=E_MPa, E_energy_MPa=1.01 * E_MPa, E_energy_sd_MPa=0.02),),
+        warnings=("w",),
+    )
+
+
+def batch_read_with(gain):
+    """Two fruit of 0.4 and 0.8 MPa and a ball of 0.5, as a gripper of this gain reads them."""
+    return [
+        record("soft", 0.4 * gain),
+        record("firm", 0.8 * gain),
+        record("ball", 0.5 * gain, known=0.5),
+    ]
+
+
+def arrays(*values):
+    return (np.array(one, dtype=float) for one in values)
+
+
+def test_the_mean_is_weighted_by_both_errors():
+    """Two bodies by hand: ln r of variances 0.0004 + 0.0001 and 0.0001 + 0.0001."""
+    ratio = combined_ratio(*arrays([1.1, 2.0], [0.022, 0.02], [0, 0], [1.0, 2.0], [0.01, 0.02]))
+    variances = np.array([0.02**2 + 0.01**2, 0.01**2 + 0.01**2])
+    weights = 1 / variances
+    assert math.log(ratio.ratio) == pytest.approx(weights[0] * math.log(1.1) / weights.sum())
+    chi2 = (math.log(1.1)) ** 2 / variances.sum()  # of two values: their difference over its variance
+    assert ratio.chi2 == pytest.approx(chi2)
+    assert ratio.disagree
+    assert ratio.ln_sd == pytest.approx(math.sqrt(chi2 / weights.sum()))
+
+
+def test_the_error_covers_the_truth_and_a_sound_gripper_is_seldom_doubted():
+    """Drawn grippers of gain 1 and three bodies each, a third of their variance common to all three."""
+    rng = np.random.default_rng(7)
+    n, runs, known, sd, common = 3, 3000, 0.5, 0.02, 0.0115
+    own = math.sqrt(sd**2 - common**2)
+    z, doubted, disagreeing = [], 0, 0
+    for _ in range(runs):
+        errors = own * rng.standard_normal(n) + common * rng.standard_normal()
+        said = known * np.exp(0.01 * rng.standard_normal(n))
+        E = known * np.exp(errors)
+        ratio = combined_ratio(E, sd * E, common * E, said, 0.01 * said)
+        z.append(math.log(ratio.ratio) / ratio.ln_sd)
+        doubted += ratio.apart
+        disagreeing += ratio.disagree
+    assert np.std(z) == pytest.approx(1.0, abs=0.05)
+    assert doubted / runs == pytest.approx(0.0455, abs=0.015)
+    assert disagreeing / runs == pytest.approx(0.01, abs=0.006)
+
+
+def test_more_bodies_do_not_lessen_what_they_share():
+    many = combined_ratio(*(np.full(100, v) for v in (0.5, 0.01, 0.005, 0.5, 0.005)))
+    assert many.ln_sd == pytest.approx(math.hypot(0.01, math.sqrt((0.02**2 - 0.01**2 + 0.01**2) / 100)))
+
+
+def test_a_batch_without_a_reference_is_as_measured():
+    records = batch_read_with(GAIN)[:2]
+    assert against_references(records, correct=True) == (records, None)
+
+
+@pytest.mark.parametrize("correct", [False, True])
+def test_a_sound_gripper_changes_nothing(correct):
+    records = batch_read_with(1.01)
+    told, finding = against_references(records, correct=correct)
+    assert finding is not None
+    assert not finding.alarm
+    assert (
+        "1.01 ± 0.02 of the reference's modulus (ball): within 2 standard deviations" in finding.sentences[0]
+    )
+    assert [(one.modulus, one.doubts, one.grasps) for one in told] == [
+        (one.modulus, one.doubts, one.grasps) for one in records
+    ]
+
+
+def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
+    records = batch_read_with(GAIN)
+    told, finding = against_references(records, correct=False)
+    assert finding is not None
+    assert finding.alarm
+    assert "The gripper reads 1.12 ± 0.03 of the reference's modulus (ball)" in finding.sentences[0]
+    for before, after in zip(records[:2], told[:2], strict=True):
+        E = before.modulus.E_MPa
+        assert after.modulus.E_MPa == E
+        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(GAIN)))
+        assert after.modulus.common_sd_MPa == pytest.approx(E * math.hypot(0.01, math.log(GAIN)))
+        (doubt,) = after.doubts
+        assert "gripper reads 1.12 ± 0.03" in doubt
+        assert after.warnings == (doubt, "w")
+    assert (told[2].modulus, told[2].doubts) == (records[2].modulus, ())
+
+
+@pytest.mark.parametrize("gain", [0.7, 1.12, 2.0])
+def test_a_correction_gives_the_true_moduli_and_carries_the_ratios_error(gain):
+    """The fruit are of 0.4 and 0.8 MPa whatever the gripper's gain."""
+    told, finding = against_references(batch_read_with(gain), correct=True)
+    assert finding is not None
+    assert finding.corrected
+    assert not finding.alarm
+    ratio_sd = math.hypot(0.02, 0.01)
+    for one, truth in zip(told, (0.4, 0.8), strict=False):
+        assert one.modulus.E_MPa == pytest.approx(truth)
+        assert one.modulus.E_sd_MPa == pytest.approx(truth * math.hypot(0.02, ratio_sd))
+        assert one.modulus.common_sd_MPa == pytest.approx(truth * math.hypot(0.01, ratio_sd))
+        assert one.grasps[0].E_MPa == pytest.approx(truth)
+        assert one.grasps[0].E_energy_MPa == pytest.approx(1.01 * truth)
+        assert one.doubts == ()
+    assert told[2].modulus.E_MPa == 0.5 * gain
+
+
+def test_what_is_kept_stays_as_measured_so_that_a_second_run_corrects_once():
+    records = batch_read_with(GAIN)
+    told, _ = against_references(records, correct=True)
+    kept = [as_measured(record, one) for record, one in zip(records, told, strict=True)]
+    assert [one.modulus for one in kept] == [one.modulus for one in records]
+    assert kept[0].reference.E_MPa == pytest.approx(0.4)
+    assert kept[0].reference.corrected
+    again, _ = against_references(kept, correct=True)
+    assert again == told
+    undone, _ = against_references(kept[:2], correct=False)
+    assert undone == records[:2]
+
+
+def test_bodies_that_disagree_are_named():
+    records = [*batch_read_with(1.0), record("other", 0.8, known=0.5)]
+    _, finding = against_references(records, correct=False)
+    assert finding is not None
+    assert finding.alarm
+    assert "disagree beyond their errors (chi-square" in finding.sentences[1]
+    assert "ball 1.00 ± 0.02, other 1.60 ± 0.04" in finding.sentences[1]
+
+
+def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():
+    records = [*batch_read_with(GAIN)[:2], record("ball", 0.5, known=0.5, outcome="never-touches")]
+    told, finding = against_references(records, correct=True)
+    assert finding is not None
+    assert finding.alarm
+    assert "No reference body was graded (ball: never-touches)" in finding.sentences[0]
+    assert [one.modulus for one in told[:2]] == [one.modulus for one in records[:2]]
+
+
+def test_parts_of_a_corrected_error_add_up():
+    before = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.05, parts_sd_MPa={"a": 0.03, "b": 0.04})
+    after = corrected_modulus(before, Ratio(ratio=1.2, ln_sd=0.03))
+    assert math.hypot(*after.parts_sd_MPa.values()) == pytest.approx(after.E_sd_MPa)
+
+
+@pytest.fixture
+def root(tmp_path):
+    directions, faces = ball(2)
+    for name in ("soft", "firm", "ball"):
+        (tmp_path / "fruits" / name).mkdir(parents=True)
+        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
+    (tmp_path / "fruits.csv").write_text(
+        "fruit_id,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"
+        "soft,,,,\nfirm,,,,\nball,true,0.5,0.005,0.48\n"
+    )
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n[reference]\ncorrect = true\n')
+    return tmp_path
+
+
+@pytest.mark.parametrize("correct", [False, True])
+def test_ranking_page_and_terminal_say_it(root, correct):
+    told, finding = against_references(batch_read_with(GAIN), correct=correct)
+    batch, moment = open_batch(root), datetime(2026, 8, 14, tzinfo=UTC)
+    entry = batch_entry(
+        batch, told, results=Results(root / "results"), inputs={}, started=moment, finished=moment,
+        exit_status=0, finding=finding,
+    )  # fmt: skip
+    rows = {row["fruit_id"]: row for row in csv.DictReader(io.StringIO(ranking_csv(entry)))}
+    assert list(rows) == ["soft", "firm", "ball"]
+    assert [rows[name]["rank"] for name in rows] == ["1", "2", ""]
+    assert rows["soft"]["E_uncorrected_MPa"] == ("0.448" if correct else "")
+    assert float(rows["soft"]["E_MPa"]) == pytest.approx(0.4 if correct else 0.448)
+    assert rows["ball"]["E_uncorrected_MPa"] == ""
+    assert bool(rows["firm"]["doubts"]) != correct
+    page = report_html(entry)
+    assert "1.12 ± 0.03" in page
+    assert ("E as measured" in page) == correct
+    console = Console(file=io.StringIO(), width=200)
+    print_summary(entry, root / "results", console=console)
+    text = console.file.getvalue()
+    assert "2 of 2 fruit graded" in text
+    assert ("warning: The gripper reads 1.12" in text) != correct
+    assert "The gripper reads 1.12 ± 0.03 of the reference's modulus (ball)" in text
+    assert ("E corrected by the reference body" in text) == correct
+
+
+def test_to_correct_there_must_be_a_reference(root):
+    (root / "fruits.csv").write_text("fruit_id\nsoft\nfirm\nball\n")
+    with pytest.raises(BatchRefused, match=r'"reference\.correct" is true, and no row'):
+        open_batch(root)
