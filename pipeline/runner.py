@@ -3,18 +3,20 @@
 import ctypes
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import CancelledError, wait
+from concurrent.futures import wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pebble import ProcessExpired, ProcessPool
+from pebble import ProcessExpired
+from pebble.concurrent import process
 
 from pipeline.safe_start import library_path
 from pipeline.scratch import scratch, temporary_files_in
@@ -26,6 +28,9 @@ THREAD_VARIABLES = (
     "NUMEXPR_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
+
+
+PROCESS = "drupe fruit"
 
 
 @dataclass(frozen=True)
@@ -74,13 +79,11 @@ def run_fruits(
 
     Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
     one numerical thread, in an empty folder: nothing of the caller's current folder is imported or read, and
-    paths in tasks must be absolute. Each process tells its stages in a file of its own: whatever kills one,
-    no lock is left held. The time limit goes by a clock that nobody sets. Leaving the iterator early stops
-    what is running; a killed caller takes its processes along.
+    paths in tasks must be absolute. It shares no queue and no lock with the others, and tells its stages in a
+    file of its own: one that is killed, at whatever moment, costs its fruit and holds up nobody. The time
+    limit goes by a clock that nobody sets. Leaving the iterator early stops what is running; a killed caller
+    takes its processes along.
     """
-    if not tasks:
-        return
-    context = multiprocessing.get_context("spawn")
     with (
         scratch() as folder,
         temporary_files_in(_made(folder / "tmp")),
@@ -91,33 +94,41 @@ def run_fruits(
                 "LD_LIBRARY_PATH": library_path(),
             }
         ),
-        ProcessPool(
-            max_workers=min(jobs, len(tasks)),
-            max_tasks=1,
-            context=context,
-            initializer=_begin,
-            initargs=(os.getpid(), _made(folder / "empty")),
-        ) as pool,
     ):
-        running = [_Running(fruit_id, folder / f"diary-{i}") for i, (fruit_id, _) in enumerate(tasks)]
-        pending = {
-            pool.schedule(_work, args=(work, one.diary, task)): one
-            for one, (_, task) in zip(running, tasks, strict=True)
-        }
+        empty = _made(folder / "empty")
+        waiting = [
+            (_Running(fruit_id, folder / f"diary-{i}"), task) for i, (fruit_id, task) in enumerate(tasks)
+        ][::-1]
+        pending: dict[Any, _Running] = {}
         try:
-            while pending:
+            while waiting or pending:
+                while waiting and len(pending) < jobs:
+                    one, task = waiting.pop()
+                    try:
+                        pending[_started(work, one.diary, task, empty)] = one
+                    except OSError:  # killed before it had been told its task, or no process can be made
+                        yield Died(one.fruit_id, None)
                 done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
                 for one in pending.values():
                     yield from (Progressed(one.fruit_id, stage) for stage in one.news())
                 for future in done:
                     one = pending.pop(future)
                     yield _ending(one.fruit_id, future)
-                for future, one in pending.items():
-                    if future.running() and one.out_of_time(time_limit_s):
-                        future.cancel()
+                for future in [f for f, one in pending.items() if one.out_of_time(time_limit_s)]:
+                    future.cancel()  # its process is stopped; the future itself never counts as done
+                    yield TimedOut(pending.pop(future).fruit_id)
         finally:
-            if pending:
-                pool.stop()
+            for future in pending:
+                future.cancel()
+            for child in multiprocessing.active_children():
+                if child.name == PROCESS:
+                    child.join()
+
+
+def _started(work: Callable[[Any, Report], Any], diary: Path, task: Any, folder: Path) -> Any:
+    """The future of a fruit's process, which is running."""
+    run = process(name=PROCESS, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
+    return run(os.getpid(), folder, diary, pickle.dumps((work, task)))
 
 
 @dataclass
@@ -137,7 +148,7 @@ class _Running:
         return stages
 
     def out_of_time(self, limit_s: float) -> bool:
-        """Whether it has been running for longer than `limit_s`, since it was first seen to."""
+        """Whether it has been running for longer than `limit_s`, since this was first asked."""
         now = time.monotonic()
         self.since_s = now if self.since_s is None else self.since_s
         return now - self.since_s > limit_s
@@ -146,8 +157,6 @@ class _Running:
 def _ending(fruit_id: str, future: Any) -> Event:
     try:
         return Finished(fruit_id, future.result())
-    except CancelledError:
-        return TimedOut(fruit_id)
     except ProcessExpired as error:
         return Died(fruit_id, error.exitcode)
     except Exception as error:  # noqa: BLE001 - whatever a fruit raised costs that fruit only
@@ -201,7 +210,11 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _work(work: Callable[[Any, Report], Any], diary: Path, task: Any) -> Any:
+def _fruit(parent: int, folder: Path, diary: Path, packed: bytes) -> Any:
+    """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
+    _begin(parent, folder)
+    work, task = pickle.loads(packed)
+
     def report(line: str) -> None:
         with suppress(OSError), diary.open("a") as file:  # a full disk costs the line, not the fruit
             file.write(f"{line}\n")
