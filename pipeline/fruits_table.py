@@ -15,7 +15,7 @@ from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 
-MOST_BYTES, MOST_FRUIT, MOST_CELL = 4_000_000, 2000, 10_000
+MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
 MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
 REFERENCE_E_MPA = (0.0005, 60.0)
@@ -94,6 +94,7 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
     except NotReadable as error:
         hint = "" if not_plain(path) else "; save it as CSV UTF-8"
         raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
     first, separator = text.partition("\n")[0], ","
     for other, name in ((";", "semicolons"), ("\t", "tabs")):
         if other in first and first.count(other) >= first.count(","):
@@ -101,6 +102,10 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
             separator = other
     if separator != ",":
         text = _with_commas(text, separator)
+    columns = 1 + text.partition("\n")[0].count(",")
+    if columns > MOST_COLUMNS:
+        found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+        raise BatchRefused([Problem(str(path), found)])
     if longest := _longest_cell(text):
         raise BatchRefused([Problem(str(path), longest)])
     try:

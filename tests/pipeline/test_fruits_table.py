@@ -70,6 +70,18 @@ def test_a_broken_table_is_said(tmp_path, text, says):
     assert says in refusal(tmp_path, text)
 
 
+def test_a_table_of_very_many_columns_is_refused_before_it_is_parsed(tmp_path):
+    columns = ",".join(f"c{k}" for k in range(400_000))
+    said = refusal(tmp_path, f"fruit_id,{columns}\nN1\n")
+    assert "400001 columns" in said
+    assert "at most 200" in said
+
+
+def test_lines_may_end_as_old_spreadsheets_end_them(tmp_path):
+    ((row,), _) = read_fruits(table(tmp_path, "fruit_id,height_mm\rN1,60.5\r"))
+    assert (row.fruit_id, row.height_mm) == ("N1", 60.5)
+
+
 def test_missing_table_is_said(tmp_path):
     with pytest.raises(BatchRefused, match=r"fruits\.csv: is missing"):
         read_fruits(tmp_path / "fruits.csv")

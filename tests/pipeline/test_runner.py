@@ -1,9 +1,11 @@
 """One fruit per process: a crash, a hang or an exception costs that fruit only."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -45,6 +47,30 @@ def test_every_fruit_has_a_process_of_its_own_with_one_numerical_thread():
     results = [event.result for event in ended.values()]
     assert len({pid for _, pid, _ in results}) == 3
     assert {threads for *_, threads in results} == {"1"}
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.05, 0.1, 0.15, 0.2])
+def test_a_process_killed_before_it_says_anything_costs_its_fruit_and_holds_up_nobody(after_s):
+    """Whether it was still starting, importing, or already had its task."""
+
+    def kill_one():
+        wait_until(multiprocessing.active_children)
+        time.sleep(after_s)
+        for child in multiprocessing.active_children()[:1]:
+            os.kill(child.pid, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill_one)
+    killer.start()
+    began = time.monotonic()
+    _, ended = endings(["a", "b", "c", "d"], jobs=1, time_limit_s=300)
+    killer.join()
+    assert time.monotonic() - began < 120
+    assert sorted(ended) == ["a", "b", "c", "d"]
+    died = [event for event in ended.values() if isinstance(event, Died)]
+    assert len(died) <= 1
+    assert all(event.exit_code in (-signal.SIGKILL, None) for event in died)
+    if after_s == 0.0:
+        assert died
 
 
 PARENT = """
