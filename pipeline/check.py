@@ -5,9 +5,12 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int
 
 from pipeline.batch import Batch, Survey, survey
+from pipeline.confirmed import effects_on, faults
 from pipeline.fruits_table import SAFE_ID, FruitRow
+from pipeline.grasp import refusal
 from pipeline.layout import FruitFolder
 from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
 from pipeline.problem import Problem
@@ -17,9 +20,13 @@ from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
 from recon.plain_file import not_plain
-from tactile.failure import TactileFailure
+from tactile.checks.of_recording import recording_findings
+from tactile.correction import corrected
+from tactile.failure import TactileFailure, TactileProblem
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
+
+Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
 def check(root: Path) -> tuple[Problem, ...]:
@@ -75,10 +82,29 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
             folder.root / "grasps",
             "needs at least one .h5 recording or folder of gel frames, found none.",
         )
+    mesh = _mesh_at_hand(folder)
     for path in grasps:
-        yield from _tried(row, path, partial(read_recording, path))
+        yield from _tried(row, path, partial(_sound_recording, path, batch, row, mesh, kind))
     for path in raw:
         yield from _tried(row, path, partial(read_raw_grasp, path))
+
+
+def _mesh_at_hand(folder: FruitFolder) -> Mesh | None:
+    """The ready mesh, where there is one that can be read."""
+    try:
+        return read_mesh(folder.fruit_ply) if folder.fruit_ply.is_file() else None
+    except ReconFailure:
+        return None
+
+
+def _sound_recording(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> None:
+    """Refuses a recording that cannot be read, or that grading would refuse by its fields and the mesh."""
+    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
+    recording = corrected(read_recording(path), faults(effects))
+    vertices, faces = (None, None) if mesh is None else mesh
+    found = recording_findings(recording, vertices, faces, E_range_MPa=kind.ranges.E_MPa)
+    if said := refusal(found):
+        raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{path.name}: {said}.")
 
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:

@@ -1,5 +1,4 @@
-"""What in a fruit's inputs cannot be right although E could be computed, and how much of E it puts in "
-"doubt."""
+"""What in a fruit's inputs cannot be right although E could be computed, and how much it puts E in doubt."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,9 +87,8 @@ def of_a_given_pit(
         found.append(
             Doubt(
                 sentence=(
-                    f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the fruit's "
-                    "middle); "
-                    "it was moved, or is in another frame or of another fruit."
+                    f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the "
+                    "fruit's middle); it was moved, or is in another frame or of another fruit."
                 ),
                 relative_sd=E_PER_MM * off,
                 refused=off > FAR_REFUSED * float(half.mean()),
@@ -103,9 +101,8 @@ def of_a_given_pit(
         found.append(
             Doubt(
                 sentence=(
-                    f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in a "
-                    "fruit of this "
-                    "size; it is scaled, in another unit or of another fruit."
+                    f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in "
+                    "a fruit of this size; it is scaled, in another unit or of another fruit."
                 ),
                 relative_sd=E_PER_SIZE * abs(size),
                 refused=abs(size) > SIZE_REFUSED,
@@ -117,10 +114,8 @@ def of_a_given_pit(
             Doubt(
                 sentence=(
                     f"pit.ply is too long along {longest} for a {prior.category}'s pit "
-                    f"({np.exp(sides.max()):.2f} "
-                    f"times, {np.exp(sides.min()):.2f} times elsewhere); it is turned against the fruit, "
-                    "or of "
-                    "another."
+                    f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere); it is "
+                    "turned against the fruit, or of another."
                 ),
                 relative_sd=0.1,
             )
@@ -137,8 +132,7 @@ def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
         Doubt(
             sentence=(
                 f"the grasps put the pit {off:.1f} mm from where pit.ply has it, at {found.size:.2f} "
-                "times its "
-                "size: pit.ply is moved, scaled or of another fruit, or the grasps are."
+                "times its size: pit.ply is moved, scaled or of another fruit, or the grasps are."
             ),
             relative_sd=E_PER_MM * off,
         )

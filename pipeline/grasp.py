@@ -110,10 +110,14 @@ def _findings(
         E_range_MPa=checked.E_range_MPa,
         surface_sd_mm=checked.surface_sd_mm,
     )
-    if any(one.refused for one in found):
-        said = "; ".join(one.sentence for one in found if one.refused)
+    if said := refusal(found):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
     return tuple(found)
+
+
+def refusal(found: Sequence[Finding]) -> str:
+    """Why a recording with these findings is of no use, without a full stop; empty where it is."""
+    return "; ".join(one.sentence for one in found if one.refused)
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:

@@ -19,8 +19,8 @@ from tactile.registration import depth_along
 
 def recording_findings(
     recording: Recording,
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
+    vertices: Float[np.ndarray, "v 3"] | None,
+    faces: Int[np.ndarray, "f 3"] | None,
     *,
     E_range_MPa: tuple[float, float] | None = None,
     surface_sd_mm: float = 0.0,
@@ -29,19 +29,18 @@ def recording_findings(
 
     What a refused finding explains is left out: nothing of a lower rank is looked for. `E_range_MPa`: moduli
     that the category can have, `surface_sd_mm`: the mesh's error. A bare indenter's trace is not checked.
+    Without a mesh (None) only what the recording says of itself is: its fields pad by pad.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):
         return []
     pressings = [pressing_of(pad) for pad in pads]
     found: list[Finding] = []
-    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    size = float(np.ptp(vertices, axis=0).mean())
 
     def touch_hidden() -> bool:
         return any(one.hides_touch for one in found)
 
-    stages: tuple[Callable[[], list[Finding]], ...] = (
+    stages: list[Callable[[], list[Finding]]] = [
         lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
         lambda: axis_findings(pressings),
         lambda: time_findings(recording, pressings),
@@ -49,11 +48,16 @@ def recording_findings(
             pressings, closing_mm=[closing_mm(one) for one in pressings], E_range_MPa=E_range_MPa
         ),
         lambda: noise_findings(pressings),
-        lambda: jaw_findings(recording, pressings, centre_mm=centre, size_mm=size),
-        lambda: [] if touch_hidden() else indentation_findings(pressings),
-        lambda: [] if touch_hidden() else edge_findings(pressings),
-        lambda: [] if touch_hidden() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
-    )
+    ]
+    if vertices is not None and faces is not None:
+        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+        size = float(np.ptp(vertices, axis=0).mean())
+        stages += [
+            lambda: jaw_findings(recording, pressings, centre_mm=centre, size_mm=size),
+            lambda: [] if touch_hidden() else indentation_findings(pressings),
+            lambda: [] if touch_hidden() else edge_findings(pressings),
+            lambda: [] if touch_hidden() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
+        ]
     for stage in stages:
         found += stage()
         if any(one.refused for one in found):

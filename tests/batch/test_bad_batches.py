@@ -2,6 +2,7 @@
 
 import json
 
+import h5py
 import pandas as pd
 import pytest
 from sample_batches import drupe
@@ -100,6 +101,17 @@ def test_results_that_cannot_be_written(batch, tmp_path):
     ran = drupe("grade", batch, "--out", tmp_path / "taken")
     assert ran.status == 2
     assert "cannot be written" in ran.one_line_error()
+
+
+def test_check_says_that_forces_are_in_another_unit(batch):
+    path = next((batch / "fruits").glob("*/grasps/grasp-1.h5"))
+    with h5py.File(path, "r+") as file:
+        for pad in ("left", "right"):
+            file[f"pads/{pad}/force_N"][...] *= 101.97
+    ran = drupe("check", batch)
+    assert ran.status == 2
+    assert str(path) in ran.out
+    assert "grams" in ran.out
 
 
 def test_check_says_what_is_wrong_with_table_and_fruit_together(batch):

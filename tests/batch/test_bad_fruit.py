@@ -104,7 +104,7 @@ SPOILED = {
     "wrong-version": (change_recording(wrong_version), "unreadable-recording", "version", True),
     "nan-force": (change_recording(nan_in_force), "unreadable-recording", "force_N", True),
     "never-touches": (change_recording(never_touches), "never-touches", "never touches", False),
-    "dead-force": (change_recording(dead_force), "implausible-recording", "force is dead", False),
+    "dead-force": (change_recording(dead_force), "implausible-recording", "force is dead", True),
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
     "no-folder": (no_folder, "no-shape", "no-folder", True),
