@@ -54,6 +54,19 @@ def _is_photo(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
 
 
+def _first_scan(jpeg: bytes) -> int:
+    """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own.
+
+    The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0 or
+    a restart marker alone); phones put a film after it.
+    """
+    at = 2
+    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and jpeg[at + 1] != 0xDA:
+        fill = jpeg[at + 1] == 0xFF
+        at += 1 if fill else 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
+    return min(at, len(jpeg))
+
+
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     """One photo, turned upright as EXIF says, shrunk to `longest_side_px` where it is larger.
 
@@ -65,7 +78,7 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
         raise _unreadable(path, str(error)) from error
     if not data:
         raise _unreadable(path, "is empty")
-    if data[:2] == b"\xff\xd8" and b"\xff\xd9" not in data[-4096:]:
+    if data[:2] == b"\xff\xd8" and data.find(b"\xff\xd9", _first_scan(data)) < 0:
         raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
     if data[:4] == b"\x89PNG" and b"IEND" not in data[-4096:]:
         raise _unreadable(path, "is a PNG that was cut short (its end mark is missing)")

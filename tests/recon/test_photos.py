@@ -50,6 +50,24 @@ def test_a_corrupt_photo_is_named(folder, spoil, words):
     assert caught.value.problem is ReconProblem.UNREADABLE_PHOTO
 
 
+def test_a_film_behind_the_picture_does_no_harm(folder):
+    """Phones write such files for moving photos."""
+    path = folder / "0.jpg"
+    before = read_photo(path).image
+    path.write_bytes(path.read_bytes() + b"\x00\x00\x00\x18ftypmp42" + bytes(20_000))
+    np.testing.assert_array_equal(read_photo(path).image, before)
+
+
+def test_a_small_picture_in_the_headers_is_not_the_pictures_end(folder):
+    path = folder / "0.jpg"
+    data = path.read_bytes()
+    small = b"\xff\xd8 small \xff\xd9"
+    header = b"\xff\xe1" + struct.pack(">H", 2 + len(small)) + small
+    path.write_bytes((data[:2] + header + data[2:])[: len(data) // 2])
+    with pytest.raises(ReconFailure, match="cut short"):
+        read_photo(path)
+
+
 def test_two_photos_are_too_few(folder):
     (folder / "2.jpg").unlink()
     with pytest.raises(ReconFailure, match="holds 2 photos; a shape needs at least 3") as caught:
