@@ -57,8 +57,8 @@ def _is_photo(path: Path) -> bool:
 def _first_scan(jpeg: bytes) -> int:
     """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own.
 
-    The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0 or
-    a restart marker alone); phones put a film after it.
+    The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0
+    or a restart marker alone); phones put a film after it.
     """
     at = 2
     while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and jpeg[at + 1] != 0xDA:
