@@ -15,6 +15,7 @@ from pipeline.layout import write_whole
 
 HEADER = re.compile(r"[ \t]*\[")
 MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
+BYTE_ORDER_MARK = "\ufeff"
 
 
 def applied(case: Case, found: Explanation, *, now: datetime) -> str:
@@ -128,8 +129,12 @@ def _rounded(value: Value) -> Value:
 def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) -> str | None:
     """`text` of a batch.toml with the effects in it, each in place of an earlier one of the same place.
 
-    None where that cannot be done without changing what else the file says (it is read back to see).
+    None where that cannot be done without changing what else the file says (it is read back to see). A byte
+    order mark stays.
     """
+    if text.startswith(BYTE_ORDER_MARK):
+        changed = with_effects(text.removeprefix(BYTE_ORDER_MARK), effects, note=note)
+        return None if changed is None else BYTE_ORDER_MARK + changed
     before = Settings.model_validate(tomllib.loads(text))
     places = {one.place() for one in effects}
     kept = tuple(one for one in before.mismatch if one.place() not in places)

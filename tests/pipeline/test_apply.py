@@ -73,6 +73,13 @@ def test_windows_line_ends_are_kept():
     assert changed.count("\n") == changed.count("\r\n")
 
 
+def test_a_byte_order_mark_stays():
+    effects = confirmed_effects(GAIN, fruit_id="N01")
+    assert with_effects("\ufeff" + TEXT, effects, note="x") == "\ufeff" + with_effects(
+        TEXT, effects, note="x"
+    )
+
+
 def test_a_file_whose_effects_stand_inline_is_left_alone():
     text = TEXT.replace("[grading]", 'mismatch = [{effect = "slip", parameters = {mu = 0.2}}]\n[grading]')
     assert with_effects(text, confirmed_effects(GAIN, fruit_id="N01"), note="x") is None
