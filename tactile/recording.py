@@ -17,12 +17,14 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.failure import TactileFailure
+from tactile.hdf5_texts import PATIENCE_S, texts_can_be_read
 from tactile.plain_file import not_plain, size
 from tactile.recording_fields import GroupReader, Limit, first_line, unreadable
 
 FORMAT = "drupe-recording"
 VERSION = 1
 FEWEST_FOR_AREA = 9
+COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
 MOST_BYTES = 8_000_000_000
 """Of a recording with its images; nothing but the fields asked for is read into memory."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
@@ -190,6 +192,9 @@ def opened(path: Path) -> Iterator[Any]:
         found = f"{length / 1e9:.1f} GB"
         advice = "divide the recording, or leave its images out"
         raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
+    if not texts_can_be_read(path):
+        found = f"texts that the HDF5 library does not come to the end of in {PATIENCE_S:.0f} s"
+        raise unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
@@ -203,9 +208,8 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
-    expected, advice = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
     found = "no readable HDF5" if isinstance(cause, KeyError) else f"no readable HDF5 ({first_line(cause)})"
-    return unreadable(path, "the file", found, expected, advice)
+    return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
