@@ -4,12 +4,14 @@ import difflib
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 from pydantic import ValidationError
 
 from pipeline.config import MOST_BYTES, NO_PIT, Grading, Settings, read_settings
+from pipeline.control_chart import chart_path, read_chart
 from pipeline.fruits_table import FruitRow, read_fruits
 from pipeline.layout import BatchFolder
 from pipeline.plausible import grading_doubts, kind_of, table_doubts
@@ -273,6 +275,8 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             "column reference of the row that is one, or take the line out."
         )
         problems.append(Problem(str(folder.settings), sentence))
+    if settings.reference.chart is not None:
+        _gather(problems, partial(read_chart, chart_path(folder, settings.reference.chart)))
     for row in rows or ():
         if not row.reference:
             continue

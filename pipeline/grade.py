@@ -12,6 +12,14 @@ from rich.console import Console
 from pipeline.alone import alone, is_held
 from pipeline.batch import Batch, open_batch, own_files
 from pipeline.check import implausible_fruit
+from pipeline.control_chart import (
+    ControlChart,
+    chart_path,
+    read_chart,
+    require_chart_place,
+    update_chart,
+    with_points,
+)
 from pipeline.layout import FruitResults, Results, write_whole
 from pipeline.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.outcome import Outcome, ending_of
@@ -20,7 +28,7 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.progress import BatchProgress
 from pipeline.provenance import input_hashes, write_provenance
 from pipeline.records import FruitRecord, read_record, write_record
-from pipeline.reference_ratio import ReferenceFinding, against_references, as_measured
+from pipeline.reference_ratio import ReferenceFinding, against_references, as_measured, drift, own_points
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.stages import grade_fruit
@@ -77,6 +85,10 @@ def grade(
     results = Results(out or batch.folder.default_results)
     fruits = [results.fruit(row.fruit_id) for row in batch.rows]
     require_results_apart(results, batch.folder, read_files(batch), "--out")
+    named = batch.settings.reference.chart
+    chart_at = None if named is None else chart_path(batch.folder, named)
+    if chart_at is not None:
+        require_chart_place(chart_at, batch.folder, results, read_files(batch))
     if not is_held(results.root):
         require_free(results, fruits, "--out")
     with alone(results.root):
@@ -120,6 +132,11 @@ def grade(
         measured = [records[row.fruit_id] for row in batch.rows]
         in_order, finding = against_references(measured, correct=batch.settings.reference.correct)
         _keep_what_is_told(measured, in_order, results)
+        chart, own = ControlChart(), []
+        if chart_at is not None and finding is not None:
+            own = own_points(finding, lot=batch.settings.lot, moment=started, inputs=inputs)
+            chart = with_points(read_chart(chart_at), own)
+            finding = drift(chart, finding)
         doubted = SOME_DOUBTED if any(r.doubts for r in in_order) else ALL_GRADED
         status = doubted if all(r.graded for r in in_order) else SOME_NOT_GRADED
         entry = batch_entry(
@@ -131,10 +148,13 @@ def grade(
             finished=until_now(),
             exit_status=status,
             finding=finding,
+            chart=chart,
         )
         write_whole(results.ranking, ranking_csv(entry))
         write_whole(results.report, report_html(entry))
         provenance(status, finding)
+        if chart_at is not None and own:
+            update_chart(chart_at, own)
     return status, entry
 
 

@@ -5,16 +5,19 @@ in any one recording: only a body of known modulus shows it.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 
 import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2 as chi_square
 
+from pipeline.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.doubts import Doubt
 from pipeline.elasticity import DOUBTED
 from pipeline.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
+from reports.tables import safe_cell
 
 WITHIN_SD = 2.0
 """A ratio this many standard deviations from 1 or nearer is taken as 1: a sound gripper is beyond in 5 % of
@@ -84,11 +87,15 @@ class ReferenceFinding:
     ratio: Ratio | None
     corrected: bool
     sentences: tuple[str, ...]
+    drifts: bool = False
+    """Whether the control chart is out of control."""
 
     @property
     def alarm(self) -> bool:
         """Whether staff must do something."""
-        return self.ratio is None or self.ratio.disagree or (self.ratio.apart and not self.corrected)
+        if self.ratio is None or self.ratio.disagree or self.drifts:
+            return True
+        return self.ratio.apart and not self.corrected
 
 
 def combined_ratio(
@@ -294,3 +301,35 @@ def _scaled(grasp: GraspRecord, ratio: float) -> GraspRecord:
     known = {name: getattr(grasp, name) for name in _SCALED}
     changed = {name: value / ratio for name, value in known.items() if value is not None}
     return grasp.model_copy(update=changed)
+
+
+def own_points(
+    finding: ReferenceFinding, *, lot: str | None, moment: datetime, inputs: Mapping[str, str]
+) -> list[Point]:
+    """The rows of one batch; `inputs` are the SHA-256 of its files by their path in it."""
+    return [
+        Point(
+            time_utc=moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            lot=safe_cell(lot) or "",
+            reference_id=one.fruit_id,
+            E_known_MPa=float(f"{one.E_known_MPa:.6g}"),
+            E_found_MPa=float(f"{one.E_found_MPa:.6g}"),
+            ratio=float(f"{one.own.ratio:.6g}"),
+            ratio_sd=float(f"{one.own.sd:.6g}"),
+            recordings_sha256=recordings_sha256(inputs, one.fruit_id),
+        )
+        for one in finding.bodies
+    ]
+
+
+def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
+    """The finding, and what the chart says of each of its bodies."""
+    said = []
+    for body in finding.bodies:
+        past = history_of(chart, body.fruit_id)
+        if past and (why := out_of_control(np.array([one.z for one in past]))):
+            said.append(
+                f"The control chart of {body.fruit_id} is out of control: {why}. Look for what changed in "
+                "gels, calibration or gripper, or in the reference body itself."
+            )
+    return replace(finding, sentences=(*finding.sentences, *said), drifts=bool(said))

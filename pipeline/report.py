@@ -7,6 +7,7 @@ from datetime import datetime
 import numpy as np
 
 from pipeline.batch import Batch
+from pipeline.control_chart import ControlChart, history_of
 from pipeline.layout import FruitResults, Results
 from pipeline.provenance import versions
 from pipeline.records import FruitRecord, GraspRecord, PitFoundRecord
@@ -19,6 +20,7 @@ from reports.entries import (
     ForceCurve,
     FruitEntry,
     GraspEstimate,
+    RatioPoint,
     ReferenceBodyEntry,
     ReferenceEntry,
     ShoreCorrelation,
@@ -37,10 +39,11 @@ def batch_entry(
     finished: datetime,
     exit_status: int,
     finding: ReferenceFinding | None = None,
+    chart: ControlChart | None = None,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first.
 
-    `records` and `finding` as `against_references` gives them.
+    `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any.
     """
     graded = [r for r in records if r.graded and not r.given.reference]
     E, sd, common = (
@@ -70,12 +73,12 @@ def batch_entry(
         finished_utc=finished,
         exit_status=exit_status,
         shore=_shore(graded),
-        reference=None if finding is None else _reference(finding),
+        reference=None if finding is None else _reference(finding, chart or ControlChart()),
         fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
     )
 
 
-def _reference(finding: ReferenceFinding) -> ReferenceEntry:
+def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
     return ReferenceEntry(
         sentences=finding.sentences,
         alarm=finding.alarm,
@@ -88,6 +91,10 @@ def _reference(finding: ReferenceFinding) -> ReferenceEntry:
                 E_found_sd_MPa=one.E_found_sd_MPa,
                 ratio=one.own.ratio,
                 ratio_sd=one.own.sd,
+                history=tuple(
+                    RatioPoint(time_utc=point.moment, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
+                    for point in history_of(chart, one.fruit_id)
+                ),
             )
             for one in finding.bodies
         ),

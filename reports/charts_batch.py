@@ -2,14 +2,37 @@
 
 from __future__ import annotations
 
+import math
+
 from markupsafe import Markup
 
-from reports.entries import BatchEntry, FruitEntry, ShoreCorrelation, ranked, without_references
+from reports.entries import (
+    BatchEntry,
+    FruitEntry,
+    ReferenceBodyEntry,
+    ShoreCorrelation,
+    ranked,
+    without_references,
+)
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_x, error_bar_y, marker, padded
+from reports.svg import (
+    Scale,
+    axis_x,
+    axis_y,
+    drawing,
+    element,
+    error_bar_x,
+    error_bar_y,
+    marker,
+    padded,
+    polyline,
+)
 from reports.words import NO_BREAK, number, percent, with_sd
 
 _ROW_PX = 24.0
+_MOST_POINTS = 60
+"""Of a control chart: beyond it the marks run together."""
+UNKNOWN_LOT = "unknown"
 
 
 def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
@@ -121,6 +144,48 @@ def shore_chart(batch: BatchEntry) -> Markup:
         height=314.0,
         title="Modulus against Shore OO reading",
         description=correlation_words(batch.shore) if batch.shore else f"{len(pairs)} fruits with both",
+    )
+
+
+def control_chart(body: ReferenceBodyEntry) -> Markup:
+    """Found over known modulus of one reference body by time, oldest left; one mark a batch, at most 60.
+
+    The inner pair of dashed lines is 1 with 2 of each point's standard deviations either way, the outer 3.
+    """
+    points = body.history[-_MOST_POINTS:]
+    sds = [point.sd / point.ratio for point in points]
+    moments = [point.time_utc.timestamp() for point in points]
+    ends = [math.exp(way * 3 * sd) for sd in sds for way in (-1, 1)]
+    low, high = padded([*ends, *(point.ratio for point in points)])
+    first, last = padded(moments) if moments[-1] > moments[0] else (moments[0] - 1, moments[0] + 1)
+    x = Scale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
+    y = Scale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
+    parts = [
+        axis_y(y, label="E found / E known", left=52.0, right=688.0, at_most=7),
+        element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),
+    ]
+    across = [52.0, *(x(moment) for moment in moments), 688.0]
+    for limit in (-3, -2, 2, 3):
+        heights = [y(math.exp(limit * sd)) for sd in (sds[0], *sds, sds[-1])]
+        parts.append(polyline(across, heights, class_="limit"))
+    for point, moment, sd in zip(points, moments, sds, strict=True):
+        z = math.log(point.ratio) / sd
+        shape = "diamond" if abs(z) > 3 else "circle"
+        words = f"{point.time_utc:%Y-%m-%d %H:%M} UTC, lot {point.lot or UNKNOWN_LOT}: {point.ratio:.3f}"
+        parts.append(
+            element("g", element("title", f"{words} ({z:+.1f} sd)"), marker(shape, x(moment), y(point.ratio)))
+        )
+    ends_at = {0: "start", len(points) - 1: "end"} if len(points) > 1 else {0: "middle"}
+    for k, anchor in ends_at.items():
+        day = f"{points[k].time_utc:%Y-%m-%d}"
+        parts.append(element("text", day, x=x(moments[k]), y=258.0, text_anchor=anchor, class_="tick"))
+    said = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
+    return drawing(
+        *parts,
+        width=700.0,
+        height=270.0,
+        title=f"Control chart of {body.fruit_id}",
+        description=f"E found over E known of the last batches: {said}",
     )
 
 

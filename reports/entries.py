@@ -120,6 +120,16 @@ class FruitEntry:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RatioPoint:
+    """A reference body in one batch: its modulus found over known, and one standard deviation of that."""
+
+    time_utc: datetime
+    lot: str
+    ratio: float
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class ReferenceBodyEntry:
     """A body of known modulus: known and found, and their ratio."""
 
@@ -130,6 +140,8 @@ class ReferenceBodyEntry:
     E_found_sd_MPa: float
     ratio: float
     ratio_sd: float
+    history: tuple[RatioPoint, ...] = ()
+    """The body's points of the control chart, oldest first, this batch's among them."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,7 @@ from itertools import groupby
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from reports.charts_batch import correlation_words, ranking_chart, shore_chart
+from reports.charts_batch import control_chart, correlation_words, ranking_chart, shore_chart
 from reports.charts_fruit import force_chart, grasps_chart
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked, without_references
 from reports.palette import UNKNOWN, class_marks
@@ -42,6 +42,7 @@ def report_html(batch: BatchEntry) -> str:
     environment.filters |= {
         "advice": advice,
         "class_mark": lambda fruit: _dot(*marks.get(fruit.maturity or "", UNKNOWN)),
+        "control_chart": control_chart,
         "curves_by_grasp": _curves_by_grasp,
         "data_uri": _data_uri,
         "effect": effect_name,
