@@ -180,5 +180,5 @@ def _why_no_grasp(failures: list[TactileFailure]) -> Exception:
     if len(failures) == 1:
         return failures[0]
     if failures:
-        return FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(map(str, failures)))
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, " ".join(map(str, failures)))
     return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")
