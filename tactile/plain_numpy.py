@@ -15,6 +15,8 @@ from tactile.plain_file import NotReadable, read_bytes, size
 MOST_BYTES = 400_000_000
 """Of a file, and of what it unpacks to: twenty minutes of 400 markers at 30 frames a second."""
 MOST_ARRAYS = 200
+MOST_VALUES = MOST_BYTES // 8
+"""In double precision, as they are handed on: bytes become eight times as many."""
 
 
 def load_npy(path: Path) -> np.ndarray:
@@ -33,7 +35,11 @@ def load_npz(path: Path) -> dict[str, np.ndarray]:
             held = archive.infolist()
             if len(held) > MOST_ARRAYS or sum(one.file_size for one in held) > MOST_BYTES:
                 raise NotReadable(f"unpacks to more than {size(MOST_BYTES)} or {MOST_ARRAYS} arrays")
-            return {one.filename.removesuffix(".npy"): _array(_opened(archive, one)) for one in held}
+            arrays: dict[str, np.ndarray] = {}
+            for one in held:
+                left = MOST_VALUES - sum(array.size for array in arrays.values())
+                arrays[one.filename.removesuffix(".npy")] = _array(_opened(archive, one), most_values=left)
+            return arrays
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
         raise NotReadable("is no whole .npz file") from error
 
@@ -44,7 +50,7 @@ def _opened(archive: zipfile.ZipFile, one: zipfile.ZipInfo) -> io.BytesIO:
     return io.BytesIO(data)
 
 
-def _array(file: Any) -> np.ndarray:
+def _array(file: Any, *, most_values: int = MOST_VALUES) -> np.ndarray:
     """One array; its header is held against the bytes that follow before memory is asked for it."""
     try:
         version = npy.read_magic(file)
@@ -58,6 +64,8 @@ def _array(file: Any) -> np.ndarray:
     length = file.seek(0, io.SEEK_END) - start
     if any(n < 0 for n in shape) or math.prod(shape) * dtype.itemsize > length:
         raise NotReadable("was cut short (its header promises more)")
+    if math.prod(shape) > most_values:
+        raise NotReadable(f"holds more than {MOST_VALUES} values")
     file.seek(0)
     try:
         return np.asarray(npy.read_array(file, allow_pickle=False), dtype=np.float64)
