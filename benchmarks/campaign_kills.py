@@ -77,7 +77,7 @@ class Campaign:
         self.require(len(self.expected[0]) > 0, "the undisturbed run gave no results")
 
     def start(self, out: str | Path, **more: str) -> subprocess.Popen[str]:
-        """The command, in a session of its own and with marked processes."""
+        """The command, in a process group of its own and with marked processes."""
         self.mark = uuid.uuid4().hex
         environment = {**os.environ, "TMPDIR": str(self.folder / "tmp"), MARK: self.mark, **more}
         command = [sys.executable, str(self.folder / "entry.py"), "grade", str(self.batch)]

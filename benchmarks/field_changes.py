@@ -320,7 +320,7 @@ def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fru
 
 
 def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
-    """Poses of another session."""
+    """Poses of another day."""
     changed = []
     for mine, theirs in zip(fruit.recordings, other.recordings, strict=False):
         n = min(len(mine.time_s), len(theirs.time_s))

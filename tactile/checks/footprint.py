@@ -72,7 +72,7 @@ def footprint_findings(
     width_mm: float | None,
     surface_sd_mm: float = 0.0,
 ) -> list[Finding]:
-    """Another fruit, a mesh of another size or turned, poses of another session.
+    """Another fruit, a mesh of another size or turned, poses of another day.
 
     `width_mm`: the mesh's width between the pads. `surface_sd_mm`: the mesh's own error.
     """
@@ -125,7 +125,7 @@ def _aside(what: str) -> Finding:
         rank=Rank.FRUIT,
         sentence=(
             f"{what}: the mesh is turned, mirrored or of another fruit, or a pose is wrong (a pad moved in "
-            "its mount, another session, the other pad)"
+            "its mount, another day, the other pad)"
         ),
         relative_sd=E_OF_A_TURN,
     )
