@@ -146,8 +146,7 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
             "the gel into the fruit, or the poses of left and right are exchanged (swapped)"
         )
     return _refused(
-        "the pads do not face each other by their poses: rotations are transposed, or poses of another "
-        "session"
+        "the pads do not face each other by their poses: rotations are transposed, or poses of another day"
     )
 
 
