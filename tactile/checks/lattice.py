@@ -1,5 +1,4 @@
-"""The grid of markers: sites without a marker, a contact that runs over its edge, markers in another "
-"order."""
+"""The grid of markers: sites without a marker, a contact beyond its edge, markers in another order."""
 
 from collections.abc import Sequence
 

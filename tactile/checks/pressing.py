@@ -12,8 +12,7 @@ from tactile.recording import GelPad
 QUIET_SHARE = 10.0
 """Per cent of the frames that are taken to touch nothing at first; recordings here have 25 to 60 % of air."""
 QUIET_OVER = 1.5
-"""Frames whose forces, and displacements, have a root mean square up to this many times that of the "
-"quietest."""
+"""Frames whose forces, and displacements, have a root mean square up to this many times the quietest's."""
 PRESSED_SD = 6.0
 """A marker is pressed where its force or its displacement exceeds this many standard deviations of noise."""
 LEAST_SHARE = 0.1

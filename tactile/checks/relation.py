@@ -21,8 +21,7 @@ DEAD = 0.02
 IN_STEP, OUT_OF_STEP = 0.97, 0.93
 """Correlation over frames of the totals of U and V; sound recordings have 0.99 and more."""
 SAME_MARKERS = 0.6
-"""Correlation of U and V over markers at the peak, divided by what noise leaves of it; sound: 0.95 and "
-"more."""
+"""Correlation of U and V over markers at the peak, over what noise leaves of it; sound: 0.95 and more."""
 ON_ANOTHER_AXIS, BETTER = 0.8, 0.02
 """Correlation over markers, and by how much it exceeds that of the normal parts; in sound recordings these
 have 0.98 and more and shear has less, by 0.05 at least."""
@@ -45,7 +44,7 @@ class Relation:
     """Of one pad: V over U, correlations over frames, markers and axes, the delay of V against U, saturation.
 
     `lag_frames`: by how many frames V is late, with the correlation there; `axes[i, j]` correlates component
-    i of V with component j of U; `saturation` is the slope above half the peak over that below; `fading` the
+    i of V with component j of U; `saturation` is the slope above half the peak over that below; `summed` the
     correlation of V with U summed over frames (U written as increments).
     """
 
