@@ -120,19 +120,22 @@ def recording() -> Recording:
     moved = np.zeros((20, len(rest), 3))
     moved[..., 2] = -depth[:, None]
     moved += np.random.default_rng(2).normal(scale=0.001, size=moved.shape)
+    area_mm2, kn_MPa_per_mm, kt_MPa_per_mm = 4.0, 0.3, 0.05
+    force_N = -area_mm2 * np.array([kt_MPa_per_mm, kt_MPa_per_mm, kn_MPa_per_mm]) * moved
     pads = []
     for name, side in (("left", -1.0), ("right", 1.0)):
         pose = np.array([[0, 0, -side, side * 28], [-side, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]], float)
         poses = np.broadcast_to(pose, (20, 4, 4)).copy()
+        poses[:, 0, 3] -= side * depth
         pads.append(
             GelPad(
                 name=name,
                 pose=poses,
                 rest_mm=rest,
                 displacement_mm=moved,
-                force_N=-0.3 * moved,
-                gel_kn_MPa_per_mm=0.3,
-                gel_kt_MPa_per_mm=0.05,
+                force_N=force_N,
+                gel_kn_MPa_per_mm=kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=kt_MPa_per_mm,
                 thickness_mm=3.0,
                 gel_E_MPa=0.25,
                 gel_nu=0.48,
