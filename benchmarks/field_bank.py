@@ -1,0 +1,127 @@
+"""Draws sound fruit for field_mistakes.py: ready meshes and recordings whose contact a solver has found.
+
+    python benchmarks/field_bank.py FOLDER --first 0 --count 100 [--grasps 2]
+
+FOLDER/NNN holds fruit.ply (scanned with 0.1 mm of error), pit.ply of what is no nectarine, grasp-1.h5, ...
+and truth.json. Of five fruit three are nectarines, one a plum, one a ball of silicone with a core; E is
+log-uniform in 0.15 to 1.5 MPa, Neo-Hookean; azimuth, tilt, travel and speed of each grasp are drawn. Elements
+are coarser than those of the shipped sample (about 45 s of processor time a grasp): the recordings test what
+the checks say of them, not E to a per cent. A folder that has its truth.json is left as it is.
+"""
+
+import argparse
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from recon.mesh_file import write_mesh
+from samples.cubed_sphere import even_sphere
+from samples.failure import SampleFailure
+from samples.fruit import Pit, SampleFruit, fruit_of_seed, scanned_mesh
+from samples.grasp import simulate
+from samples.grasp_plan import hold_along, two_cycles
+from samples.hexahedra import Fineness
+from samples.mismatch.drawn_fruit import Category, drawn_fruit, scanned_skin
+from tactile.recording import Recording, write_recording
+
+FINENESS = Fineness(degrees=(0, 5, 10, 15, 28, 45), along=3, depths=(0, 0.2, 0.5, 1))
+KINDS: tuple[Category, ...] = ("nectarine", "plum", "nectarine", "nectarine", "pdms_ball")
+MESH_CELLS, MESH_ERROR_MM, PIT_CELLS = 28, 0.1, 12
+TRIES = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A fruit, its scanned mesh, the pit that is given with it (None: the category's) and its travel (mm)."""
+
+    fruit: SampleFruit
+    category: str
+    mesh: tuple[np.ndarray, np.ndarray]
+    given_pit: Pit | None
+    depth_mm: float
+
+
+def drawn(number: int, rng: np.random.Generator) -> Drawn:
+    """The fruit of a number; always the same."""
+    name, kind = f"F{number:03d}", KINDS[number % len(KINDS)]
+    E_MPa = float(np.exp(rng.uniform(np.log(0.15), np.log(1.5))))
+    if kind == "nectarine":
+        fruit = fruit_of_seed(name, seed=5000 + number, E_MPa=E_MPa)
+        mesh = scanned_mesh(fruit, cells=MESH_CELLS, error_mm=MESH_ERROR_MM)
+        return Drawn(fruit=fruit, category="nectarine", mesh=mesh, given_pit=None, depth_mm=1.5)
+    found = drawn_fruit(name, category=kind, rng=rng)
+    return Drawn(
+        fruit=replace(found.fruit, E_MPa=E_MPa, seed=5000 + number),
+        category={"pdms_ball": "phantom"}.get(kind, kind),
+        mesh=scanned_skin(found.fruit.skin, cells=MESH_CELLS, error_mm=MESH_ERROR_MM, rng=rng),
+        given_pit=found.prior,
+        depth_mm=min(1.5, found.depth_mm),
+    )
+
+
+def grasped(one: Drawn, azimuth_deg: float, grasp: int, rng: np.random.Generator) -> Recording | None:
+    """One grasp, less deep where the solver does not get there; None where it never does."""
+    depth_mm = one.depth_mm
+    for _ in range(TRIES):
+        hold = hold_along(
+            one.fruit, azimuth_deg=azimuth_deg + rng.normal(0, 8), tilt_deg=float(rng.normal(0, 4))
+        )
+        way = two_cycles(
+            deepest_mm=depth_mm * float(rng.uniform(0.8, 1)), speed_mm_per_s=float(rng.uniform(0.6, 3))
+        )
+        try:
+            noise_rng = np.random.default_rng([one.fruit.seed, 7, grasp])
+            found = simulate(one.fruit, hold, way, rng=noise_rng, fineness=FINENESS)
+        except SampleFailure as failure:
+            sys.stderr.write(f"{one.fruit.fruit_id} grasp {grasp + 1}: {failure}; less deep\n")
+            depth_mm *= 0.8
+            continue
+        return replace(found.recording, category=one.category)
+    return None
+
+
+def write_fruit(number: int, folder: Path, grasps: int) -> None:
+    """FOLDER/NNN, unless it is there already; none where a grasp cannot be simulated."""
+    out = folder / f"{number:03d}"
+    if (out / "truth.json").exists():
+        return
+    rng = np.random.default_rng([77, number])
+    one = drawn(number, rng)
+    first_deg = rng.uniform(30, 60)
+    recordings = [grasped(one, first_deg + 90 * g, g, rng) for g in range(grasps)]
+    if any(recording is None for recording in recordings):
+        sys.stderr.write(f"{one.fruit.fruit_id}: left out\n")
+        return
+    out.mkdir(parents=True, exist_ok=True)
+    for k, recording in enumerate(recordings):
+        if recording is not None:
+            write_recording(out / f"grasp-{k + 1}.h5", recording)
+    write_mesh(out / "fruit.ply", *one.mesh)
+    if one.given_pit is not None:
+        sphere = even_sphere(PIT_CELLS)
+        write_mesh(out / "pit.ply", one.given_pit.points_mm(sphere.directions), sphere.triangles())
+    truth = {"E_MPa": one.fruit.E_MPa, "fruit_id": one.fruit.fruit_id, "category": one.category}
+    (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
+
+
+def main() -> None:
+    """Writes the fruit, one after the other."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--grasps", type=int, default=2)
+    options = parser.parse_args()
+    for number in range(options.first, options.first + options.count):
+        write_fruit(number, options.folder, options.grasps)
+        sys.stdout.write(f"{number:03d}\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()
