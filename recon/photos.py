@@ -12,7 +12,7 @@ import pi_heif
 from jaxtyping import Float, Int, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
-from recon.picture_size import picture_px
+from recon.picture_size import first_scan, in_one_pass, picture_px
 from recon.plain_file import NotReadable, printable, read_bytes
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
@@ -21,7 +21,9 @@ FEWEST_PHOTOS, MOST_PHOTOS = 3, 500
 MOST_BYTES = 200_000_000
 MOST_PIXELS, MOST_WHOLE_PIXELS = 210_000_000, 60_000_000
 """The largest sensors of phones have 200 megapixels. 60 megapixels take 180 MB once decoded; a JPEG that is
-larger is decoded at a half, a quarter or an eighth of its sides, anything else that is larger is refused."""
+larger is decoded at a half, a quarter or an eighth of its sides, anything else that is larger is refused: a
+progressive JPEG takes its memory at full size whatever is wanted of it (203 megapixels of one, 4:2:0, 690 MiB
+at an eighth of its sides, of a baseline one 130; at 4:4:4 twice that)."""
 SHORTEST_SIDE_PX, MOST_LONGEST_OVER_SHORTEST = 32, 8.0
 """Below, and beyond a panorama's 8 to 1, no fruit can be seen in it."""
 FULL_FRAME_WIDTH_MM = 36.0
@@ -54,19 +56,6 @@ def _is_photo(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES and not path.name.startswith(".") and path.is_file()
 
 
-def _first_scan(jpeg: bytes) -> int:
-    """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own.
-
-    The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0
-    or a restart marker alone); phones put a film after it.
-    """
-    at = 2
-    while at + 4 <= len(jpeg) and jpeg[at] == 0xFF and jpeg[at + 1] != 0xDA:
-        fill = jpeg[at + 1] == 0xFF
-        at += 1 if fill else 2 + int.from_bytes(jpeg[at + 2 : at + 4], "big")
-    return min(at, len(jpeg))
-
-
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     """One photo, turned upright as EXIF says, shrunk to `longest_side_px` where it is larger.
 
@@ -78,7 +67,7 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
         raise _unreadable(path, str(error)) from error
     if not data:
         raise _unreadable(path, "is empty")
-    if data[:2] == b"\xff\xd8" and data.find(b"\xff\xd9", _first_scan(data)) < 0:
+    if data[:2] == b"\xff\xd8" and data.find(b"\xff\xd9", first_scan(data)) < 0:
         raise _unreadable(path, "is a JPEG that was cut short (its end marker is missing)")
     if data[:4] == b"\x89PNG" and b"IEND" not in data[-4096:]:
         raise _unreadable(path, "is a PNG that was cut short (its end mark is missing)")
@@ -96,11 +85,15 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     return Photo(path.name, np.asarray(image, np.uint8), focal_px)
 
 
-def _require_size(path: Path, width: int, height: int, most_pixels: int) -> None:
+def _require_size(
+    path: Path, width: int, height: int, most_pixels: int, *, progressive: bool = False
+) -> None:
     """Refuse, before it is decoded, what would not fit into memory or cannot show a fruit."""
     if width * height > most_pixels:
-        most = f"at most {most_pixels / 1e6:g} million pixels: make it smaller or remove it"
-        raise _unreadable(path, f"has {width} x {height} pixels", most)
+        found = f"has {width} x {height} pixels" + (" in a progressive JPEG" if progressive else "")
+        other = "save it as a baseline JPEG, " if progressive else ""
+        most = f"at most {most_pixels / 1e6:g} million pixels: {other}make it smaller or remove it"
+        raise _unreadable(path, found, most)
     if min(width, height) < SHORTEST_SIDE_PX:
         found = f"has {width} x {height} pixels, too few to show a fruit"
         raise _unreadable(path, found, "a photo: take it again or remove it")
@@ -114,7 +107,9 @@ def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray,
     if size is None:
         raise _unreadable(path, "is no picture that can be decoded")
     jpeg, way = data[:2] == b"\xff\xd8", cv2.IMREAD_COLOR
-    _require_size(path, *size, MOST_PIXELS if jpeg else MOST_WHOLE_PIXELS)
+    progressive = jpeg and not in_one_pass(data)
+    most = MOST_PIXELS if jpeg and not progressive else MOST_WHOLE_PIXELS
+    _require_size(path, *size, most, progressive=progressive)
     if size[0] * size[1] > MOST_WHOLE_PIXELS:
         share = max(size) / longest_side_px
         for part, flag in _REDUCED:

@@ -1,9 +1,13 @@
-"""How large a picture is, told from its header before anything is decoded."""
+"""What a picture's header tells before anything is decoded: its size, and if it can be decoded by rows."""
 
 import struct
+from collections.abc import Iterator
 
 _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 """Start-of-frame markers (ITU-T T.81, table B.1): the frame header holds height and width."""
+_SEQUENTIAL = {0xC0, 0xC1}
+"""The frames whose scans can be decoded row by row (the same table); of others every coefficient is kept."""
+_SCAN = 0xDA
 
 
 def picture_px(data: bytes) -> tuple[int, int] | None:
@@ -12,27 +16,52 @@ def picture_px(data: bytes) -> tuple[int, int] | None:
         if data[:8] == b"\x89PNG\r\n\x1a\n":
             width, height = struct.unpack(">II", data[16:24])
             return int(width), int(height)
-        return _jpeg_px(data) if data[:3] == b"\xff\xd8\xff" else None
-    except (struct.error, IndexError):
+        frame = next((place for marker, place in _segments(data) if marker in _JPEG_FRAMES), None)
+        if frame is None:
+            return None
+        height, width = struct.unpack(">HH", data[frame + 5 : frame + 9])
+        return int(width), int(height)
+    except struct.error:
         return None
 
 
-def _jpeg_px(data: bytes) -> tuple[int, int] | None:
-    place = 2
-    while place < len(data):
-        if data[place] != 0xFF:
-            return None
-        marker = data[place + 1]
+def first_scan(jpeg: bytes) -> int:
+    """Where a JPEG's picture begins, behind its headers, which may hold a small picture of their own; its
+    length where it never does.
+
+    The first end marker behind it is the picture's (ITU-T T.81, B.1.1.5: in coded data 0xFF stands before 0
+    or a restart marker alone); phones put a film after it.
+    """
+    return next((place for marker, place in _segments(jpeg) if marker == _SCAN), len(jpeg))
+
+
+def in_one_pass(jpeg: bytes) -> bool:
+    """Whether a JPEG can be decoded row by row: sequential, all its colours in the first scan.
+
+    A decoder must hold all coefficients of any other (progressive ones, or a scan for each colour), at full
+    size even where only a share of its sides is wanted.
+    """
+    colours = 0
+    for marker, place in _segments(jpeg):
+        if marker in _JPEG_FRAMES:
+            if marker not in _SEQUENTIAL:
+                return False
+            colours = jpeg[place + 9] if place + 9 < len(jpeg) else 0
+        elif marker == _SCAN:
+            return place + 4 < len(jpeg) and 0 < colours == jpeg[place + 4]
+    return False
+
+
+def _segments(jpeg: bytes) -> Iterator[tuple[int, int]]:
+    """Each marker of a JPEG's headers and its place, up to the first scan or the first broken one."""
+    place = 2 if jpeg[:3] == b"\xff\xd8\xff" else len(jpeg)
+    while place + 1 < len(jpeg) and jpeg[place] == 0xFF:
+        marker = jpeg[place + 1]
         if marker == 0xFF:  # fill bytes before a marker
             place += 1
-        elif marker in _JPEG_FRAMES:
-            height, width = struct.unpack(">HH", data[place + 5 : place + 9])
-            return int(width), int(height)
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:  # no length follows
-            place += 2
-        elif marker in (0xD9, 0xDA):  # the end, or the scan, before any frame
-            return None
-        else:
-            (length,) = struct.unpack(">H", data[place + 2 : place + 4])
-            place += 2 + max(length, 2)
-    return None
+            continue
+        yield marker, place
+        if marker in (0xD9, _SCAN):
+            return
+        alone = marker == 0x01 or 0xD0 <= marker <= 0xD8  # no length follows
+        place += 2 if alone else 2 + max(int.from_bytes(jpeg[place + 2 : place + 4], "big"), 2)

@@ -9,7 +9,7 @@ import pytest
 
 from recon.failure import ReconFailure
 from recon.photos import read_photo
-from recon.picture_size import picture_px
+from recon.picture_size import first_scan, in_one_pass, picture_px
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])
@@ -25,6 +25,42 @@ def test_the_header_says_what_the_decoder_finds(suffix, size):
 def test_every_cut_of_a_header_is_no_size_and_no_crash():
     data = cv2.imencode(".jpg", np.zeros((80, 80, 3), np.uint8))[1].tobytes()
     assert all(picture_px(data[:end]) in (None, (80, 80)) for end in range(700))
+
+
+def frame(kind, width, height, *, in_first_scan):
+    """Headers of a JPEG of three colours, without a picture."""
+    held = struct.pack(">BHHB", 8, height, width, 3) + bytes((1, 17, 0, 2, 17, 0, 3, 17, 0))
+    scan = bytes((in_first_scan,)) + bytes((1, 0)) * in_first_scan + bytes((0, 63, 0))
+    parts = ((kind, held), (0xDA, scan))
+    return b"\xff\xd8" + b"".join(
+        struct.pack(">BBH", 0xFF, marker, 2 + len(body)) + body for marker, body in parts
+    )
+
+
+def test_what_a_decoder_must_hold_whole_is_told_from_the_header():
+    image = np.random.default_rng(1).integers(0, 255, (64, 80, 3), np.uint8)
+    for progressive in (0, 1):
+        data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])[1].tobytes()
+        assert in_one_pass(data) is not bool(progressive)
+        assert data[first_scan(data) : first_scan(data) + 2] == b"\xff\xda"
+    assert in_one_pass(frame(0xC0, 80, 64, in_first_scan=3))
+    assert not in_one_pass(frame(0xC0, 80, 64, in_first_scan=1))  # a scan for each colour
+    assert not in_one_pass(frame(0xC2, 80, 64, in_first_scan=3))
+
+
+@pytest.mark.parametrize(("kind", "in_first_scan"), [(0xC2, 3), (0xC0, 1)])
+def test_a_progressive_jpeg_has_the_limit_of_what_is_decoded_whole(
+    tmp_path, monkeypatch, kind, in_first_scan
+):
+    path = tmp_path / "a.jpg"
+    path.write_bytes(frame(kind, 16000, 12000, in_first_scan=in_first_scan) + b"\xff\xd9")
+    monkeypatch.setattr(cv2, "imdecode", None)  # it must not come so far
+    with pytest.raises(ReconFailure) as caught:
+        read_photo(path)
+    assert (
+        "has 16000 x 12000 pixels in a progressive JPEG; expected at most 60 million pixels: save it as a "
+        "baseline JPEG, make it smaller or remove it." in caught.value.detail
+    )
 
 
 def png(width, height):
