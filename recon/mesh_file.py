@@ -13,8 +13,11 @@ from recon.plain_file import NotReadable, printable, read_bytes
 
 SUFFIXES = (".ply", ".stl", ".obj")
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
-MOST_BYTES, MOST_ELEMENTS = 100_000_000, 2_000_000
-"""A scan of two million faces is a binary PLY of 64 MB; 8000 faces are enough for a fruit."""
+MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
+"""Vertices and faces, each: what `drupe check` and `drupe grade` carry within the 1000 MiB of one fruit
+(pipeline.memory). A nectarine's ready mesh, resampled: 300,000 faces peak at 660 MiB in check (7.6 s of
+processor time) and at 950 MiB in grade, 400,000 at 780 and 970 MiB, with a pit.ply as fine at 1000 MiB in
+check (`/usr/bin/time -f "%U %S %M" drupe check BATCH`); 1.3 million took 1.9 GB. 8000 are enough."""
 MOST_ASCII_BYTES = 30_000_000
 """Of numbers written as text, which take thirty times their length while they are read."""
 FARTHEST_MM = 1e6
@@ -23,7 +26,8 @@ Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Vertices (mm) and faces of a mesh file, chosen by its suffix; STL's separate corners are merged.
+    """Vertices (mm) and faces of a mesh file, chosen by its suffix; STL's separate corners are merged, and
+    vertices that no face uses are left out: they are of no surface.
 
     Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in it.
     """
@@ -51,18 +55,25 @@ def read_mesh(path: Path) -> Mesh:
         found = "is broken (what follows its header is not what that says)" if kind == ".ply" else "is broken"
         raise _unreadable(path, found, f"a whole {kind[1:].upper()} file") from error
     if max(len(vertices), len(faces)) > MOST_ELEMENTS:
-        raise _unreadable(path, f"holds {len(faces)} faces", f"at most {MOST_ELEMENTS}: simplify it")
+        raise _too_fine(path, f"{len(vertices)} vertices and {len(faces)} faces")
     if len(vertices) == 0 or len(faces) == 0:
         raise _unreadable(path, f"holds {len(vertices)} vertices and {len(faces)} faces", "a triangle mesh")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _unreadable(
             path, f"has a face that names vertex {faces.max()} of {len(vertices)}", "faces of its vertices"
         )
+    vertices, faces = _used(vertices, faces)
     if not np.isfinite(vertices).all():
         raise _unreadable(path, "holds a coordinate that is no number", "finite coordinates in mm")
     if (farthest := float(np.abs(vertices).max())) > FARTHEST_MM:
         raise _unreadable(path, f"holds a coordinate of {farthest:.3g} mm", "a fruit's, in mm")
     return vertices, faces
+
+
+def _used(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
+    used = np.zeros(len(vertices), bool)
+    used[faces] = True
+    return (vertices, faces) if used.all() else (vertices[used], (np.cumsum(used) - 1)[faces])
 
 
 def mesh_bytes(
@@ -102,8 +113,7 @@ def _require_header(path: Path, data: bytes) -> None:
             if not count:
                 raise _unreadable(path, "is broken (an element without a count)", "a whole PLY file")
             if int(count) > MOST_ELEMENTS:
-                found = f"holds {int(count)} of {words[1][:20].decode('ascii', 'replace')}"
-                raise _unreadable(path, found, f"at most {MOST_ELEMENTS}: simplify it")
+                raise _too_fine(path, f"{int(count)} of {words[1][:20].decode('ascii', 'replace')}")
             if int(count) > len(data) - end:
                 raise _unreadable(path, "was cut short (its header promises more)", "a whole PLY file")
 
@@ -115,12 +125,19 @@ def _require_stl(path: Path, data: bytes) -> None:
     count = int.from_bytes(data[80:84], "little")
     if 84 + 50 * count > len(data):
         raise _unreadable(path, f"was cut short (its header promises {count} faces)", "a whole STL file")
+    if count > MOST_ELEMENTS:
+        raise _too_fine(path, f"{count} faces")
 
 
 def _as_text(kind: str, data: bytes) -> bool:
     return kind == ".obj" or (
         b"format ascii" in data[:200] if kind == ".ply" else data[:5].lower() == b"solid"
     )
+
+
+def _too_fine(path: Path, found: str) -> ReconFailure:
+    expected = f"at most {MOST_ELEMENTS} each: decimate it, for example to 200,000 faces"
+    return _unreadable(path, f"holds {found}", expected)
 
 
 def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:

@@ -77,3 +77,25 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path):
     write_mesh(path, vertices, faces + 1)
     with pytest.raises(ReconFailure, match=r"far\.ply"):
         read_mesh(path)
+
+
+@pytest.mark.parametrize("kind", ["ply", "stl", "obj"])
+def test_a_mesh_finer_than_one_fruits_memory_carries_is_refused_with_what_to_do(tmp_path, monkeypatch, kind):
+    monkeypatch.setattr("recon.mesh_file.MOST_ELEMENTS", 300)
+    vertices, faces = ball(2)
+    path = tmp_path / f"fruit.{kind}"
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    with pytest.raises(ReconFailure) as caught:
+        read_mesh(path)
+    assert f"fruit.{kind} holds" in caught.value.detail
+    assert "320" in caught.value.detail
+    assert "expected at most 300 each: decimate it, for example to 200,000 faces." in caught.value.detail
+
+
+def test_a_vertex_that_no_face_uses_is_of_no_surface(tmp_path):
+    vertices, faces = ball(2)
+    path = tmp_path / "a.ply"
+    write_mesh(path, np.concatenate([[[0.0, 0.0, 900.0]], vertices]), faces + 1)
+    again, same = read_mesh(path)
+    np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
+    assert np.array_equal(same, faces)
