@@ -61,8 +61,8 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
             f"sd {100 * e.E_sd_MPa / e.E_MPa:4.2f} %  residual {1e3 * e.residual_rms_mm:6.2f} um  "
             f"elements {100 * e.discretisation:.2f} %"
         )
-        for sentence in e.warnings:
-            print(f"      {sentence}")
+        for warning in e.warnings:
+            print(f"      {warning.sentence}")
     fruit = found.modulus
     parts = ", ".join(f"{name} {100 * sd / fruit.E_MPa:.2f}" for name, sd in fruit.parts_sd_MPa.items())
     print(

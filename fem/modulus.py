@@ -19,7 +19,7 @@ from fem.modulus_inputs import GraspHistory
 from fem.modulus_joint import GraspEvidence, joint_modulus
 from fem.modulus_response import marker_tracks
 from fem.modulus_thinning import loaded_frames
-from fem.modulus_warnings import warnings_of
+from fem.modulus_warnings import ModulusSign, ModulusWarning, warnings_of
 
 NOISY = 0.1
 """A first-touch fit with more relative noise than this knows less than the absolute surface does."""
@@ -69,7 +69,7 @@ class ModulusEstimate:
     discretisation: float
     residual_rms_mm: float
     frames: tuple[FrameModulus, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[ModulusWarning, ...]
     evidence: GraspEvidence = field(repr=False)
     loaded: Bool[np.ndarray, " t"] = field(repr=False)
     residual_mm: Float[np.ndarray, "f n 3"] = field(repr=False)
@@ -229,7 +229,7 @@ def _absolute(
         discretisation=model.discretisation,
         residual_rms_mm=float(np.sqrt(np.nanmean((fit.residual_mm**2).sum(axis=2)))),
         frames=(),
-        warnings=(warning,),
+        warnings=(ModulusWarning(ModulusSign.ONE_FRAME, warning),),
         evidence=evidence,
         loaded=only,
         residual_mm=fit.residual_mm,

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from fem.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.grasp import PlacedGrasp
 from pipeline.records import PitFoundRecord
 from recon.closed import volume_mm3
@@ -24,12 +25,14 @@ E_PER_MM, E_PER_SIZE = 0.03, 0.6
 """Relative error of E per mm of the pit's offset and per ln of its size (docs/validation.md)."""
 MOVED_SD = 5.0
 """Grasps that put a given pit this many of the prior's standard deviations from where it was given."""
-FOLLOWS = (
-    "not linear elastic flesh",
-    "the pads do not balance",
-    "the linear model leaves",
-    "loading gives",
-    "the forces do no work",
+FOLLOWS = frozenset(
+    {
+        ModulusSign.NO_WORK,
+        ModulusSign.METHODS_APART,
+        ModulusSign.RESIDUAL,
+        ModulusSign.UNBALANCED,
+        ModulusSign.PHASES_APART,
+    }
 )
 """Signs that something is wrong, without its cause: left out where a cause is named."""
 
@@ -60,9 +63,9 @@ def relative_sd(doubts: Sequence[Doubt]) -> float:
     return float(np.linalg.norm([doubt.relative_sd for doubt in doubts])) if doubts else 0.0
 
 
-def causes_alone(warnings: Sequence[str], *, named: bool) -> list[str]:
+def causes_alone(warnings: Sequence[ModulusWarning], *, named: bool) -> list[ModulusWarning]:
     """`warnings` without the signs that follow from a named cause."""
-    return [one for one in warnings if not (named and any(sign in one for sign in FOLLOWS))]
+    return [one for one in warnings if not (named and one.sign in FOLLOWS)]
 
 
 def of_a_given_pit(

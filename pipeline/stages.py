@@ -123,7 +123,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
                 diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
             else:
                 said = causes_alone(own.warnings, named=bool(grasp.findings))
-                diary.warnings += [f"{grasp.name}: {warning}" for warning in said]
+                diary.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
         diary.warnings += found.modulus.warnings
     with diary.stage("picture"):
         write_whole(

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.finding import Field, Finding, Kind, Rank
 from tactile.checks.pressing import (
     Pressing,
     gives_way,
@@ -14,6 +14,7 @@ from tactile.checks.pressing import (
     noise_shares,
 )
 
+FIELDS: tuple[Field, Field] = ("displacement", "force")
 LIVELY = 0.5
 """A frame tells frozen markers where more than this share of all markers differ from the frame before."""
 FROZEN_FRAMES, FROZEN_SHARE = 3, 0.25
@@ -55,7 +56,7 @@ def channel_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     return found
 
 
-def _normals(one: Pressing) -> dict[str, Float[np.ndarray, "t n"]]:
+def _normals(one: Pressing) -> dict[Field, Float[np.ndarray, "t n"]]:
     """Size of the normal parts as they were written, by field."""
     return {
         "displacement": np.abs(one.pad.displacement_mm[:, :, 2]),
@@ -72,21 +73,20 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """Signals that hardly rise above their noise."""
     found = []
     for one in pressings:
-        for name, share, most in zip(("displacement", "force"), noise_shares(one), NOISE, strict=True):
+        for name, share, most in zip(FIELDS, noise_shares(one), NOISE, strict=True):
             if name == "displacement" and not gives_way(one):
                 continue
             if share > most and one.pressed.any():
                 found.append(
                     Finding(
+                        kind=Kind.NOISE,
                         rank=Rank.FIELD,
-                        sentence=(
-                            f"{pads_said((one.pad.name,))} {name} is mostly noise: {100 * share:.0f} % "
-                            "of what the "
-                            f"most pressed markers show, expected below {100 * most:.0f} %; press "
-                            "harder, or look "
-                            "after the sensor"
+                        pads=(one.pad.name,),
+                        field=name,
+                        says=(
+                            f"{name} is mostly noise: {100 * share:.0f} % of what the most pressed markers "
+                            f"show, expected below {100 * most:.0f} %; press harder, or look after the sensor"
                         ),
-                        pad=one.pad.name,
                         refused=name == "displacement" and share > NOISE_REFUSED,
                         relative_sd=float(np.dot(E_PER_NOISE, noise_shares(one))),
                         hides_touch=True,
@@ -138,13 +138,14 @@ def _markers(one: Pressing) -> list[Finding]:
         return []
     return [
         Finding(
+            kind=Kind.DEAD_MARKERS,
             rank=Rank.FIELD,
-            sentence=(
-                f"{pads_said((one.pad.name,))} markers are dead: {int(dead.sum())} of the "
-                f"{int(contact.sum())} in the contact ({100 * share:.0f} %) are {words} while their "
-                "neighbours are pressed; their force is missing"
+            pads=(one.pad.name,),
+            says=(
+                f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
+                f"({100 * share:.0f} %) are {words} while their neighbours are pressed; "
+                "their force is missing"
             ),
-            pad=one.pad.name,
             refused=share > DEAD_REFUSED,
             relative_sd=share,
         )
@@ -154,10 +155,8 @@ def _markers(one: Pressing) -> list[Finding]:
 def _whole_frames(one: Pressing) -> list[Finding]:
     """Frames that are all zero in a field that has noise, and frames copied from the one before."""
     found = []
-    for name, values, noise in (
-        ("displacement", one.pad.displacement_mm, one.felt_sd_mm),
-        ("force", one.pad.force_N, one.force_sd_N),
-    ):
+    of_fields = (one.pad.displacement_mm, one.pad.force_N), (one.felt_sd_mm, one.force_sd_N)
+    for name, values, noise in zip(FIELDS, *of_fields, strict=True):
         zero = np.asarray((values == 0).all(axis=(1, 2)))
         beside = np.zeros_like(zero)
         pressed = np.asarray(one.pressed.any(axis=1))
@@ -166,13 +165,15 @@ def _whole_frames(one: Pressing) -> list[Finding]:
         if noise > 0 and lost.any():
             found.append(
                 Finding(
+                    kind=Kind.ZERO_FRAMES,
                     rank=Rank.FIELD,
-                    sentence=(
-                        f"{pads_said((one.pad.name,))} {name} is zero at every marker in {int(lost.sum())} "
-                        f"frames during the contact (the first is frame {int(np.argmax(lost))}): frames were "
-                        "lost and filled with zeros"
+                    pads=(one.pad.name,),
+                    field=name,
+                    says=(
+                        f"{name} is zero at every marker in {int(lost.sum())} frames during the contact "
+                        f"(the first is frame {int(np.argmax(lost))}): "
+                        "frames were lost and filled with zeros"
                     ),
-                    pad=one.pad.name,
                     refused=True,
                 )
             )
@@ -181,12 +182,13 @@ def _whole_frames(one: Pressing) -> list[Finding]:
     if one.felt_sd_mm > 0 and copied.sum() >= 2:
         found.append(
             Finding(
+                kind=Kind.COPIED_FRAMES,
                 rank=Rank.FIELD,
-                sentence=(
-                    f"{pads_said((one.pad.name,))} frames are duplicated: {int(copied.sum())} in the contact "
-                    f"are copies of the one before (the first is frame {int(np.argmax(copied)) + 1})"
+                pads=(one.pad.name,),
+                says=(
+                    f"frames are duplicated: {int(copied.sum())} in the contact are copies of the one before "
+                    f"(the first is frame {int(np.argmax(copied)) + 1})"
                 ),
-                pad=one.pad.name,
                 refused=bool(copied.mean() > COPIED_REFUSED),
                 relative_sd=float(copied.mean()),
             )
@@ -208,12 +210,14 @@ def _values(one: Pressing) -> list[Finding]:
         if levels < FEWEST_LEVELS:
             found.append(
                 Finding(
+                    kind=Kind.COARSE_STEPS,
                     rank=Rank.FIELD,
-                    sentence=(
-                        f"{pads_said((one.pad.name,))} {name} knows only {levels} different values up to "
-                        f"{top:.3g}: it was rounded (quantised) too coarsely"
+                    pads=(one.pad.name,),
+                    field=name,
+                    says=(
+                        f"{name} knows only {levels} different values up to {top:.3g}: "
+                        "it was rounded (quantised) too coarsely"
                     ),
-                    pad=one.pad.name,
                     relative_sd=1.0 / levels,
                     refused=levels < FEWEST_LEVELS // 3,
                 )
@@ -224,13 +228,15 @@ def _values(one: Pressing) -> list[Finding]:
             share = float(clipped.sum() / max(one.pressed.sum(), 1))
             found.append(
                 Finding(
+                    kind=Kind.CLIPPED,
                     rank=Rank.FIELD,
-                    sentence=(
-                        f"{pads_said((one.pad.name,))} {name} is clipped: {int(clipped.sum())} values stand "
-                        f"at exactly {top:.3g} {'mm' if name == 'displacement' else 'N'}, the greatest of "
-                        "all; the sensor saturates"
+                    pads=(one.pad.name,),
+                    field=name,
+                    says=(
+                        f"{name} is clipped: {int(clipped.sum())} values stand at exactly {top:.3g} "
+                        f"{'mm' if name == 'displacement' else 'N'}, the greatest of all; "
+                        "the sensor saturates"
                     ),
-                    pad=one.pad.name,
                     refused=share > CLIPPED_REFUSED,
                     relative_sd=2 * share,
                 )

@@ -1,7 +1,11 @@
 """One thing that cannot be right in a recording: its cause as a sentence, and what it does to E."""
 
-from dataclasses import dataclass
-from enum import IntEnum
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum, StrEnum
+from typing import Literal
+
+Field = Literal["displacement", "force"]
 
 
 class Rank(IntEnum):
@@ -17,21 +21,79 @@ class Rank(IntEnum):
     """Recording and mesh do not belong together."""
 
 
+class Kind(StrEnum):
+    """What was found; findings are told apart by this, never by the words of their sentences."""
+
+    # the field itself
+    DEAD_MARKERS = "dead-markers"
+    ZERO_FRAMES = "zero-frames"
+    COPIED_FRAMES = "copied-frames"
+    COARSE_STEPS = "coarse-steps"
+    CLIPPED = "clipped"
+    NOISE = "noise"
+    MARKERS_UNIT = "markers-unit"
+    MARKERS_ORDER = "markers-order"
+    MARKERS_MISSING = "markers-missing"
+    OVER_EDGE = "over-edge"
+    # force against displacement
+    AXES = "axes"
+    DEAD_FIELD = "dead-field"
+    SIGN = "sign"
+    DELAY = "delay"
+    INCREMENTS = "increments"
+    OUT_OF_STEP = "out-of-step"
+    OTHER_MARKERS = "other-markers"
+    SATURATION = "saturation"
+    GAIN = "gain"
+    FORCE_DRIFT = "force-drift"
+    # time
+    FRAMES_SHUFFLED = "frames-shuffled"
+    GEL_FRAMES_SHUFFLED = "gel-frames-shuffled"
+    CLOCKS_APART = "clocks-apart"
+    TIME_UNIT = "time-unit"
+    STARTS_IN_CONTACT = "starts-in-contact"
+    NO_TARE = "no-tare"
+    # jaws and poses
+    POSES_UNIT = "poses-unit"
+    POSES_STILL = "poses-still"
+    POSES_TURNED = "poses-turned"
+    POSE_AWAY = "pose-away"
+    APERTURE = "aperture"
+    TOO_DEEP = "too-deep"
+    # the fruit
+    WIDTH = "width"
+    ASIDE = "aside"
+
+
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """`sentence` names the likely cause and has no full stop; `pad` is None where both are meant.
+    """`says` is the likely cause without a full stop; it goes on from the `pads` it is said of, if any.
 
-    `refused`: a modulus from this recording would mean nothing. Else E's relative standard deviation grows
-    by `relative_sd`, which is 0 where E does not depend on what was found. `hides_touch`: the first touch
-    cannot be seen for it, so that nothing can be said of where and when the pads met the fruit.
+    `field`: the field that is meant, where the kind may mean either; `detail`: what else tells two findings
+    of a kind apart (an axis, a number of frames). `refused`: a modulus from this recording would mean
+    nothing. Else E's relative standard deviation grows by `relative_sd`, which is 0 where E does not depend
+    on what was found. `hides_touch`: the first touch cannot be seen for it, so that nothing can be said of
+    where and when the pads met the fruit.
     """
 
+    kind: Kind
     rank: Rank
-    sentence: str
-    pad: str | None = None
+    says: str
+    pads: tuple[str, ...] = ()
+    field: Field | None = None
+    detail: str = ""
     refused: bool = False
     relative_sd: float = 0.0
     hides_touch: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """The whole, as people read it.
+
+        >>> Finding(kind=Kind.SIGN, rank=Rank.RELATION, says="force is negative", pads=("left",)).sentence
+        "the left pad's force is negative"
+        """
+        return f"{pads_said(self.pads)} {self.says}" if self.pads else self.says
 
 
 def pads_said(names: tuple[str, ...]) -> str:
@@ -41,3 +103,13 @@ def pads_said(names: tuple[str, ...]) -> str:
     ("the left pad's", "both pads'")
     """
     return f"the {names[0]} pad's" if len(names) == 1 else "both pads'"
+
+
+def shared(found: Sequence[Finding]) -> list[Finding]:
+    """The findings of two pads as one where they are of one kind, field and detail; the first's numbers."""
+    if len(found) == 2:
+        one, two = found
+        same = (one.kind, one.field, one.detail) == (two.kind, two.field, two.detail)
+        if same and one.pads != two.pads:
+            return [replace(one, pads=(*one.pads, *two.pads))]
+    return list(found)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from tactile.checks.finding import Finding, Rank
+from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
@@ -108,12 +108,12 @@ def footprint_findings(
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     real = width_mm - wider_mm
     return Finding(
+        kind=Kind.WIDTH,
         rank=Rank.FRUIT,
-        sentence=(
-            f"the fruit between the pads is {real:.1f} mm wide where they first touch, its mesh "
-            f"{width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, the "
-            "mesh is "
-            "scaled, turned or of another fruit, or the poses are wrong"
+        says=(
+            f"the fruit between the pads is {real:.1f} mm wide where they first touch, "
+            f"its mesh {width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, "
+            "the mesh is scaled, turned or of another fruit, or the poses are wrong"
         ),
         refused=refused,
         relative_sd=E_OF_ANOTHER_FRUIT,
@@ -122,10 +122,11 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
 
 def _aside(what: str) -> Finding:
     return Finding(
+        kind=Kind.ASIDE,
         rank=Rank.FRUIT,
-        sentence=(
-            f"{what}: the mesh is turned, mirrored or of another fruit, or a pose is wrong (a pad moved in "
-            "its mount, another day, the other pad)"
+        says=(
+            f"{what}: the mesh is turned, mirrored or of another fruit, "
+            "or a pose is wrong (a pad moved in its mount, another day, the other pad)"
         ),
         relative_sd=E_OF_A_TURN,
     )

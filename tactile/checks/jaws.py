@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import Pressing
 from tactile.checks.units import LENGTH, unit_like
 from tactile.recording import Recording
@@ -54,9 +54,9 @@ def jaw_findings(
             if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
                 found.append(
                     _refused(
-                        f"{pads_said((one.pad.name,))} pose has its z axis away from the fruit; z points out "
-                        "of the gel into the fruit",
-                        pad=one.pad.name,
+                        Kind.POSE_AWAY,
+                        "pose has its z axis away from the fruit; z points out of the gel into the fruit",
+                        pads=(one.pad.name,),
                     )
                 )
     return found
@@ -71,11 +71,10 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
         if felt > OVER_CLOSING * closing + SLACK_MM and one.pressed.any():
             found.append(
                 _refused(
-                    f"{pads_said((one.pad.name,))} gel is indented by {felt:.2f} mm although its jaw "
-                    "goes only "
-                    f"{closing:.2f} mm past the first touch: displacement, or the poses' movement, is scaled "
-                    "or of another recording",
-                    pad=one.pad.name,
+                    Kind.TOO_DEEP,
+                    f"gel is indented by {felt:.2f} mm although its jaw goes only {closing:.2f} mm past the "
+                    "first touch: displacement, or the poses' movement, is scaled or of another recording",
+                    pads=(one.pad.name,),
                 )
             )
     return found
@@ -92,17 +91,17 @@ def _aperture(
     if unit and float(np.abs(between).max()) < FAR_TOO_NEAR * size_mm:
         return [
             _refused(
-                f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, about a "
-                "fruit of "
-                f"{size_mm:.0f} mm"
+                Kind.POSES_UNIT,
+                f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, "
+                f"about a fruit of {size_mm:.0f} mm",
             )
         ]
     if said > 0.3 and moved < MOVED * said:
         return [
             _refused(
+                Kind.POSES_STILL,
                 f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by "
-                f"{said:.2f} mm: "
-                "poses of one instant, or of another recording"
+                f"{said:.2f} mm: poses of one instant, or of another recording",
             )
         ]
     if apart <= max(OPENING_SAID_MM, 0.1 * said):
@@ -116,10 +115,11 @@ def _aperture(
     )
     return [
         Finding(
+            kind=Kind.APERTURE,
             rank=Rank.MACHINE,
-            sentence=(
-                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, and they "
-                f"differ by up to {apart:.2f} mm"
+            says=(
+                f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, "
+                f"and they differ by up to {apart:.2f} mm"
             ),
             relative_sd=0.0 if unit else 0.2,
         )
@@ -133,22 +133,24 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     line = origins[1] - origins[0]
     if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
         return _refused(
-            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): only turned "
-            "round do "
-            "the pads face each other"
+            Kind.POSES_TURNED,
+            "the poses' rotations are transposed (fruit to pad instead of pad to fruit): "
+            "only turned round do the pads face each other",
         )
     back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
     if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
-        return _refused("the poses are inverted (fruit to pad instead of pad to fruit)")
+        return _refused(Kind.POSES_TURNED, "the poses are inverted (fruit to pad instead of pad to fruit)")
     if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
         return _refused(
+            Kind.POSES_TURNED,
             "the poses have the pads back to back: the z axes point away from each other; z points out of "
-            "the gel into the fruit, or the poses of left and right are exchanged (swapped)"
+            "the gel into the fruit, or the poses of left and right are exchanged (swapped)",
         )
     return _refused(
-        "the pads do not face each other by their poses: rotations are transposed, or poses of another day"
+        Kind.POSES_TURNED,
+        "the pads do not face each other by their poses: rotations are transposed, or poses of another day",
     )
 
 
-def _refused(sentence: str, *, pad: str | None = None) -> Finding:
-    return Finding(rank=Rank.MACHINE, sentence=sentence, pad=pad, refused=True)
+def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
+    return Finding(kind=kind, rank=Rank.MACHINE, says=says, pads=pads, refused=True)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
-from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 
@@ -31,7 +31,6 @@ def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 
 
 def _pad(one: Pressing) -> list[Finding]:
-    lead = pads_said((one.pad.name,))
     rest = one.pad.rest_mm[:, :2]
     side = float(np.ptp(rest, axis=0).max())
     if not FACE_MM[0] <= side <= FACE_MM[1]:
@@ -40,13 +39,14 @@ def _pad(one: Pressing) -> list[Finding]:
     if (order := _order(one)) is not None and order < ORDERED:
         found.append(
             Finding(
+                kind=Kind.MARKERS_ORDER,
                 rank=Rank.FIELD,
-                sentence=(
-                    f"{lead} markers are in another order (permuted) in rest_mm than in displacement and "
-                    f"force: neighbours on the gel feel unlike things (correlation {max(order, 0.0):.2f}, "
+                pads=(one.pad.name,),
+                says=(
+                    "markers are in another order (permuted) in rest_mm than in displacement and force: "
+                    f"neighbours on the gel feel unlike things (correlation {max(order, 0.0):.2f}, "
                     "expected above 0.9)"
                 ),
-                pad=one.pad.name,
                 refused=True,
             )
         )
@@ -59,13 +59,14 @@ def _pad(one: Pressing) -> list[Finding]:
         if share > MISSING_SAID:
             found.append(
                 Finding(
+                    kind=Kind.MARKERS_MISSING,
                     rank=Rank.FIELD,
-                    sentence=(
-                        f"{lead} marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in "
-                        f"the contact ({100 * share:.0f} %) have no marker (missing from the arrays); their "
-                        "force is missing"
+                    pads=(one.pad.name,),
+                    says=(
+                        f"marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in the "
+                        f"contact ({100 * share:.0f} %) have no marker (missing from the arrays); "
+                        "their force is missing"
                     ),
-                    pad=one.pad.name,
                     refused=share > MISSING_REFUSED,
                     relative_sd=share,
                 )
@@ -157,14 +158,14 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
         return []
     return [
         Finding(
+            kind=Kind.OVER_EDGE,
             rank=Rank.FIELD,
-            sentence=(
-                f"{pads_said((one.pad.name,))} contact runs over the edge of its markers (the outermost "
-                "carry "
-                f"{100 * share:.0f} % of the peak): the force beyond them is missing; markers are missing, "
-                "or the fruit was not held in the pad's middle"
+            pads=(one.pad.name,),
+            says=(
+                "contact runs over the edge of its markers "
+                f"(the outermost carry {100 * share:.0f} % of the peak): the force beyond them is missing; "
+                "markers are missing, or the fruit was not held in the pad's middle"
             ),
-            pad=one.pad.name,
             refused=True,
         )
     ]
@@ -174,11 +175,12 @@ def _unit(one: Pressing, side_mm: float) -> Finding:
     fits = [name for times, name in LENGTH.items() if 8.0 <= side_mm / times <= 60.0]
     unit = f", as if in {' or '.join(fits)}" if fits else ""
     return Finding(
+        kind=Kind.MARKERS_UNIT,
         rank=Rank.FIELD,
-        sentence=(
-            f"{pads_said((one.pad.name,))} rest_mm spans {side_mm:.3g} mm{unit}; expected the places of the "
-            "markers on the gel in millimetres"
+        pads=(one.pad.name,),
+        says=(
+            f"rest_mm spans {side_mm:.3g} mm{unit}; "
+            "expected the places of the markers on the gel in millimetres"
         ),
-        pad=one.pad.name,
         refused=True,
     )

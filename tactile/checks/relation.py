@@ -7,11 +7,12 @@ that sound recordings show stand beside each limit; `benchmarks/field_mistakes.p
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.finding import Field, Finding, Kind, Rank, shared
 from tactile.checks.pressing import Pressing, gives_way, heaviest
 from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
 
@@ -95,9 +96,9 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
             continue
         top, pad = heaviest(one), one.pad
         stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
-        fields = {"force": one.force_N} | (
-            {"displacement": one.felt_mm * stiffness} if gives_way(one) else {}
-        )
+        fields: dict[Field, np.ndarray] = {"force": one.force_N}
+        if gives_way(one):
+            fields["displacement"] = one.felt_mm * stiffness
         for name, values in fields.items():
             mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
             most = int(np.argmax(mean))
@@ -105,13 +106,14 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
             if most != 2 and mean[most] > max(NOT_FRICTION * mean[2], OVER_NOISE * noise):
                 found.append(
                     _refused(
-                        pad.name,
-                        f"{pads_said((pad.name,))} {name} has its axes exchanged or turned: it is "
-                        "greatest along "
-                        f"{AXES[most]}, expected along z, out of the gel",
+                        one,
+                        Kind.AXES,
+                        f"{name} has its axes exchanged or turned: "
+                        f"it is greatest along {AXES[most]}, expected along z, out of the gel",
+                        field=name,
                     )
                 )
-    return _shared(found)
+    return shared(found)
 
 
 def relation_findings(
@@ -133,72 +135,95 @@ def relation_findings(
             found.append(own)
         elif abs(np.log(max(relation.gain, 1e-12))) > GAIN_SAID:
             gains.append((one, relation, closing))
-    return [*_shared(found), *_gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
+    return [*shared(found), *_gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
 
 
 def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     """Everything but a gain, the plainest cause first."""
-    name = one.pad.name
-    lead = pads_said((name,))
     if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
         return _refused(
-            name,
-            f"{lead} displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while "
-            f"its forces reach {_total_N(one):.2g} N; the markers were not tracked",
+            one,
+            Kind.DEAD_FIELD,
+            f"displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while its forces reach "
+            f"{_total_N(one):.2g} N; the markers were not tracked",
+            field="displacement",
         )
     if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
         return _refused(
-            name,
-            f"{lead} force is dead: it stays at {_total_N(one):.2g} N while its markers move "
+            one,
+            Kind.DEAD_FIELD,
+            f"force is dead: it stays at {_total_N(one):.2g} N while its markers move "
             f"{_peak(one.felt_mm):.2f} mm",
+            field="force",
         )
     if exchanged := _exchanged(r):
         i, j = exchanged
         field = _field_exchanged(one)
         return _refused(
-            name,
-            f"{lead} {field} has its axes exchanged or turned: the force along {AXES[i]} goes with the "
-            f"displacement along {AXES[j]}",
+            one,
+            Kind.AXES,
+            f"{field or 'force or displacement'} has its axes exchanged or turned: "
+            f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
+            field=field,
         )
     if r.in_time < -IN_STEP:
-        what = "displacement" if _pushes(one) else "force"
+        wrong: Field = "displacement" if _pushes(one) else "force"
         return _refused(
-            name,
-            f"{lead} {what} has the wrong sign: pressing moves markers to negative z and puts a positive "
-            "force on the fruit, expected as the format has it",
+            one,
+            Kind.SIGN,
+            f"{wrong} has the wrong sign: pressing moves markers to negative z and puts a positive force "
+            "on the fruit, expected as the format has it",
+            field=wrong,
         )
     if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + 0.03):
         late = "late" if r.lag_frames > 0 else "early"
         return _refused(
-            name,
-            f"{lead} force comes {abs(r.lag_frames)} frames {late} against its displacement: the two clocks "
-            "disagree",
+            one,
+            Kind.DELAY,
+            f"force comes {abs(r.lag_frames)} frames {late} against its displacement: "
+            "the two clocks disagree",
+            detail=f"{r.lag_frames} frames",
         )
     if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
         return _refused(
-            name,
-            f"{lead} displacement is written as increments from frame to frame: summed up it follows the "
-            "force; write displacement from rest (cumulative)",
+            one,
+            Kind.INCREMENTS,
+            "displacement is written as increments from frame to frame: summed up it follows the force; "
+            "write displacement from rest (cumulative)",
         )
     if r.in_time < OUT_OF_STEP:
         return _refused(
-            name,
-            f"{lead} force and displacement do not go together over time (correlation {r.in_time:.2f}, "
+            one,
+            Kind.OUT_OF_STEP,
+            f"force and displacement do not go together over time (correlation {r.in_time:.2f}, "
             "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
+            detail=f"{r.in_time:.2f}",
         )
     if r.over_markers < SAME_MARKERS:
         return _refused(
-            name,
-            f"{lead} force and displacement are not of the same markers (correlation over markers "
-            f"{max(r.over_markers, 0):.2f}, expected above 0.9): one of the two lists its markers in another "
-            "order (permuted)",
+            one,
+            Kind.OTHER_MARKERS,
+            "force and displacement are not of the same markers "
+            f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
+            "one of the two lists its markers in another order (permuted)",
+            detail=f"{max(r.over_markers, 0):.2f}",
         )
     if r.saturation < SATURATES:
-        what = f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below"
-        return _refused(name, f"{lead} {what}; the sensor saturates")
+        return _refused(
+            one,
+            Kind.SATURATION,
+            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; "
+            "the sensor saturates",
+            field="force",
+        )
     if r.saturation > 1 / SATURATES:
-        what = f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak"
-        return _refused(name, f"{lead} {what} as below; tracking saturates")
+        return _refused(
+            one,
+            Kind.SATURATION,
+            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak "
+            "as below; tracking saturates",
+            field="displacement",
+        )
     return None
 
 
@@ -225,7 +250,6 @@ def _gain_finding(
     E_range_MPa: tuple[float, float] | None,
 ) -> Finding:
     pressing, _, closing = one
-    lead = pads_said(names)
     size = abs(float(np.log(gain)))
     blamed = _blamed(pressing, closing, gain, E_range_MPa)
     said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
@@ -233,46 +257,49 @@ def _gain_finding(
     unit_F = unit_like(gain, FORCE)
     unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
     if blamed == "displacement" and unit_u:
-        sentence = f"{lead} displacement looks like {unit_u}: {scaled}"
+        says = f"displacement looks like {unit_u}: {scaled}"
     elif blamed == "displacement":
-        sentence = f"{lead} displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
+        says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
     elif blamed == "force" and unit_F:
-        sentence = f"{lead} forces look like {unit_F}: {said}"
+        says = f"forces look like {unit_F}: {said}"
     elif blamed == "force":
-        sentence = f"{lead} forces are scaled: {said}, and no fruit of this category is as stiff or soft"
+        says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
     elif unit_k and blamed == "stiffness":
-        sentence = f"{lead} gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
     elif unit_F and unit_k:
-        sentence = f"{lead} forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
+        says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
     else:
         unit = f" (as if in {unit_F})" if unit_F else ""
-        sentence = (
-            f"{lead} forces are {said}{unit}: a gain of the force, a scale of the displacement, a gel that "
-            "creeps, or the stiffness (kn, kt) of another gel"
+        says = (
+            f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
+            "a gel that creeps, or the stiffness (kn, kt) of another gel"
         )
     return Finding(
+        kind=Kind.GAIN,
         rank=Rank.RELATION,
-        sentence=sentence,
-        pad=names[0] if len(names) == 1 else None,
+        pads=names,
+        says=says,
         refused=size > GAIN_REFUSED,
         relative_sd=E_PER_GAIN * size * share,
     )
 
 
-def _blamed(one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None) -> str:
+def _blamed(
+    one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
+) -> Field | Literal["stiffness"] | None:
     """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
     felt = _peak(one.felt_mm)
     if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
         return "displacement"
     if E_range_MPa is None or closing_mm <= 0:
-        return ""
+        return None
     into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
     E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
     low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
     as_written, as_the_gel_says = low < E < high, low < E / gain < high
     if as_the_gel_says and not as_written:
         return "force"
-    return "stiffness" if as_written and not as_the_gel_says else ""
+    return "stiffness" if as_written and not as_the_gel_says else None
 
 
 LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
@@ -281,18 +308,18 @@ NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
 """For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
 
 
-def _refused(pad: str, sentence: str) -> Finding:
-    return Finding(rank=Rank.RELATION, sentence=sentence, pad=pad, refused=True)
-
-
-def _shared(found: Sequence[Finding]) -> list[Finding]:
-    """Both pads' findings as one where only the pad's name tells them apart up to its first number."""
-    if len(found) == 2:
-        bare = [one.sentence.replace(pads_said((one.pad or "",)), "").split(":")[0] for one in found]
-        if bare[0] == bare[1]:
-            both = found[0].sentence.replace(pads_said((found[0].pad or "",)), pads_said(("left", "right")))
-            return [Finding(rank=found[0].rank, sentence=both, refused=True)]
-    return list(found)
+def _refused(
+    one: Pressing, kind: Kind, says: str, *, field: Field | None = None, detail: str = ""
+) -> Finding:
+    return Finding(
+        kind=kind,
+        rank=Rank.RELATION,
+        pads=(one.pad.name,),
+        says=says,
+        field=field,
+        detail=detail,
+        refused=True,
+    )
 
 
 def _correlation(a: Float[np.ndarray, " t"], b: Float[np.ndarray, " t"]) -> float:
@@ -339,12 +366,13 @@ def _exchanged(r: Relation) -> tuple[int, int] | None:
     return None
 
 
-def _field_exchanged(one: Pressing) -> str:
-    """Force or displacement: whichever has its largest component elsewhere than along z."""
-    for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
+def _field_exchanged(one: Pressing) -> Field | None:
+    """Whichever has its largest component elsewhere than along z; None where neither has."""
+    fields: dict[Field, np.ndarray] = {"displacement": one.felt_mm, "force": one.force_N}
+    for name, values in fields.items():
         if int(np.argmax((values[one.pressed] ** 2).sum(axis=0))) != 2:
             return name
-    return "force or displacement"
+    return None
 
 
 def _lag(U: Float[np.ndarray, " t"], V: Float[np.ndarray, " t"]) -> tuple[int, float]:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, Rank, pads_said
+from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.recording import Recording
@@ -45,10 +45,10 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if disordered:
         return [
             _refused(
+                Kind.FRAMES_SHUFFLED,
                 "the frames are out of order (shuffled): the jaws turn back at "
-                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; sort the "
-                "frames by "
-                "the time at which they were taken"
+                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; "
+                "sort the frames by the time at which they were taken",
             )
         ]
     for one in pressings:
@@ -61,9 +61,10 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
             if not faint and roughness(signal, jaws) > ROUGH:
                 found.append(
                     _refused(
-                        f"{pads_said((one.pad.name,))} {name} jumps from frame to frame while the jaws move "
-                        "evenly: its frames are out of order (shuffled) against the jaws' log",
-                        pad=one.pad.name,
+                        Kind.GEL_FRAMES_SHUFFLED,
+                        f"{name} jumps from frame to frame while the jaws move evenly: "
+                        "its frames are out of order (shuffled) against the jaws' log",
+                        pads=(one.pad.name,),
                     )
                 )
     if not found:
@@ -93,13 +94,13 @@ def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
         if abs(change) > max(DRIFT_SHARE * peak, 6 * noise):
             found.append(
                 Finding(
+                    kind=Kind.FORCE_DRIFT,
                     rank=Rank.RELATION,
-                    sentence=(
-                        f"{pads_said((one.pad.name,))} force drifts: with nothing touching it differs by "
-                        f"{change:+.2f} N after the grasp from before ({100 * change / peak:+.0f} % of the "
-                        "peak)"
+                    pads=(one.pad.name,),
+                    says=(
+                        f"force drifts: with nothing touching it differs by {change:+.2f} N after the grasp "
+                        f"from before ({100 * change / peak:+.0f} % of the peak)"
                     ),
-                    pad=one.pad.name,
                     relative_sd=0.5 * abs(change) / peak,
                 )
             )
@@ -120,17 +121,16 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
             continue
         raw_u, raw_F = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
         u, F = (float(np.abs(x).max()) for x in (raw_u, raw_F))
-        lead = pads_said((one.pad.name,))
         if raw_u[0] > IN_CONTACT * u and raw_F[0] > IN_CONTACT * F:
             found.append(
                 Finding(
+                    kind=Kind.STARTS_IN_CONTACT,
                     rank=Rank.MACHINE,
-                    sentence=(
-                        f"{lead} recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in "
-                        "the first "
+                    pads=(one.pad.name,),
+                    says=(
+                        f"recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in the first "
                         "frame): the frames before the first touch are missing"
                     ),
-                    pad=one.pad.name,
                     relative_sd=E_WITHOUT_TOUCH,
                     hides_touch=True,
                 )
@@ -140,13 +140,13 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
         if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < 0.3 * TARE_SHARE * u:
             found.append(
                 Finding(
+                    kind=Kind.NO_TARE,
                     rank=Rank.MACHINE,
-                    sentence=(
-                        f"{lead} force has an offset of {rest_F:.2g} N in the contact's markers while "
-                        "nothing "
-                        "touches (no tare)"
+                    pads=(one.pad.name,),
+                    says=(
+                        f"force has an offset of {rest_F:.2g} N in the contact's markers "
+                        "while nothing touches (no tare)"
                     ),
-                    pad=one.pad.name,
                     refused=_taken_for_contact(one),
                     relative_sd=E_OF_A_TARE,
                 )
@@ -200,13 +200,12 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     late = "late" if apart > 0 else "early"
     return [
         Finding(
+            kind=Kind.CLOCKS_APART,
             rank=Rank.MACHINE,
-            sentence=(
-                f"the gel's signals (displacement and force) are {late} against the jaws: at release the "
-                "jaws "
-                f"stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than at touch; the two "
-                "clocks "
-                "disagree (lag)"
+            says=(
+                f"the gel's signals (displacement and force) are {late} against the jaws: "
+                f"at release the jaws stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than "
+                "at touch; the two clocks disagree (lag)"
             ),
             refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),
             relative_sd=0.15 * abs(apart),
@@ -237,14 +236,15 @@ def _clock(recording: Recording) -> list[Finding]:
     unit = "milliseconds" if fastest < low else "minutes or hours"
     return [
         Finding(
+            kind=Kind.TIME_UNIT,
             rank=Rank.MACHINE,
-            sentence=(
-                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, expected "
-                f"{low:g} to {high:g}"
+            says=(
+                f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, "
+                f"expected {low:g} to {high:g}"
             ),
         )
     ]
 
 
-def _refused(sentence: str, *, pad: str | None = None) -> Finding:
-    return Finding(rank=Rank.FIELD, sentence=sentence, pad=pad, refused=True)
+def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
+    return Finding(kind=kind, rank=Rank.FIELD, says=says, pads=pads, refused=True)

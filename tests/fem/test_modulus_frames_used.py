@@ -8,6 +8,7 @@ from planted_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pad
 
 from fem.modulus_inputs import GraspHistory
 from fem.modulus_thinning import MOST_FRAMES, spacing, thinned
+from fem.modulus_warnings import ModulusSign
 
 
 def one_frame(history: GraspHistory, frame: int) -> GraspHistory:
@@ -27,15 +28,16 @@ def test_one_loaded_frame_falls_back_on_the_surface():
     found = found_in(one_frame(exact, 4))
     assert found.form == "absolute"
     assert found.E_MPa == pytest.approx(E_MPA, rel=0.02)
-    assert "only one frame" in found.warnings[0]
+    assert found.warnings[0].sign is ModulusSign.ONE_FRAME
+    assert "only one frame" in found.warnings[0].sentence
 
 
 def test_a_noisy_recording_falls_back_on_the_surface_and_says_why():
     found = found_in(with_pads(grasp(surface_mm=0.0, noise=0.1), displacement_sd_mm=1.0))
     assert found.form == "absolute"
     (warning,) = found.warnings
-    assert "noise leaves the comparison of 9 loaded frames" in warning
-    assert "only one frame is loaded" not in warning
+    assert "noise leaves the comparison of 9 loaded frames" in warning.sentence
+    assert "only one frame is loaded" not in warning.sentence
 
 
 def stretched(history: GraspHistory, frames: int) -> GraspHistory:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from pipeline.doubts import Doubt, causes_alone, of_a_given_pit, of_a_pit_found, relative_sd
+from fem.modulus_warnings import ModulusSign, ModulusWarning
+from pipeline.doubts import FOLLOWS, Doubt, causes_alone, of_a_given_pit, of_a_pit_found, relative_sd
 from pipeline.records import PitFoundRecord
 from recon.pit import place_pit
 from recon.priors import load_prior
@@ -79,6 +80,8 @@ def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
 def test_doubts_add_in_squares_and_named_causes_hide_their_signs():
     assert relative_sd([]) == 0.0
     assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
-    signs = ["the pads do not balance at their peak (left 1 N and right 2 N)", "12 frames are lost"]
-    assert causes_alone(signs, named=True) == ["12 frames are lost"]
-    assert causes_alone(signs, named=False) == signs
+    one_frame = ModulusWarning(ModulusSign.ONE_FRAME, "loading gives one frame")
+    signs = [ModulusWarning(sign, "in whatever words") for sign in FOLLOWS]
+    assert len(signs) == 5
+    assert causes_alone([*signs, one_frame], named=True) == [one_frame]
+    assert causes_alone([*signs, one_frame], named=False) == [*signs, one_frame]

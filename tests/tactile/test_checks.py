@@ -12,6 +12,7 @@ import pytest
 
 from recon.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
+from tactile.checks.finding import Finding, Kind, Rank, shared
 from tactile.checks.lattice import missing_sites
 from tactile.checks.of_recording import recording_findings
 from tactile.checks.pressing import pressing_of
@@ -236,6 +237,27 @@ def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(sound, mistake):
     found = findings(change(recording), mesh)
     assert any(words in one.sentence for one in found)
     assert not any(one.refused for one in found)
+
+
+def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(sound):
+    recording, mesh = sound
+    left, right = (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1]), n) for n in ("left", "right"))
+    (one,) = findings(left(recording), mesh)
+    (both,) = findings(right(left(recording)), mesh)
+    assert (one.kind, one.field, one.pads) == (Kind.AXES, "force", ("left",))
+    assert (both.kind, both.field, both.pads) == (Kind.AXES, "force", ("left", "right"))
+    assert both.sentence.startswith("both pads' force has its axes")
+
+
+def test_findings_are_told_apart_by_kind_field_and_detail_and_not_by_words():
+    def found(pad, kind=Kind.DELAY, field=None, detail="5", says="as it is"):
+        return Finding(kind=kind, rank=Rank.RELATION, says=says, pads=(pad,), field=field, detail=detail)
+
+    (one,) = shared([found("left"), found("right", says="in other words")])
+    assert one.sentence == "both pads' as it is"
+    for other in ({"kind": Kind.SIGN}, {"field": "force"}, {"detail": "6"}):
+        two = [found("left"), found("right", **other)]
+        assert shared(two) == two
 
 
 def test_a_force_of_noise_alone_is_dead_and_a_pad_that_feels_nothing_is_left_to_the_contact(sound):
