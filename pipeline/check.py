@@ -26,6 +26,9 @@ from tactile.failure import TactileFailure, TactileProblem
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
 
+SPIKE = 2.0
+"""A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
+1.45 times as long as wide (recon.priors). It chooses the sentence for a mesh of no fruit's size, no more."""
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
@@ -124,7 +127,22 @@ def _size_doubt(path: Path, row: FruitRow, kind: Kind) -> str:
     limits, height_mm = kind.ranges.height_mm, row.height_mm
     if height_mm is not None and limits is not None and not limits[0] <= height_mm <= limits[1]:
         height_mm = None  # said already, with its own slip
-    return mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
+    doubt = mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
+    if not doubt:
+        return ""
+    away = np.linalg.norm(vertices - np.median(vertices, axis=0), axis=1)
+    rest = away <= SPIKE * np.quantile(away, 0.99)
+    if not rest.all() and not mesh_doubt(np.ptp(vertices[rest], axis=0).tolist(), height_mm, kind):
+        return (
+            f"the mesh has a spike: {_so_many(int((~rest).sum()), 'vertex', 'vertices')} up to "
+            f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm; remove the "
+            "spike and close the surface, or scan the fruit again."
+        )
+    return doubt
+
+
+def _so_many(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
 
 
 def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind) -> Iterator[Problem]:

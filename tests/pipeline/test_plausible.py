@@ -152,6 +152,18 @@ def test_a_mesh_in_metres_is_the_first_and_only_thing_said_of_it(batch):
     assert "flesh" not in line
 
 
+def test_a_spike_is_said_to_be_one_and_a_mesh_out_of_size_is_not(batch):
+    directions, faces = ball(3)
+    spiked = 28 * directions
+    spiked[5] *= 40
+    write_mesh(batch / "fruits" / "A" / "fruit.ply", spiked, faces)
+    write_mesh(batch / "fruits" / "B" / "fruit.ply", 280 * directions, faces)
+    one, other = (next(line for line in said(batch).splitlines() if f"{n}/fruit.ply" in line) for n in "AB")
+    assert "the mesh has a spike: 1 vertex up to 1.12e+03 mm from its middle, the others within 28 mm" in one
+    assert "remove the spike" in one
+    assert "spike" not in other
+
+
 def test_category_table_and_numbers_are_said_in_one_go(batch):
     (batch / "batch.toml").write_text(
         'category = "nectarine"\npulp_temperature_C = 68\n[[grading.classes]]\nname = "soft"\n'
