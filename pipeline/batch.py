@@ -10,13 +10,14 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from pipeline.config import MOST_BYTES, NO_PIT, Grading, Settings, read_settings
+from pipeline.config import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.control_chart import chart_path, read_chart
 from pipeline.fruits_table import FruitRow, read_fruits
 from pipeline.layout import BatchFolder
 from pipeline.plausible import grading_doubts, kind_of, table_doubts
 from pipeline.problem import BatchRefused, Problem
 from pipeline.reference import CATEGORY, reference_prior
+from pipeline.safe_start import elsewhere
 from recon.failure import ReconFailure
 from recon.mat import Mat, parse_mat
 from recon.measured_pit import load_pit
@@ -111,6 +112,7 @@ def survey(root: Path) -> Survey:
         category, prior, wrong = _read_priors(folder, settings, rows)
         problems += wrong
         problems += _without_model(folder, settings)
+        problems += _without_provider(folder, settings)
         problems += _effects_of_strangers(folder, settings, rows)
         problems += _effects_without_pit(folder, settings, rows)
         problems += _references(folder, settings, rows)
@@ -361,6 +363,16 @@ def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
             "give the path of an ONNX file relative to the batch, or take the line out.",
         )
     ]
+
+
+def _without_provider(folder: BatchFolder, settings: Settings) -> list[Problem]:
+    """Models must have something to run on."""
+    if settings.recon.providers == Recon().providers:
+        return []
+    with elsewhere():
+        from recon.onnx_session import providers_fault
+    fault = providers_fault(settings.recon.providers)
+    return [Problem(str(folder.settings), f'"recon.providers": {fault}')] if fault else []
 
 
 def _gather(problems: list[Problem], read: Callable[[], T]) -> T | None:

@@ -16,7 +16,7 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.records import Given
 from pipeline.task import FruitTask, fruit_task
 from recon.failure import ReconFailure
-from recon.priors import STONE_FRUIT, PitPrior, known_categories, load_prior
+from recon.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
@@ -28,12 +28,12 @@ class CaseSettings(Strict):
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
     category: Name
-    poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] = ASSUMED_POISSON_RATIO_SD
     offset_sd_mm: Shift | None = None
     size_sd: Relative | None = None
-    mesh_sd_mm: Annotated[float, Field(gt=0, le=10)] | None = None
-    thickness_mm: Annotated[float, Field(gt=0, le=200)] | None = None
+    mesh_sd_mm: Annotated[float, Field(ge=1e-3, le=10)] | None = None
+    thickness_mm: Annotated[float, Field(ge=0.1, le=200)] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,15 +23,17 @@ from pipeline.problem import BatchRefused, Problem
 from recon.coin import Coin, coin_named
 from recon.failure import ReconFailure
 from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+from recon.priors import LEAST_POISSON_RATIO
 
 MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
 Words = Annotated[str, Field(max_length=10_000)]
-Relative = Annotated[float, Field(gt=0, le=0.5)]
-"""A standard deviation as a share; at a half nothing is known any more."""
-Shift = Annotated[float, Field(gt=0, le=20)]
-"""A standard deviation in mm: at 20 mm a pit lies outside its fruit."""
+Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
+"""A standard deviation as a share; at a half nothing is known any more, and a ten-thousandth is a force
+standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
+Shift = Annotated[float, Field(ge=1e-3, le=20)]
+"""A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Model = TypeVar("Model", bound=BaseModel)
 
 
@@ -52,7 +54,7 @@ class GradingClass(Strict):
     """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
 
     name: Annotated[str, Field(min_length=1, max_length=80)]
-    E_max_MPa: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    E_max_MPa: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
 
 
 class Grading(Strict):
@@ -194,7 +196,7 @@ class Settings(Strict):
     ) = None
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
-    poisson_ratio: Annotated[float, Field(ge=0, le=LARGEST_POISSON_RATIO)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
     notes: Words | None = None
     sensor: Sensor | None = None
     gripper: Device | None = None

@@ -14,6 +14,7 @@ import pandas as pd
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
+from recon.priors import LEAST_POISSON_RATIO
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
@@ -21,8 +22,9 @@ MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
 REFERENCE_E_MPA = (0.0005, 60.0)
 """What a reference body's modulus can be: as phantoms' (recon/priors/phantom.toml), from hydrogels to cast
 polyurethane."""
-MOST_REFERENCE_SD = 0.5
-"""Its standard deviation as a share of it, at most: at a half nothing is known any more."""
+REFERENCE_SD = (1e-4, 0.5)
+"""Its standard deviation as a share of it: at a half nothing is known any more, and no tensile test is better
+than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "notes", "reference", *REFERENCE_MEASURES)
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
@@ -238,19 +240,18 @@ def _reference(
             f"modulus, {low:g} to {high:g} MPa{meant or '; write it from its certificate or tensile test.'}"
         )
         E_MPa = None
-    if sd_MPa is None or sd_MPa <= 0 or (E_MPa is not None and sd_MPa > MOST_REFERENCE_SD * E_MPa):
-        most = (
-            "" if E_MPa is None else f" and at most {MOST_REFERENCE_SD * E_MPa:g} MPa (half of its modulus)"
-        )
+    least, most_sd = (share * (REFERENCE_E_MPA[0] if E_MPa is None else E_MPa) for share in REFERENCE_SD)
+    if sd_MPa is None or sd_MPa < least or (E_MPa is not None and sd_MPa > most_sd):
+        most = "" if E_MPa is None else f" and at most {most_sd:g} MPa (half of its modulus)"
         wrong(
             f"reference_E_sd_MPa {_as_found(cells['reference_E_sd_MPa'])}; expected one standard deviation "
-            f"of reference_E_MPa, above zero{most}; write it in MPa."
+            f"of reference_E_MPa, {least:g} or more{most}; write it in MPa."
         )
     text, ratio = cells["reference_poisson_ratio"], found["reference_poisson_ratio"]
-    if text and (ratio is None or not 0 <= ratio <= LARGEST_POISSON_RATIO):
+    if text and (ratio is None or not LEAST_POISSON_RATIO <= ratio <= LARGEST_POISSON_RATIO):
         wrong(
-            f"reference_poisson_ratio {_as_found(text)}; expected 0 to {LARGEST_POISSON_RATIO:g}, for "
-            "example 0.48 for silicone; correct it."
+            f"reference_poisson_ratio {_as_found(text)}; expected {LEAST_POISSON_RATIO:g} to "
+            f"{LARGEST_POISSON_RATIO:g}, for example 0.48 for silicone; correct it."
         )
     return {"reference": True, **found}
 

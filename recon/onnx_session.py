@@ -1,5 +1,6 @@
 """ONNX files: opened with one thread on the first provider at hand, refused by name."""
 
+import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,6 +9,23 @@ os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps
 import onnxruntime
 
 from recon.onnx_file import bad_model, require_onnx
+
+
+def providers_fault(providers: Sequence[str]) -> str:
+    """What is wrong with a list of providers, as "found ...; expected ..."; empty where nothing is.
+
+    Each must be one that ONNX Runtime knows, and this machine must have one of them.
+    """
+    known, here = onnxruntime.get_all_providers(), onnxruntime.get_available_providers()
+    for name in providers:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"this machine has {', '.join(here)}."
+            return f'found "{name}"; expected names of ONNX Runtime\'s providers: {hint}'
+    if not set(providers) & set(here):
+        found = f"found {', '.join(providers)}" if providers else "found an empty list"
+        return f"{found}; expected one that this machine has: {', '.join(here)}."
+    return ""
 
 
 def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:

@@ -34,13 +34,15 @@ REST = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
 DISPLACEMENT = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
 FORCE = Limit(1e4, "newtons at a marker (is it in mN?)")
 LOAD = Limit(1e6, "newtons (is it in mN?)")
-STIFFNESS = Limit(1e4, "MPa per mm (is it in Pa or kPa?)")
-THICKNESS = Limit(200.0, "millimetres")
-MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)")
-RATIO = Limit(0.4999, "")
-RADIUS = Limit(1000.0, "millimetres")
+STIFFNESS = Limit(1e4, "MPa per mm (is it in Pa or kPa?)", least=1e-6)
+THICKNESS = Limit(200.0, "millimetres", least=0.01)
+MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)", least=1e-5)
+RATIO = Limit(0.4999, "", least=0.1)
+RADIUS = Limit(1000.0, "millimetres", least=0.001)
 """The largest that each field can be at all, some hundred times what sensors and grippers reach: beyond it a
-number is broken or in another unit, and squares of it may overflow."""
+number is broken or in another unit, and squares of it may overflow. The least likewise: the softest gel made
+has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6 MPa per mm; quotients by numbers
+that are next to nothing overflow."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]

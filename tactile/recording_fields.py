@@ -27,10 +27,13 @@ REWRITE = "write the field again as plain numbers or text: HDF5 holds more types
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest that a number can be, either sign, and its unit with what a larger one may have been."""
+    """The largest that a number can be, either sign, and its unit with what a larger one may have been; of a
+    constant, which is above zero, the least too.
+    """
 
     largest: float
     unit: str
+    least: float = 0.0
 
 
 ANY = Limit(1e12, "in any unit")
@@ -109,8 +112,8 @@ class GroupReader:
             raise self._refuse(
                 f"attribute {name}", _said(value), "a number above zero", "correct the sensor's constants"
             )
-        if number > limit.largest:
-            expected = f"a number up to {limit.largest:g} {limit.unit}".rstrip()
+        if not limit.least <= number <= limit.largest:
+            expected = f"{limit.least:g} to {limit.largest:g} {limit.unit}".rstrip()
             raise self._refuse(f"attribute {name}", f"{number:g}", expected, "correct the sensor's constants")
         return number
 

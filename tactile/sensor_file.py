@@ -40,6 +40,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.failure import TactileProblem
+from tactile.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
+from tactile.recording_fields import Limit
 from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
 from tactile.toml_table import Table, read_table
 
@@ -50,6 +52,12 @@ TOP = {
 }  # fmt: skip
 FEWEST_LIGHTS = 3
 FARTHEST_MM = 1e5
+GAMMA = Limit(10.0, "", least=0.1)
+"""Of screens and cameras 1.8 to 2.6."""
+LEAST_PITCH_MM = 0.01
+"""Markers closer than a cell of skin are none that a camera in a gel tells apart."""
+FAINTEST = 1e-6
+"""A channel's light over the brightest's: an 8-bit picture tells 4e-3."""
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation."""
 
@@ -67,9 +75,6 @@ def read_sensor(path: Path) -> Sensor:
     photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
     gel = top.table("gel", needed=images)
     gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
-    nu = gel.number("nu", needed=images, above=0.0)
-    if nu is not None and nu >= 0.5:
-        raise gel.refusal("nu", repr(nu), "a number below 0.5 (0.48 for a soft gel)")
     lights = _lights(top)
     calibration = _calibration(top)
     if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
@@ -81,15 +86,15 @@ def read_sensor(path: Path) -> Sensor:
         serial=top.text("serial", default=""),
         camera=_camera(top.table("camera", needed=images)),
         second_camera=_camera(top.table("second_camera", needed=stereo)),
-        thickness_mm=gel.number("thickness_mm", needed=images, above=0.0),
-        E_MPa=gel.number("E_MPa", needed=images, above=0.0),
-        nu=nu,
-        gel_kn_MPa_per_mm=gel.number("gel_kn_MPa_per_mm", needed=False, above=0.0),
-        gel_kt_MPa_per_mm=gel.number("gel_kt_MPa_per_mm", needed=False, above=0.0),
+        thickness_mm=gel.within("thickness_mm", THICKNESS, needed=images),
+        E_MPa=gel.within("E_MPa", MODULUS, needed=images),
+        nu=gel.within("nu", RATIO, needed=images),
+        gel_kn_MPa_per_mm=gel.within("gel_kn_MPa_per_mm", STIFFNESS, needed=False),
+        gel_kt_MPa_per_mm=gel.within("gel_kt_MPa_per_mm", STIFFNESS, needed=False),
         rest_mm=_rest(top.table("markers", needed=False)),
         lights=lights,
         ambient=_ambient(top),
-        gamma=top.number("gamma", needed=False, above=0.0) or 1.0,
+        gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
         calibration_file=calibration,
     )
 
@@ -110,8 +115,8 @@ def _camera(table: Table) -> Camera | None:
     if not (width >= 1 and height >= 1 and width % 1 == 0 and height % 1 == 0):
         raise table.refusal("image_px", f"[{width:g}, {height:g}]", "width and height in whole pixels")
     focal = table.numbers("focal_px", (2,))
-    if not (focal > 0).all():
-        raise table.refusal("focal_px", str(focal.tolist()), "two numbers above 0")
+    if not (focal >= 1).all():
+        raise table.refusal("focal_px", str(focal.tolist()), "two numbers of pixels, 1 or more")
     distortion = table.numbers("distortion", (5,), needed=False)
     pose = table.numbers("gel_from_camera", (4, 4))
     if not is_rigid(pose):
@@ -134,8 +139,9 @@ def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
         return rest
     table.refuse_unknown({"rows", "columns", "pitch_mm", "first_mm"})
     pitch = table.numbers("pitch_mm", (2,))
-    if not (pitch > 0).all():
-        raise table.refusal("pitch_mm", str(pitch.tolist()), "two numbers above 0")
+    if not (pitch >= LEAST_PITCH_MM).all():
+        expected = f"two distances in mm, {LEAST_PITCH_MM:g} or more"
+        raise table.refusal("pitch_mm", str(pitch.tolist()), expected)
     first = table.numbers("first_mm", (3,), needed=False)
     return marker_grid(
         table.whole("rows"),
@@ -150,7 +156,7 @@ def _lights(top: Table) -> tuple[Light, ...]:
     lights = tuple(_light(table) for table in top.tables("lights"))
     if lights:
         total = np.sum([light.colour for light in lights], axis=0)
-        dark = [name for name, value in zip("RGB", total, strict=True) if value == 0.0]
+        dark = [name for name, value in zip("RGB", total, strict=True) if value <= FAINTEST * total.max()]
         if dark:
             found = f"no light in {' and '.join(dark)}"
             raise top.refusal("lights", found, "colours (R, G, B) that light every channel")

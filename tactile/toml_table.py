@@ -9,6 +9,7 @@ import numpy as np
 
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+from tactile.recording_fields import Limit
 
 MOST_BYTES = 4_000_000
 """Of a description: 10,000 markers' places take 0.4 MB."""
@@ -85,6 +86,14 @@ class Table:
         value = self.text(name)
         if value not in allowed:
             raise self.refusal(name, repr(value), " or ".join(allowed))
+        return value
+
+    def within(self, name: str, limit: Limit, *, needed: bool) -> float | None:
+        """A number within its limit, as a recording has it; None where it may be left out, and is."""
+        value = self.number(name, needed=needed, above=0.0)
+        if value is not None and not limit.least <= value <= limit.largest:
+            expected = f"{limit.least:g} to {limit.largest:g} {limit.unit}".rstrip()
+            raise self.refusal(name, f"{value:g}", expected)
         return value
 
     def number(self, name: str, *, needed: bool, above: float) -> float | None:

@@ -17,9 +17,12 @@ from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_
 from recon.priors.plausible import Plausible, read_plausible
 
 __all__ = [
-    "STONE_FRUIT", "Body", "MeasuredPit", "PitPrior", "Plausible", "known_categories", "load_prior"
+    "LEAST_POISSON_RATIO", "STONE_FRUIT", "Body", "MeasuredPit", "PitPrior", "Plausible", "known_categories",
+    "load_prior",
 ]  # fmt: skip
 FOLDER = Path(__file__).parent
+LEAST_POISSON_RATIO = 0.1
+"""Of flesh and of phantoms: fruit tissue is given 0.2 to 0.49 and gels more; 0, cork's, is a slip."""
 MOST_BYTES = 1_000_000
 """Of a category's file; the shipped ones have 3 kB."""
 LEFT = "given_by_batch"
@@ -230,7 +233,7 @@ def _prior(entries: _Entries) -> PitPrior:
         exponent=number("exponent", 1.5, 6.0) if pit else 2.0,
         offset_sd_mm=number("offset_sd_mm", 0.0, 20.0),
         size_sd=number("size_sd", 0.0, 0.5),
-        poisson_ratio=number("poisson_ratio", 0.0, 0.4999) if ratio else None,
+        poisson_ratio=number("poisson_ratio", LEAST_POISSON_RATIO, 0.4999) if ratio else None,
         poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2) if ratio else 0.0,
         fruit_mm=entries.limits("fruit_mm", 5.0, 200.0) if "fruit_mm" in table else None,
         body=_body(entries),

@@ -62,7 +62,9 @@ def test_a_reference_is_read_and_a_fruit_is_none(tmp_path, yes):
         ("ball,,true,0.5,,0.48", "reference_E_sd_MPa is empty; expected one standard deviation"),
         ("ball,,true,0.5,0,0.48", 'reference_E_sd_MPa is "0"; expected one standard deviation'),
         ("ball,,true,0.5,0.3,0.48", "at most 0.25 MPa (half of its modulus)"),
-        ("ball,,true,0.5,0.01,0.5", 'reference_poisson_ratio is "0.5"; expected 0 to 0.4999'),
+        ("ball,,true,0.5,0.01,0.5", 'reference_poisson_ratio is "0.5"; expected 0.1 to 0.4999'),
+        ("ball,,true,0.5,0.01,0", 'reference_poisson_ratio is "0"; expected 0.1 to 0.4999'),
+        ("ball,,true,0.5,1e-300,0.48", 'reference_E_sd_MPa is "1e-300"; expected one standard deviation'),
         ("ball,,true,0.5,0.01,soft", 'reference_poisson_ratio is "soft"; expected'),
     ],
 )

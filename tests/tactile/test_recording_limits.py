@@ -90,6 +90,13 @@ def attribute(name, held, dtype=None):
     return change
 
 
+def pad_attribute(name, held):
+    def change(file):
+        file["pads/left"].attrs[name] = held
+
+    return change
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
@@ -112,6 +119,13 @@ def attribute(name, held, dtype=None):
             value("aperture_mm", 60_000.0),
             "aperture_mm: found 60000 at index (0,), expected at most",
         ),
+        (
+            pad_attribute("gel_kn_MPa_per_mm", 1e-300),
+            "attribute gel_kn_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
+        ),
+        (pad_attribute("gel_kt_MPa_per_mm", 1e-300), "found 1e-300, expected 1e-06 to 10000 MPa per mm"),
+        (pad_attribute("thickness_mm", 1e-300), "found 1e-300, expected 0.01 to 200 millimetres"),
+        (pad_attribute("nu", 1e-300), "attribute nu of /pads/left: found 1e-300, expected 0.1 to 0.4999;"),
         (attribute("fruit_id", b"\xff\xfe", "S2"), "attribute fruit_id: found bytes that are no UTF-8"),
         (attribute("fruit_id", "x" * 5000), "attribute fruit_id: found 5000 characters"),
         (attribute("sensor", np.zeros(8000)), "attribute sensor: found"),

@@ -71,6 +71,18 @@ REFUSALS = [
     ("thickness_mm = 4.0", 'thickness_mm = "4"', "gel.thickness_mm", "'4'"),
     ("thickness_mm = 4.0", "thickness_mm = true", "gel.thickness_mm", "True"),
     ("nu = 0.48", "nu = 0.5", "gel.nu", "0.5"),
+    ("nu = 0.48", "nu = 1e-300", "gel.nu", "1e-300, expected 0.1 to 0.4999."),
+    (
+        "nu = 0.48",
+        "nu = 0.48\ngel_kn_MPa_per_mm = 1e-300",
+        "gel.gel_kn_MPa_per_mm",
+        "expected 1e-06 to 10000",
+    ),
+    ("nu = 0.48", "nu = 0.48\ngel_kt_MPa_per_mm = 1e-300", "gel.gel_kt_MPa_per_mm", "1e-300"),
+    ("E_MPa = 0.25", "E_MPa = 1e-300", "gel.E_MPa", "expected 1e-05 to 10000 MPa (is it in Pa or kPa?)"),
+    ("thickness_mm = 4.0", "thickness_mm = 1e-300", "gel.thickness_mm", "1e-300"),
+    ("focal_px = [520.0, 521.0]", "focal_px = [520.0, 1e-300]", "camera.focal_px", "1e-300"),
+    ("pitch_mm = [2.0, 1.0]", "pitch_mm = [2.0, 1e-300]", "markers.pitch_mm", "0.01 or more"),
     ("image_px = [640, 480]", "image_px = [640.5, 480]", "camera.image_px", "640.5"),
     ("focal_px = [520.0, 521.0]", "focal_px = [520.0]", "camera.focal_px", "shape (1,)"),
     ("[[1, 0, 0, 0]", "[[2, 0, 0, 0]", "camera.gel_from_camera", "no rotation"),
@@ -92,6 +104,8 @@ LIT_REFUSALS = [
     ("colour = [0, 0, 1]", "colour = [0, -1, 1]", "lights[2].colour", "-1"),
     ('name = "dots"', 'name = "dots"\nambient = -0.1', "ambient", "-0.1"),
     ('name = "dots"', 'name = "dots"\ngamma = 0', "gamma", "0"),
+    ('name = "dots"', 'name = "dots"\ngamma = 1e-300', "gamma", "expected 0.1 to 10."),
+    ("colour = [0, 0, 1]", "colour = [0, 1, 1e-300]", "lights", "no light in B"),
 ]
 
 
