@@ -25,6 +25,7 @@ from pipeline.places import batch_trees, require_file_apart
 from pipeline.problem import BatchRefused, Problem
 from pipeline.whole_file import put
 from recon.plain_file import NotReadable, read_text
+from tactile.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000
 """As fruits.csv: at 200 bytes a row, 50 batches a day for a year."""
@@ -119,14 +120,11 @@ def _point(row: Sequence[str], line: int) -> Point:
     cells: dict[str, str] = dict(zip(COLUMNS, row, strict=True))
     numbers = {}
     for name in ("E_known_MPa", "E_found_MPa", "ratio", "ratio_sd"):
-        try:
-            numbers[name] = float(cells[name])
-        except ValueError:
-            numbers[name] = math.nan
-        if not (math.isfinite(numbers[name]) and numbers[name] > 0):
+        numbers[name] = decimal_number(cells[name]) or 0.0
+        if not numbers[name] > 0:
             raise ValueError(
-                f'row {line}: {name} is "{cells[name][:40]}", expected a number above zero: correct or '
-                "remove the row"
+                f'row {line}: {name} is "{cells[name][:40]}", expected a number above zero'
+                f"{meant(cells[name])}: correct or remove the row"
             )
     try:
         aware = datetime.fromisoformat(cells["time_utc"]).tzinfo is not None

@@ -1,8 +1,8 @@
 """`fruits.csv`: one row per fruit, read with every fault of every row named."""
 
 import csv
+import difflib
 import io
-import math
 import re
 import warnings
 from dataclasses import dataclass
@@ -15,6 +15,7 @@ from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 from recon.priors import LEAST_POISSON_RATIO
+from tactile.decimal_number import decimal_number, meant
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
@@ -58,12 +59,13 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
     problems: list[Problem] = []
     table = _table(path, problems)
     problems += [
-        Problem(str(path), f'unknown column "{column[:80]}"; known columns: {", ".join(COLUMNS)}.')
+        Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column)}.')
         for column in table.columns
         if column not in COLUMNS
     ]
     if "fruit_id" not in table.columns:
-        problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
+        if not any(_plainly(column) == "fruit_id" for column in table.columns):
+            problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)
     rows = [_row(path, i + 2, record, problems) for i, record in enumerate(_records(table))]
     lines: dict[str, list[int]] = {}
@@ -81,6 +83,20 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
         problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
+
+
+def _known_column(found: str) -> str:
+    """What a column that is not known was likely meant to be."""
+    if (plain := _plainly(found)) in COLUMNS:
+        return f"write {plain}"
+    near = difflib.get_close_matches(plain, COLUMNS, n=1, cutoff=0.75)
+    return f"write {near[0]}, if that is meant" if near else f"known columns: {', '.join(COLUMNS)}"
+
+
+def _plainly(column: str) -> str:
+    """A column's name in the way that they are written here."""
+    plain = re.sub(r"[\s_-]+", "_", column.strip().lower())
+    return next((name for name in COLUMNS if name.lower() == plain), plain)
 
 
 def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
@@ -108,8 +124,8 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
     if columns > MOST_COLUMNS:
         found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
         raise BatchRefused([Problem(str(path), found)])
-    if longest := _longest_cell(text):
-        raise BatchRefused([Problem(str(path), longest)])
+    if wrong := _misread(text):
+        raise BatchRefused([*problems, Problem(str(path), wrong)])
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
@@ -147,17 +163,28 @@ def _with_commas(text: str, separator: str) -> str:
     return out.getvalue()
 
 
-def _longest_cell(text: str) -> str:
-    """A sentence where a cell is longer than any note: an open quotation mark swallows the rows below it."""
+def _misread(text: str) -> str:
+    """A sentence where no cells can be told: an open quotation mark swallows the rows below it, and of a
+    column that stands twice one would be lost.
+    """
+    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    begun = 1
     try:
-        for i, row in enumerate(csv.reader(io.StringIO(text)), 1):
+        for row in lines:
+            if begun == 1:
+                names = [name.strip() for name in row]
+                if twice := next((name for name in names if name and names.count(name) > 1), ""):
+                    return f'has the column "{twice[:80]}" twice; take one of the two away.'
             if any(len(cell) > MOST_CELL for cell in row):
-                return (
-                    f"row {i} has a cell of more than {MOST_CELL} characters; shorten it, or close its "
-                    "quotation mark."
-                )
-    except csv.Error:
-        return f"has a cell of more than {MOST_CELL} characters; shorten it, or close its quotation mark."
+                return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
+            begun = lines.line_num + 1
+    except csv.Error as error:
+        if "field limit" in str(error):
+            return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
+        return (
+            f"line {begun} has a quotation mark that is not closed, or has text behind it; take it out, or "
+            "put the whole cell in quotation marks and write those inside twice."
+        )
     return ""
 
 
@@ -188,17 +215,10 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
         measures[name] = None
         if not text:
             continue
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not (math.isfinite(value) and value > 0):
-            problems.append(
-                Problem(
-                    str(path),
-                    f'line {line}: {name} is "{text[:40]}"; expected a number above zero, or nothing.',
-                )
-            )
+        value = decimal_number(text)
+        if value is None or value <= 0:
+            sentence = f'line {line}: {name} is "{text[:40]}"; expected a number above zero, or nothing'
+            problems.append(Problem(str(path), f"{sentence}{meant(text)}."))
             unreadable.append(name)
             continue
         measures[name] = value
@@ -230,7 +250,7 @@ def _reference(
                 "reference, or empty the cell."
             )
         return {}
-    found = {name: _number(text) for name, text in cells.items()}
+    found = {name: decimal_number(text) for name, text in cells.items()}
     E_MPa, sd_MPa = found["reference_E_MPa"], found["reference_E_sd_MPa"]
     low, high = REFERENCE_E_MPA
     if E_MPa is None or not low <= E_MPa <= high:
@@ -256,16 +276,8 @@ def _reference(
     return {"reference": True, **found}
 
 
-def _number(text: str) -> float | None:
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
-
-
 def _as_found(text: str) -> str:
-    return f'is "{text[:40]}"' if text else "is empty"
+    return f'is "{text[:40]}"{meant(text) if decimal_number(text) is None else ""}' if text else "is empty"
 
 
 def _other_unit(E_MPa: float) -> str:

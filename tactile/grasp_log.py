@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from tactile.decimal_number import decimal_number, meant
 from tactile.pictures import unusable
 from tactile.plain_file import NotReadable, not_plain, read_text
 
@@ -21,6 +22,7 @@ FARTHEST_MM = 2000.0
 LARGEST = 1e12
 """A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")
+_OTHERS = ((";", "semicolons"), ("\t", "tabs"))
 LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
 
@@ -41,24 +43,35 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " t"]]:
         raise unusable(path.name, found, "a table with the columns " + ", ".join(NEEDED))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
-        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if any(c.strip() for c in row)]
     except NotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
+    lines = csv.reader(io.StringIO(text, newline=""), strict=True)
+    rows, begun = [], 1
+    try:
+        for row in lines:
+            if any(c.strip() for c in row):
+                rows.append(row)
+            begun = lines.line_num + 1
     except csv.Error as cause:
-        raise unusable(path.name, "a cell without an end", "numbers separated by commas") from cause
+        endless = "field limit" in str(cause)
+        found = f"a {'cell' if endless else 'quotation mark'} in line {begun} that does not end"
+        raise unusable(path.name, found, "numbers separated by commas, without quotation marks") from cause
     if len(rows) < 2:
         raise unusable(path.name, "no rows", "a header and one row for each frame")
     header = [name.strip() for name in rows[0]]
     if len(rows) > MOST_ROWS or len(header) > MOST_COLUMNS:
         found = f"{len(rows)} rows of {len(header)} columns"
         raise unusable(path.name, found, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
+    if len(header) == 1 and (other := next((name for c, name in _OTHERS if c in header[0]), "")):
+        raise unusable(path.name, f"cells separated by {other}", "commas; save it as CSV with commas")
     if len(set(header)) < len(header):
         twice = next(name for name in header if header.count(name) > 1)
         raise unusable(path.name, f"the column {twice[:60]!r} twice", "each column once")
     values = np.empty((len(rows) - 1, len(header)))
     for k, row in enumerate(rows[1:]):
         if len(row) != len(header):
-            raise unusable(path.name, f"{len(row)} cells in row {k + 2}", f"{len(header)} as in the header")
+            expected = f"{len(header)} as in the header, and numbers with a decimal point"
+            raise unusable(path.name, f"{len(row)} cells in row {k + 2}", expected)
         for j, cell in enumerate(row):
             values[k, j] = _number(path, header[j], k + 2, cell)
     return {name: values[:, j] for j, name in enumerate(header)}
@@ -69,8 +82,10 @@ def read_log(path: Path) -> GraspLog:
     columns = read_columns(path)
     for name in NEEDED:
         if name not in columns:
+            like = next((other for other in columns if other.lower() == name.lower()), None)
             found = "the columns " + ", ".join(columns)
-            raise unusable(f"{path.name}: {name}", found, f"a column {name} as well")
+            expected = f"a column {name} as well" if like is None else f"{name} in place of {like}"
+            raise unusable(f"{path.name}: {name}", found, expected)
     increasing(path.name, columns["time_s"])
     if (farthest := float(np.abs(columns["aperture_mm"]).max())) > FARTHEST_MM:
         expected = f"at most {FARTHEST_MM:g} mm (is it in µm?)"
@@ -102,11 +117,9 @@ def increasing(source: str, time_s: Float[np.ndarray, " t"]) -> None:
 
 
 def _number(path: Path, column: str, row: int, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = np.nan
-    if not abs(value) <= LARGEST:
-        found = repr(cell.strip()[:60]) if cell.strip() else "nothing"
-        raise unusable(f"{path.name}: {column[:60]}", f"{found} in row {row}", f"a number up to {LARGEST:g}")
+    value = decimal_number(cell)
+    if value is None or abs(value) > LARGEST:
+        found = f'"{cell.strip()[:60]}"' if cell.strip() else "nothing"
+        expected = f"a number up to {LARGEST:g}{meant(cell)}"
+        raise unusable(f"{path.name}: {column[:60]}", f"{found} in row {row}", expected)
     return value

@@ -50,6 +50,22 @@ def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
     assert "cannot name a folder" in refusal(tmp_path, f"fruit_id,notes\n{fruit_id},x\n")
 
 
+@pytest.mark.parametrize(
+    ("cell", "said"),
+    [
+        ('"60,5"', '"60,5"; expected a number above zero, or nothing; it has a decimal comma; write 60.5.'),
+        ("6_0", '"6_0"; expected a number above zero, or nothing; write 60.'),
+        ("\u0666\u0660", "nothing; write 60."),  # Arabic digits
+        ("\uff16\uff10.\uff15", "nothing; write 60.5."),  # full-width digits
+        ("6\u00a00", "nothing; write 60."),
+        ("0x3c", "or nothing."),
+    ],
+)
+def test_numbers_are_plain_and_others_are_told_how_to_be_written(tmp_path, cell, said):
+    lines = refusal(tmp_path, f"fruit_id,height_mm\nA,{cell}\n")
+    assert said in lines
+
+
 @pytest.mark.parametrize("height", ["-3", "0", "tall", "nan", "inf"])
 def test_heights_that_are_no_length_are_refused(tmp_path, height):
     assert f'height_mm is "{height}"' in refusal(tmp_path, f"fruit_id,height_mm\nA,{height}\n")
@@ -61,6 +77,14 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("", "is empty"),
         ("height_mm\n60\n", 'the column "fruit_id" is missing'),
         ("fruit_id,hight\nA,60\n", 'unknown column "hight"'),
+        ("fruit_id,hight_mm\nA,60\n", 'unknown column "hight_mm"; write height_mm, if that is meant.'),
+        ("Fruit_ID,height_mm\nA,60\n", 'unknown column "Fruit_ID"; write fruit_id.'),
+        ("fruit id,height_mm\nA,60\n", 'unknown column "fruit id"; write fruit_id.'),
+        ("fruit_id,Reference_e_MPa\nA,60\n", 'unknown column "Reference_e_MPa"; write reference_E_MPa.'),
+        ("fruit_id,height_mm,height_mm\nA,60,61\n", 'has the column "height_mm" twice; take one of the two'),
+        ('fruit_id,notes\nA,x\nB,"y\nC,z\n', "line 3 has a quotation mark that is not closed"),
+        ("fruit_id,notes\nA,x\nB," + "y" * 11_000 + "\n", "line 3 has a cell of more than 10000 characters"),
+        ("fruit_id,notes\nB," + "y" * 140_000 + "\n", "line 2 has a cell of more than 10000 characters"),
         ("fruit_id\n", "holds no fruit"),
         ("fruit_id;height_mm\nA;57,8\n", "semicolons"),
         ("fruit_id,height_mm,mass_g\nA,57,8,120\n", "line 2 has more cells than the header"),

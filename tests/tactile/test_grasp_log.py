@@ -1,0 +1,42 @@
+"""The table of a raw grasp: plain numbers, and every slip named by row and column."""
+
+import pytest
+
+from tactile.decimal_number import decimal_number
+from tactile.failure import TactileFailure
+from tactile.grasp_log import read_log
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            'time_s,aperture_mm\n0,"60,5"\n',
+            'log.csv: aperture_mm: found "60,5" in row 2, expected a number up to',
+        ),
+        ('time_s,aperture_mm\n0,"60,5"\n', "; it has a decimal comma; write 60.5."),
+        ("time_s,aperture_mm\n0,6_0\n", "; write 60."),
+        ("time_s,aperture_mm\n0,\u0666\u0660\n", "; write 60."),
+        ("time_s,aperture_mm\n0,nan\n", 'found "nan" in row 2, expected a number up to 1e+12.'),
+        (
+            "time_s,aperture_mm\n0,60,5\n",
+            "found 3 cells in row 2, expected 2 as in the header, and numbers with",
+        ),
+        ('time_s,aperture_mm\n0,60\n1,"59\n2,58\n', "found a quotation mark in line 3 that does not end"),
+        ("time_s,aperture_mm\n0," + "6" * 140_000 + "\n", "found a cell in line 2 that does not end"),
+        ("time_s;aperture_mm\n0;60,5\n", "found cells separated by semicolons, expected commas"),
+        ("Time_s,aperture_mm\n0,60\n", "expected time_s in place of Time_s."),
+        ("time_s,time_s,aperture_mm\n0,0,60\n", "found the column 'time_s' twice, expected each column once"),
+    ],
+)
+def test_a_slip_is_named_with_how_to_write_it(tmp_path, text, said):
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(TactileFailure) as caught:
+        read_log(tmp_path / "log.csv")
+    assert caught.value.detail.startswith("log.csv: ")
+    assert said in caught.value.detail
+
+
+@pytest.mark.parametrize("text", ["0", "-3", "+2.5", ".5", "5.", "1e-3", "1.5E+10", " 7 "])
+def test_plain_numbers_are_pythons_own(text):
+    assert decimal_number(text) == float(text)
