@@ -98,9 +98,9 @@ class GroupReader:
         return value
 
     def version(self, name: str, known: int) -> None:
-        """The format's version, which must be `known`."""
+        """The format's version, which must be `known`, as a number of any type: 1.0 is version 1."""
         value = self._attribute(name)
-        if not isinstance(value, int | np.integer) or int(value) != known:
+        if not isinstance(value, int | np.integer | np.floating) or value != known:
             advice = "convert the file, or use a release of drupe that reads this version"
             raise self._refuse(f"attribute {name}", _said(value), f"version {known}", advice)
 
@@ -198,6 +198,7 @@ class GroupReader:
         return np.asarray(self._values(name, data), dtype=np.uint8)
 
     def _attribute(self, name: str) -> Any:
+        """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
         if name not in self.group.attrs:
             raise self._refuse(
                 f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
@@ -210,7 +211,8 @@ class GroupReader:
             if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
                 found = f"{length} bytes of type {held.dtype}"
                 raise self._refuse(f"attribute {name}", found, "one number or text", REWRITE)
-            return self.group.attrs[name]
+            value = self.group.attrs[name]
+            return value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
         except (TypeError, ValueError) as cause:
             raise self._refuse(
                 f"attribute {name}", first_line(cause), "a number or a text", REWRITE

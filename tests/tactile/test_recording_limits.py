@@ -135,6 +135,30 @@ def test_the_field_is_named_and_nothing_else_is_read(tmp_path, sound, change, sa
     assert said in refusal(tmp_path, sound, change)
 
 
+@pytest.mark.parametrize(
+    "version", [1, np.int8(1), np.uint64(1), 1.0, np.float32(1), [1], [[1.0]], np.array([1], "i2")]
+)
+def test_the_version_may_be_a_number_of_any_type_as_other_languages_write_it(tmp_path, sound, version):
+    path = tmp_path / "grasp-1.h5"
+    path.write_bytes(sound)
+    before = read_recording(path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["version"] = version
+        file.attrs.create("fruit_id", [before.fruit_id], dtype=h5py.string_dtype())
+        gel = file["pads/left"].attrs
+        gel["gel_kn_MPa_per_mm"] = [gel["gel_kn_MPa_per_mm"]]
+    again = read_recording(path)
+    assert again.fruit_id == before.fruit_id
+    assert again.pads[0].gel_kn_MPa_per_mm == before.pads[0].gel_kn_MPa_per_mm
+
+
+@pytest.mark.parametrize("version", [2, 1.5, [1, 1], "1", True, [True], [2.0], np.nan])
+def test_another_version_is_refused_in_any_type(tmp_path, sound, version):
+    said = refusal(tmp_path, sound, attribute("version", version))
+    assert "attribute version: found" in said
+    assert "expected version 1" in said
+
+
 def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "a.h5")
     (tmp_path / "b.h5").symlink_to("/dev/zero")
