@@ -8,6 +8,7 @@ from pathlib import Path
 from pipeline.manifest import claim, enter, is_claimed, is_ours, json_in, remove, strange_list
 from pipeline.whole_file import put, sweep
 from recon.photos import photo_paths
+from tactile.raw_grasp import files_of
 
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep, of this version and of earlier ones."""
@@ -90,25 +91,10 @@ def in_order(path: Path) -> tuple[tuple[str, int], ...]:
 
 
 def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
-    """Every file of a raw grasp, and every description of a sensor that it may mean (beside or above it)."""
-    if not (folder / "grasp.toml").is_file():  # no raw grasp; a link here may lead to a whole disk
+    """Every file of a raw grasp, and those outside that it names; none of a folder that is no raw grasp."""
+    if not (folder / "grasp.toml").is_file():  # a link here may lead to a whole disk
         return ()
-    own = [path for path in folder.rglob("*") if path.is_file()]
-    above = [path for place in folder.resolve().parents[:4] for path in _listed(place)]
-    meant = [
-        path
-        for path in above
-        if path.suffix in {".toml", ".npz"} and path.name != "batch.toml" and path.is_file()
-    ]
-    return tuple(sorted(own) + sorted(meant))
-
-
-def _listed(folder: Path) -> list[Path]:
-    """What lies in `folder`; nothing, where we may not look (a folder far above the batch)."""
-    try:
-        return list(folder.iterdir())
-    except PermissionError:
-        return []
+    return files_of(folder)
 
 
 @dataclass(frozen=True)

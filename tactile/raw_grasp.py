@@ -28,6 +28,9 @@ A pad moves along
 its own z by half of what the aperture changes (a press: its tip by all of the travel).
 """
 
+import os
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
@@ -38,8 +41,9 @@ from jaxtyping import Float, UInt8
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
+from tactile.plain_file import not_plain
 from tactile.recording import PADS_OF_LOADING, Loading, Support
-from tactile.sensor_file import is_rigid, read_sensor
+from tactile.sensor_file import is_rigid, look_up_of, read_sensor
 from tactile.sensors import Sensor
 from tactile.toml_table import Table, read_table
 
@@ -128,7 +132,7 @@ def _pad(
 ) -> RawPad:
     table.refuse_unknown(PAD_KEYS)
     described = read_sensor(sensor or _sensor_path(folder, table))
-    pictures = pictures_in(_place(folder, name, table.text("frames", default="")))
+    pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
     reference = _reference(folder, name, table, pictures)
     if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
@@ -139,7 +143,7 @@ def _pad(
         )
     second = None
     if described.kind == "markers-stereo":
-        other = folder / table.text("second_frames", default=f"{name}-b")
+        other = folder / table.file_name("second_frames", default=f"{name}-b")
         beside = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
         untouched = _reference_path(beside)
         if not untouched.is_file():
@@ -168,14 +172,56 @@ def _pad(
 
 
 def _sensor_path(folder: Path, table: Table) -> Path:
-    name = table.text("sensor")
-    places = [place / name for place in (folder, *folder.resolve().parents[:4])]
-    found = next((place for place in places if place.is_file()), None)
+    name = table.file_name("sensor")
+    found = _nearest(folder, name)
     if found is None:
         raise table.refusal(
             "sensor", f"no file {name} in {folder.name} or above it", "a sensor's description"
         )
     return found
+
+
+def _nearest(folder: Path, name: str) -> Path | None:
+    """The file of this name beside grasp.toml, or in the nearest of four folders above."""
+    places = [place / name for place in (folder, *folder.resolve().parents[:4])]
+    return next((place for place in places if not not_plain(place)), None)
+
+
+def files_of(folder: Path) -> tuple[Path, ...]:
+    """Every file of the raw grasp: those that lie in it, and those that grasp.toml names wherever they lie
+    (descriptions of sensors and their look-ups, frames, pictures of the untouched gel).
+
+    Of a grasp.toml that cannot be read, or names what is not there, as many as can be told.
+    """
+    held = {path for path in folder.rglob("*") if not not_plain(path)}
+    try:
+        top = read_table(
+            folder / "grasp.toml", TactileProblem.UNREADABLE_FRAMES, what="a grasp's description"
+        )
+    except TactileFailure:
+        return tuple(sorted(held))
+    pads = top.values.get("pads")
+    known = [(name, pads.get(name)) for name in ("left", "right", "tip")] if isinstance(pads, dict) else []
+    for name, values in [("", top.values), *known]:
+        if isinstance(values, dict):
+            with suppress(TactileFailure):
+                held.update(_named(folder, name, Table(top.path, top.problem, values)))
+    return tuple(sorted(held))
+
+
+def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
+    """What one table of grasp.toml names: the whole grasp's (of no name), or a pad's."""
+    sensor = _nearest(folder, table.file_name("sensor")) if "sensor" in table.values else None
+    yield from (path for path in (sensor, sensor and look_up_of(sensor)) if path is not None)
+    if not name:
+        return
+    other = folder / table.file_name("second_frames", default=f"{name}-b")
+    reference = folder / table.file_name("reference", default=f"{name}/reference.png")
+    places = (folder / name, _place(folder, name, table.file_name("frames", default="")), other)
+    for place in (*places, other.with_suffix(""), reference):
+        inside = place.iterdir() if place.is_dir() and os.access(place, os.R_OK) else ()
+        pictures = (p for p in inside if p.suffix.lower() in PICTURES or p.name == "times.csv")
+        yield from (path for path in (place, *pictures) if not not_plain(path))
 
 
 def _place(folder: Path, name: str, said: str) -> Path:
@@ -190,7 +236,7 @@ def _place(folder: Path, name: str, said: str) -> Path:
 
 def _reference(folder: Path, name: str, table: Table, pictures: Pictures) -> UInt8[np.ndarray, "h w 3"]:
     if "reference_frames" not in table.values:
-        said = table.text("reference", default="")
+        said = table.file_name("reference", default="")
         path = folder / said if said else _reference_path(folder / name)
         if not path.is_file():
             expected = "a picture of the untouched gel; or name frames of it: reference_frames = [0, 5]"

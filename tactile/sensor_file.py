@@ -39,7 +39,7 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
-from tactile.failure import TactileProblem
+from tactile.failure import TactileFailure, TactileProblem
 from tactile.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
 from tactile.recording_fields import Limit
 from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
@@ -97,6 +97,14 @@ def read_sensor(path: Path) -> Sensor:
         gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
         calibration_file=calibration,
     )
+
+
+def look_up_of(path: Path) -> Path | None:
+    """The look-up that a description names, if both can be read."""
+    try:
+        return _calibration(read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description"))
+    except TactileFailure:
+        return None
 
 
 def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
@@ -190,7 +198,7 @@ def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:
 
 
 def _calibration(top: Table) -> Path | None:
-    name = top.text("calibration_file", default="")
+    name = top.file_name("calibration_file", default="")
     path = top.path.parent / name
     if name and not path.is_file():
         raise top.refusal("calibration_file", f"no file {name}", "a file beside this one")

@@ -13,6 +13,8 @@ from tactile.recording_fields import Limit
 
 MOST_BYTES = 4_000_000
 """Of a description: 10,000 markers' places take 0.4 MB."""
+MOST_NAME_BYTES = 255
+"""Of a file's name on Linux (NAME_MAX): looking for a longer one is an error of its own."""
 LARGEST = 1e9
 """A number beyond is of no sensor; products of larger ones overflow."""
 
@@ -80,6 +82,13 @@ class Table:
         if len(value) > 1000:
             raise self.refusal(name, f"{len(value)} characters", "at most 1000")
         return printable(value)
+
+    def file_name(self, name: str, *, default: str | None = None) -> str:
+        """A text that can name a file, by a path or not."""
+        value = self.text(name, default=default)
+        if any(len(part.encode()) > MOST_NAME_BYTES for part in value.split("/")):
+            raise self.refusal(name, value, f"a file's name of at most {MOST_NAME_BYTES} bytes")
+        return value
 
     def choice(self, name: str, allowed: Collection[str]) -> str:
         """A text that must be one of `allowed`."""

@@ -98,7 +98,9 @@ def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
 def test_inputs_have_the_same_names_however_the_batch_is_named(tmp_path, monkeypatch):
     grasp = tmp_path / "batch" / "fruits" / "N01" / "grasps" / "g"
     grasp.mkdir(parents=True)
-    (grasp / "grasp.toml").touch()
+    (grasp / "grasp.toml").write_text(
+        'sensor = "sensor.toml"\n[pads.left]\nsensor = "other.toml"\n[pads.right]\nsensor = "pipe.toml"\n'
+    )
     (tmp_path / "batch" / "sensor.toml").touch()
     os.mkfifo(tmp_path / "batch" / "pipe.toml")
     (tmp_path / "link").symlink_to(tmp_path / "batch")

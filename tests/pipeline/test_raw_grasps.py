@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from pipeline import raw_grasps
-from pipeline.layout import FruitFolder
+from pipeline.layout import FruitFolder, raw_grasp_files
 from pipeline.raw_grasps import kept_recording
 from tactile.converted import Converted
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
 
 RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
@@ -20,7 +21,7 @@ RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
 def folder(tmp_path: Path) -> Path:
     raw = tmp_path / "fruits" / "N01" / "grasps" / "grasp-1"
     (raw / "left").mkdir(parents=True)
-    (raw / "grasp.toml").write_text('fruit_id = "N01"\n')
+    (raw / "grasp.toml").write_text('fruit_id = "N01"\nsensor = "sensor.toml"\n')
     (raw / "left" / "frame_000000.png").write_bytes(b"one")
     (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
     (tmp_path / "batch.toml").write_text('category = "plum"\n')
@@ -59,6 +60,46 @@ def test_the_sensors_description_above_counts_and_the_batchs_settings_do_not(fol
     (tmp_path / "sensor.toml").write_text('kind = "markers-stereo"\n')
     kept_recording(folder, tmp_path / "cache", print)
     assert len(readings) == 2
+
+
+def test_what_a_raw_grasp_does_not_name_is_none_of_its_files(folder, readings, tmp_path):
+    kept_recording(folder, tmp_path / "cache", print)
+    for place in (folder.parent, folder.parents[1], folder.parents[2], tmp_path):
+        (place / "notes.toml").write_text("a = 1\n")
+        (place / "other.npz").write_bytes(b"other")
+    kept_recording(folder, tmp_path / "cache", print)
+    assert len(readings) == 1
+
+
+def test_a_look_up_and_frames_that_lie_elsewhere_are_files_of_the_grasp_that_names_them(folder, tmp_path):
+    (tmp_path / "sensor.toml").write_text('kind = "photometric"\ncalibration_file = "look-up.npz"\n')
+    (tmp_path / "look-up.npz").write_bytes(b"slopes")
+    elsewhere = tmp_path / "disk"
+    elsewhere.mkdir()
+    for name in ("frame_000000.png", "reference.png", "notes.txt"):
+        (elsewhere / name).write_bytes(b"one")
+    (folder / "right").symlink_to(elsewhere)
+    (folder / "grasp.toml").write_text(
+        'sensor = "sensor.toml"\n[pads.left]\nframes = "../../../../disk"\n[pads.right]\n'
+    )
+    names = [path.name for path in raw_grasp_files(folder)]
+    assert sorted(names) == sorted(
+        ["grasp.toml", "frame_000000.png", "sensor.toml", "look-up.npz"]
+        + 2 * ["frame_000000.png", "reference.png"]
+    )
+
+
+def test_a_name_longer_than_any_file_has_is_refused(folder):
+    for table in ('sensor = "{}"', 'sensor = "sensor.toml"\n[pads.left]\nframes = "{}"'):
+        (folder / "grasp.toml").write_text(table.format("x" * 300))
+        assert folder / "grasp.toml" in raw_grasp_files(folder)
+    (folder / "grasp.toml").write_text(
+        'fruit_id = "N01"\ncategory = "plum"\nloading = "grasp"\npose_aperture_mm = 60.0\n[pads.left]\n'
+        f'sensor = "{"x" * 300}"\n[pads.right]\n'
+    )
+    (folder / "log.csv").write_text("time_s,aperture_mm\n0,60\n")
+    with pytest.raises(TactileFailure, match="a file's name of at most 255 bytes"):
+        read_raw_grasp(folder)
 
 
 def test_another_grasps_kept_recording_stays(folder, readings, tmp_path):
