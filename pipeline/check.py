@@ -19,7 +19,7 @@ from recon.failure import ReconFailure, ReconProblem
 from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
-from recon.plain_file import not_plain
+from recon.plain_file import named_in_utf8, not_plain
 from tactile.checks.of_recording import recording_findings
 from tactile.correction import corrected
 from tactile.failure import TactileFailure, TactileProblem
@@ -118,7 +118,9 @@ def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
         for path in sorted(place.iterdir()) if place.is_dir() else ():
             if path.suffix.lower() not in suffixes or path.name.startswith("."):
                 continue
-            if wrong := not_plain(path):
+            if named_in_utf8(path) and (
+                wrong := not_plain(path)
+            ):  # its reader says what is wrong with a name
                 yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 

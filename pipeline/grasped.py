@@ -11,7 +11,7 @@ from fem.modulus_budget import ErrorBudget
 from fem.solver import solver_name
 from pipeline.confirmed import faults
 from pipeline.diary import Diary
-from pipeline.doubts import Doubt, of_a_given_pit, of_grasps
+from pipeline.doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
 from pipeline.grasp import Checked, PlacedGrasp, foreign, place_grasp
 from pipeline.layout import in_order, write_whole
@@ -21,6 +21,7 @@ from pipeline.records import FleshRecord, GraspRecord
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
 from recon.coverage import SEEN_BY
+from recon.plain_file import printable
 from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
 from reports.surface_sd_map import surface_sd_map
@@ -81,6 +82,7 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
         raise _why_no_grasp(list(failures.values()))
     doubts += of_grasps(placed)
     diary.warnings[:0] = [doubt.sentence for doubt in doubts]
+    diary.warnings += remarks_of_grasps(placed)
     known["doubts"] = tuple(doubt.sentence for doubt in doubts)
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
     with diary.stage("flesh"):
@@ -125,7 +127,8 @@ def _placed(
     recordings = {path.stem: path for path in folder.grasp_files()}
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with diary.stage("contact"):
-        for name, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
+        for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
+            name = printable(named)
             try:
                 if path.is_dir():
                     kept = kept_recording(path, task.results.cache, diary.report)

@@ -13,7 +13,7 @@ from jaxtyping import Float, Int, UInt8
 
 from recon.failure import ReconFailure, ReconProblem
 from recon.picture_size import first_scan, in_one_pass, picture_px
-from recon.plain_file import NotReadable, printable, read_bytes
+from recon.plain_file import NotReadable, named_in_utf8, printable, read_bytes
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
 FEWEST_PHOTOS, MOST_PHOTOS = 3, 500
@@ -61,6 +61,8 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
 
     Raises ReconFailure (unreadable-photo) that names the file when it is empty, cut short or no picture.
     """
+    if not named_in_utf8(path):
+        raise _unreadable(path, "has a name that is not UTF-8", "letters, digits, - and _: rename it")
     try:
         data = read_bytes(path, most_bytes=MOST_BYTES)
     except NotReadable as error:

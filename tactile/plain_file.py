@@ -34,8 +34,10 @@ def not_plain(path: Path) -> str:
     """Why `path` is no file that can be read, found without opening it; empty where it is one.
 
     A link to a plain file is one, wherever that lies. A pipe, a socket or a device is not: opening one can
-    wait for ever, and a device never ends.
+    wait for ever, and a device never ends. Nor is one whose name no text can hold.
     """
+    if not named_in_utf8(path):
+        return "has a name that is not UTF-8"
     try:
         mode = path.stat().st_mode
     except FileNotFoundError:
@@ -45,6 +47,11 @@ def not_plain(path: Path) -> str:
             return "is a link that leads back to itself"
         return f"cannot be opened ({_why(error)})"
     return _kind(mode)
+
+
+def named_in_utf8(path: Path) -> bool:
+    """Whether a file's own name is text: on Linux it can be any bytes, which tables and pages cannot hold."""
+    return not any(_undecoded(c) for c in path.name)
 
 
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
@@ -122,14 +129,23 @@ def size(count: int) -> str:
 
 def printable(text: str) -> str:
     r"""Text without what moves a terminal's cursor or turns a line around: control and format characters.
+    Bytes of a file's name that are not UTF-8 are shown as such.
 
     >>> printable("a\x1b[31mb\u202ec\nd")
     'a[31mbc d'
+    >>> printable(b"a\xff.h5".decode(errors="surrogateescape"))
+    'a\\xff.h5'
     """
     if text.isprintable():
         return text
     spaced = " ".join(text.split("\n")).replace("\t", " ").replace("\r", "")
+    spaced = "".join(f"\\x{ord(c) - 0xDC00:02x}" if _undecoded(c) else c for c in spaced)
     return "".join(c for c in spaced if unicodedata.category(c) not in {"Cc", "Cf", "Cs", "Zl", "Zp"})
+
+
+def _undecoded(character: str) -> bool:
+    """Whether it stands for a byte that is not UTF-8 (PEP 383)."""
+    return "\udc80" <= character <= "\udcff"
 
 
 def _kind(mode: int) -> str:

@@ -41,7 +41,7 @@ from jaxtyping import Float, UInt8
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
-from tactile.plain_file import not_plain
+from tactile.plain_file import named_in_utf8, not_plain
 from tactile.recording import PADS_OF_LOADING, Loading, Support
 from tactile.sensor_file import is_rigid, look_up_of, read_sensor
 from tactile.sensors import Sensor
@@ -93,6 +93,8 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     Raises TactileFailure that names the file and the field: unreadable-frames, unreadable-sensor, or
     wrong-sensor where a pad's serial is not its description's.
     """
+    if not named_in_utf8(folder):
+        raise unusable(folder.name, "a name that is not UTF-8", "letters and digits: rename the folder")
     top = read_table(folder / "grasp.toml", TactileProblem.UNREADABLE_FRAMES, what="a grasp's description")
     top.refuse_unknown(TOP_KEYS)
     loading = cast(Loading, top.choice("loading", tuple(PADS_OF_LOADING)))

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.failure import TactileFailure
 from tactile.hdf5_texts import PATIENCE_S, texts_can_be_read
-from tactile.plain_file import not_plain, size
+from tactile.plain_file import named_in_utf8, not_plain, size
 from tactile.recording_fields import GroupReader, Limit, first_line, unreadable
 
 FORMAT = "drupe-recording"
@@ -186,6 +186,9 @@ def write_recording(path: Path, recording: Recording) -> None:
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
+    if not named_in_utf8(path):
+        found, expected = "a name that is not UTF-8", "letters, digits, - and _"
+        raise unreadable(path, "the file", found, expected, "rename it")
     if wrong := not_plain(path):
         found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
         advice = "record the grasp again or correct the name"

@@ -96,6 +96,11 @@ def no_grasp(where):
     shutil.rmtree(where / "grasps")
 
 
+def foreign_name(where):
+    path = where / "grasps" / "grasp-1.h5"
+    path.rename(path.with_name(b"grasp-\xff1.h5".decode(errors="surrogateescape")))
+
+
 SPOILED = {
     "corrupt-jpeg": (corrupt_jpeg, "unreadable-photo", ".jpg", True),
     "two-photos": (two_photos, "too-few-views", "2 ", True),
@@ -107,6 +112,7 @@ SPOILED = {
     "dead-force": (change_recording(dead_force), "implausible-recording", "force is dead", True),
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
+    "foreign-name": (foreign_name, "unreadable-recording", r"grasp-\xff1.h5", True),
     "no-folder": (no_folder, "no-shape", "no-folder", True),
     "no-grasp": (no_grasp, "no-grasp", "grasps", True),
 }

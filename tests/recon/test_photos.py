@@ -68,6 +68,17 @@ def test_a_small_picture_in_the_headers_is_not_the_pictures_end(folder):
         read_photo(path)
 
 
+def test_a_name_that_is_not_utf8_is_refused_and_shown_with_its_bytes(folder):
+    path = folder / b"a\xff.jpg".decode(errors="surrogateescape")
+    path.write_bytes((folder / "0.jpg").read_bytes())
+    with pytest.raises(ReconFailure) as caught:
+        read_photo(path)
+    assert r"a\xff.jpg in " in caught.value.detail
+    assert (
+        "has a name that is not UTF-8; expected letters, digits, - and _: rename it." in caught.value.detail
+    )
+
+
 def test_two_photos_are_too_few(folder):
     (folder / "2.jpg").unlink()
     with pytest.raises(ReconFailure, match="holds 2 photos; a shape needs at least 3") as caught:

@@ -132,7 +132,7 @@ FAULTS: list[tuple[str, Callable[[Path], None], TactileProblem, str]] = [
     ("time back", spoil("log.csv", old="0.1,59.8", new="0.01,59.8"), P.UNREADABLE_FRAMES,
      "found 0.01 s in row 4 after"),
     ("no word", spoil("log.csv", old="59.8", new="open"), P.UNREADABLE_FRAMES,
-     "aperture_mm: found 'open' in row 4"),
+     'aperture_mm: found "open" in row 4'),
     ("other size", painted("left/frame_000002.png", WHITE[:100, :100] // 2), P.UNREADABLE_FRAMES,
      "frame 2 of 100 x 100"),
     ("wrong sensor", spoil("left.toml", old="columns = 9", new="columns = 14"), P.WRONG_SENSOR,

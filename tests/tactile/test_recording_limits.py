@@ -168,6 +168,15 @@ def test_a_pipe_a_device_and_a_link_to_nothing_are_refused_at_once(tmp_path):
             read_recording(tmp_path / f"{name}.h5")
 
 
+def test_a_name_that_is_not_utf8_is_refused_and_shown_with_its_bytes(tmp_path, sound):
+    path = tmp_path / b"grasp-\xff1.h5".decode(errors="surrogateescape")
+    path.write_bytes(sound)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(path)
+    said = r"grasp-\xff1.h5: the file: found a name that is not UTF-8, expected letters, digits, - and _"
+    assert caught.value.detail == f"{said}; rename it."
+
+
 def test_a_link_to_a_recording_is_followed(tmp_path, sound):
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "g.h5").write_bytes(sound)
