@@ -28,6 +28,7 @@ from pipeline.places import (
     require_free,
     require_new_or_ours,
     require_results_apart,
+    require_temporary_apart,
     require_work_apart,
 )
 from pipeline.problem import BatchRefused, Problem
@@ -92,6 +93,7 @@ def explain(
             _require_apart(case, wanted)
             held, option = case.task.results.root, "--work"
         else:
+            require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
         with alone(held, option=option), _said_plainly():
             case.task.results.claim()

@@ -1,5 +1,6 @@
 """`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
@@ -23,7 +24,7 @@ from pipeline.control_chart import (
 from pipeline.layout import FruitResults, Results, write_whole
 from pipeline.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.outcome import Outcome, ending_of
-from pipeline.places import require_free, require_results_apart
+from pipeline.places import require_free, require_results_apart, require_temporary_apart
 from pipeline.problem import BatchRefused, Problem
 from pipeline.progress import BatchProgress
 from pipeline.provenance import input_hashes, write_provenance
@@ -85,6 +86,7 @@ def grade(
     results = Results(out or batch.folder.default_results)
     fruits = [results.fruit(row.fruit_id) for row in batch.rows]
     require_results_apart(results, batch.folder, read_files(batch), "--out")
+    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
     named = batch.settings.reference.chart
     chart_at = None if named is None else chart_path(batch.folder, named)
     if chart_at is not None:

@@ -33,6 +33,13 @@ def require_results_apart(results: Results, batch: BatchFolder, inputs: Iterable
         raise _refused(root, f"holds {name}, so it is no folder of results; {MOVE} with {option}.")
 
 
+def require_temporary_apart(place: Path, batch: BatchFolder) -> None:
+    """Raises BatchRefused where `place`, in which temporary files are made, is among the fruit: a folder of
+    them in grasps/ looks like a grasp.
+    """
+    _require_outside(place, _trees(batch), "set TMPDIR to another folder.")
+
+
 def require_free(results: Results, fruits: Iterable[FruitResults], option: str) -> None:
     """Raises BatchRefused with every file in the way of the results that drupe did not write."""
     own = list(fruits)

@@ -71,6 +71,16 @@ def refused_untouched(drupe, root, *arguments):
     return said
 
 
+@pytest.mark.parametrize("place", ["fruits", "fruits/N01/grasps", "fruits/N02/photos"])
+def test_no_temporary_files_are_made_among_the_fruit(drupe, batch, monkeypatch, place):
+    monkeypatch.setattr("tempfile.tempdir", str(batch / place))
+    for command in (("grade", batch), ("explain", batch, "--fruit", "N01")):
+        said = refused_untouched(drupe, batch, *command)
+        assert said.startswith(f"drupe: {batch / place}: lies in ")
+        assert "which is read and never written into; set TMPDIR to another folder." in said
+    assert not list((batch / place).glob("drupe-run-*"))
+
+
 @pytest.mark.parametrize(
     "out",
     [
