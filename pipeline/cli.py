@@ -3,6 +3,7 @@
 from pipeline.safe_start import elsewhere, load  # first of all: the current folder may be a stranger's
 
 # isort: split
+import errno
 import os
 import signal
 import sys
@@ -17,10 +18,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.outcome import Outcome, ending_of
 from pipeline.paper import Paper
 from pipeline.problem import BatchRefused, Problem
+from pipeline.scratch import PREFIX
 from pipeline.system_libraries import missing_libraries
 from pipeline.whole_file import NotWritten
+from recon.plain_file import printable
 
 app = typer.Typer(
     name="drupe",
@@ -34,6 +38,15 @@ BatchArgument = Annotated[
     Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
 ]
 USAGE, INTERNAL, UNUSABLE, INTERRUPTED = 2, 1, 3, 130
+OF_A_PLACE = frozenset(
+    {
+        errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENAMETOOLONG,
+        errno.EEXIST, errno.ENOTEMPTY, errno.ESTALE,
+    }
+)  # fmt: skip
+"""Errors of the system that say what is wrong with a place that a user named."""
+OF_THE_MACHINE = frozenset({errno.ENOMEM, errno.EMFILE, errno.ENFILE, errno.EAGAIN})
+"""And that it has no more of: memory, open files, processes."""
 MOST_EXPLAINING = 4
 """Jobs of `drupe explain` unless told otherwise: more than recordings are seldom of use, and cost memory."""
 LOADED_LATE = ("open3d", "pymeshlab")
@@ -397,6 +410,25 @@ def _require_libraries() -> None:
         raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
 
 
+def _not_ours(error: Exception) -> str:
+    """What a user can mend, as a sentence: a full disk, too little memory, or a place that is neither of the
+    installation nor of drupe's own temporary files; empty for anything else, which is a fault of drupe.
+    """
+    ending, said = ending_of(error)
+    if ending is Outcome.NOT_WRITTEN:
+        return said
+    if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno in OF_THE_MACHINE):
+        return f"this machine: {os.strerror(getattr(error, 'errno', errno.ENOMEM))}; close other programs."
+    if not (isinstance(error, OSError) and error.errno in OF_A_PLACE and error.filename):
+        return ""
+    place = Path(os.fsdecode(error.filename)).absolute()
+    own = (Path(__file__).parent, Path(sys.prefix), Path(sys.base_prefix, "lib"))
+    if any(place.is_relative_to(one) for one in own) or any(p.startswith(PREFIX) for p in place.parts):
+        return ""
+    named = printable(os.fsdecode(error.filename))
+    return f"{named}: {error.strerror}; correct the name, or ask for the right to read and write there."
+
+
 def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     try:
@@ -412,11 +444,10 @@ def main() -> None:
         for problem in refused.problems:
             sys.stderr.write(f"drupe: {problem}\n")
         sys.exit(USAGE)
-    except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
-        sys.stderr.write(f"drupe: {where}{error.strerror or error}\n")
-        sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
+        if said := _not_ours(error):
+            sys.stderr.write(f"drupe: {said}\n")
+            sys.exit(USAGE)
         if os.environ.get("DRUPE_DEBUG"):
             traceback.print_exc()
         sys.stderr.write(

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline import grade, runner
+from pipeline import cli, grade, runner
 from pipeline.alone import alone, is_held
 from pipeline.layout import write_whole
 from pipeline.memory import free_memory_MiB, jobs_that_fit
@@ -55,6 +55,57 @@ def test_a_full_disk_is_the_machines_whichever_library_meets_it():
         assert "No space left on device); free space" in said
     assert ending_of(MemoryError())[0] is Outcome.OUT_OF_MEMORY
     assert ending_of(FileNotFoundError(errno.ENOENT, "gone"))[0] is Outcome.INTERNAL
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "said"),
+    [
+        (
+            PermissionError(errno.EACCES, "Permission denied", "/batch/fruits"),
+            2,
+            "/batch/fruits: Permission denied;",
+        ),
+        (
+            NotADirectoryError(errno.ENOTDIR, "Not a directory", "a/b"),
+            2,
+            "a/b: Not a directory; correct the name",
+        ),
+        (
+            OSError(errno.ENOSPC, "No space left on device"),
+            2,
+            "cannot be written (No space left on device); free",
+        ),
+        (
+            OSError("HDF5: can't write (errno = 28, ...)"),
+            2,
+            "cannot be written (No space left on device); free",
+        ),
+        (MemoryError(), 2, "this machine: Cannot allocate memory; close other programs."),
+        (
+            OSError(errno.EMFILE, "Too many open files", "/batch/x"),
+            2,
+            "this machine: Too many open files",
+        ),
+        (
+            FileNotFoundError(errno.ENOENT, "No such file", cli.__file__),
+            1,
+            "internal error: FileNotFoundError",
+        ),
+        (FileNotFoundError(errno.ENOENT, "No such file", "/tmp/drupe-run-ab/x"), 1, "internal error: "),
+        (OSError("h5py says something"), 1, "internal error: OSError: h5py says something"),
+        (OSError(errno.EBADF, "Bad file descriptor"), 1, "internal error: OSError"),
+        (ConnectionResetError(errno.ECONNRESET, "Connection reset by peer"), 1, "internal error: Connection"),
+    ],
+)
+def test_only_errors_of_a_users_place_or_machine_are_theirs(monkeypatch, capsys, error, status, said):
+    def fail(**_options):
+        raise error
+
+    monkeypatch.setattr(cli, "app", fail)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == status
+    assert said in capsys.readouterr().err
 
 
 def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
