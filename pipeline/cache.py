@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.whole_file import put
+from recon.plain_file import not_plain
 
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
@@ -49,6 +50,8 @@ class Artifact:
 
 def file_hash(path: Path) -> str:
     """SHA-256 of a file, hexadecimal; of a file that cannot be read, why (its reader will say so too)."""
+    if wrong := not_plain(path):
+        return f"unreadable: {wrong}"
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -97,7 +100,11 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) 
 
 
 def _load(path: Path, key: str) -> Artifact | None:
-    """The stored artifact, or None where there is none of this key (a damaged file counts as none)."""
+    """The stored artifact, or None where there is none of this key (a damaged file, or what is no file and
+    could be waited for, counts as none).
+    """
+    if not_plain(path):
+        return None
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as stored:
             header = json.loads(str(stored[HEADER]))

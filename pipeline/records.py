@@ -6,6 +6,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from pipeline.layout import write_whole
+from recon.plain_file import not_plain
 
 
 class _Record(BaseModel):
@@ -187,6 +188,8 @@ def write_record(path: Path, record: FruitRecord) -> None:
 
 def read_record(path: Path) -> FruitRecord | None:
     """The record at `path`; None where there is none that this version can read."""
+    if not_plain(path):
+        return None
     try:
         return FruitRecord.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValidationError):

@@ -1,8 +1,11 @@
 """A stage is computed once per key, and a damaged store is computed again."""
 
+import os
+
 import numpy as np
 
-from pipeline.cache import Artifact, cached, stage_key
+from pipeline.cache import Artifact, cached, file_hash, stage_key
+from pipeline.records import read_record
 
 
 def make(counter):
@@ -49,6 +52,19 @@ def test_a_damaged_file_is_computed_again(tmp_path):
         found = cached(tmp_path, "mesh", "k", make(calls))
         np.testing.assert_array_equal(found.arrays["a"], np.arange(3.0))
         path.unlink()
+
+
+def test_a_pipe_or_a_device_in_the_cache_is_never_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "mesh.npz")
+    (tmp_path / "pit.npz").symlink_to("/dev/zero")
+    for stage in ("mesh", "pit"):
+        calls = []
+        cached(tmp_path, stage, "k", make(calls))
+        cached(tmp_path, stage, "k", make(calls))
+        assert len(calls) == 1
+    os.mkfifo(tmp_path / "pipe")
+    assert file_hash(tmp_path / "pipe") == "unreadable: is a named pipe, not a file"
+    assert read_record(tmp_path / "pipe") is None
 
 
 def test_the_key_follows_contents_settings_and_stage(tmp_path):
