@@ -1,5 +1,6 @@
 """`drupe calibrate`: what presses say of a sensor goes into its description."""
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,8 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
     A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
     its normal stiffness per area where springs are stated. Raises TactileFailure where a picture or press
     cannot be used, BatchRefused where options do not go together, or `out` or the look-up beside it is one of
-    the inputs or a file that drupe calibrate did not write. `out` appears whole or not at all.
+    the inputs or a file that drupe calibrate did not write. Both appear whole or not at all, and `out` holds
+    the look-up's digest, so that one of another run is noticed.
     """
     if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
         raise BatchRefused(
@@ -67,15 +69,18 @@ def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[st
             shading.write_bytes(look_up.read_bytes())
         if shading.exists():
             described["calibration_file"] = shading.name
+            described["calibration_sha256"] = hashlib.sha256(shading.read_bytes()).hexdigest()
         stage.write_text(as_toml(described), encoding="utf-8")
         read_sensor(stage)
         if presses.load_cell is not None:
             said += _stiffness(stage, described, presses.load_cell, report)
             stage.write_text(as_toml(described), encoding="utf-8")
             read_sensor(stage)
+        # The description first: where a run is killed between the two, it names a look-up by its digest that
+        # is not there, which its reader says and the next run overwrites.
+        put(out, f"{WRITTEN_BY}\n{stage.read_text(encoding='utf-8')}".encode())
         if shading.exists():
             put(out.parent / shading.name, shading.read_bytes())
-        put(out, f"{WRITTEN_BY}\n{stage.read_text(encoding='utf-8')}".encode())
     return tuple(said)
 
 
@@ -142,7 +147,7 @@ def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
                 )
             ]
         )
-    left_out = ("lights", "calibration_file", "kind")
+    left_out = ("lights", "calibration_file", "calibration_sha256", "kind")
     bare = {"kind": "markers-mono"} | {k: v for k, v in described.items() if k not in left_out}
     with scratch() as folder:
         stage = folder / sensor.name

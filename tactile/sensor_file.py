@@ -27,12 +27,14 @@ columns = 9
 pitch_mm = [2.0, 2.0]
 first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
 
-[[lights]]                       # photometric: three lights or more (z below 0), or calibration_file = ...
+[[lights]]                       # photometric: three lights or more (z below 0), or at the top
+                                 # calibration_file = "look-up.npz", optionally with its calibration_sha256
 direction = [1.0, 0.0, -0.5]
 colour = [1.0, 0.0, 0.0]
 ```
 """
 
+import hashlib
 from pathlib import Path
 from typing import cast
 
@@ -40,6 +42,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.plain_file import NotReadable, read_bytes
+from tactile.plain_numpy import MOST_BYTES
 from tactile.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
 from tactile.recording_fields import Limit
 from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
@@ -48,7 +52,7 @@ from tactile.toml_table import Table, read_table
 KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
 TOP = {
     "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
-    "ambient", "gamma",
+    "calibration_sha256", "ambient", "gamma",
 }  # fmt: skip
 FEWEST_LIGHTS = 3
 FARTHEST_MM = 1e5
@@ -202,4 +206,14 @@ def _calibration(top: Table) -> Path | None:
     path = top.path.parent / name
     if name and not path.is_file():
         raise top.refusal("calibration_file", f"no file {name}", "a file beside this one")
+    wanted = top.text("calibration_sha256", default="")
+    if name and wanted:
+        try:
+            digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
+        except NotReadable as cause:
+            raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
+        if digest != wanted.lower():
+            found = f"{name} of another calibration (SHA-256 {digest[:12]}...)"
+            expected = f"the look-up that was made with this description ({wanted[:12]}...); calibrate again"
+            raise top.refusal("calibration_file", found, expected)
     return path if name else None

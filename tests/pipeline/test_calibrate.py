@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import pipeline.calibrate
 from pipeline.calibrate import Presses, _scaled, as_toml, calibrate
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from samples.gel_images import Field, GelLook, gel_image
+from tactile.failure import TactileFailure
 from tactile.gel_stiffness import GelGain
 from tactile.photometric import PhotometricDepth
 from tactile.sensor_file import read_sensor
@@ -139,6 +141,35 @@ def test_a_look_up_that_is_gone_is_refused(draft: Path, tmp_path: Path) -> None:
     draft.write_text(draft.read_text().replace("name =", 'calibration_file = "gone.npz"\nname =', 1))
     with pytest.raises(BatchRefused, match=r"no file gone\.npz"):
         calibrate(draft, tmp_path / "o.toml", Presses(load_cell=tmp_path), report=print)
+
+
+def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
+    draft: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, out = tmp_path / "ball", tmp_path / "out.toml"
+
+    def calibrated(ball_mm: float) -> None:
+        presses = Presses(ball_mm=ball_mm, reference=folder / "rest.png", ball=(folder / "1.png",))
+        calibrate(draft, out, presses, report=print)
+
+    calibrated(5.0)
+    assert read_sensor(out).calibration_file == out.with_suffix(".npz")
+    whole, written = pipeline.calibrate.put, []
+
+    def killed(path: Path, data: bytes) -> None:
+        if written:
+            raise KeyboardInterrupt
+        written.append(path)
+        whole(path, data)
+
+    monkeypatch.setattr(pipeline.calibrate, "put", killed)
+    with pytest.raises(KeyboardInterrupt):
+        calibrated(5.2)
+    monkeypatch.setattr(pipeline.calibrate, "put", whole)
+    with pytest.raises(TactileFailure, match=r"calibration_file: found out\.npz of another calibration"):
+        read_sensor(out)
+    calibrated(5.2)
+    assert read_sensor(out).calibration_file == out.with_suffix(".npz")
 
 
 def test_a_picture_without_the_ball_writes_nothing(draft: Path, tmp_path: Path) -> None:
