@@ -17,6 +17,8 @@ PICTURES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4")
 MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
 """Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
+MOST_HEADER_BYTES = 1_000_000
+"""In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 
 
@@ -127,8 +129,12 @@ def _video(path: Path) -> Pictures:
 
 
 def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> None:
-    """Refuse, before it is decoded, a picture larger than any camera in a gel."""
-    pixels = picture_pixels(data.tobytes())
+    """Refuse, before it is decoded, a picture larger than any camera in a gel, and one that does not say how
+    large it is: other kinds than PNG and JPEG unpack to any size.
+    """
+    pixels = picture_pixels(data[:MOST_HEADER_BYTES].tobytes())
+    if pixels == 0:
+        raise unusable(named, "a damaged picture, or no PNG or JPEG", "a whole one; copy it again")
     if pixels > MOST_PIXELS:
         found = f"a picture of {pixels / 1e6:.0f} million pixels"
         raise unusable(named, found, f"at most {MOST_PIXELS / 1e6:g} million")

@@ -1,0 +1,27 @@
+"""A frame of a gel is a PNG or a JPEG of a size that its header tells, whatever its name says."""
+
+import cv2
+import numpy as np
+import pytest
+
+from tactile.failure import TactileFailure
+from tactile.pictures import picture_pixels, read_picture
+
+IMAGE = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
+
+
+@pytest.mark.parametrize("kind", [".png", ".jpg"])
+def test_pngs_and_jpegs_are_read(tmp_path, kind):
+    data = cv2.imencode(kind, IMAGE)[1].tobytes()
+    assert picture_pixels(data) == 48 * 64
+    (tmp_path / f"a{kind}").write_bytes(data)
+    assert read_picture(tmp_path / f"a{kind}").shape == IMAGE.shape
+
+
+@pytest.mark.parametrize("kind", [".bmp", ".tiff", ".webp"])
+def test_another_kind_under_a_pngs_name_is_refused_before_it_is_decoded(tmp_path, monkeypatch, kind):
+    data = cv2.imencode(kind, IMAGE)[1].tobytes() + b"IEND"
+    (tmp_path / "frame_000000.png").write_bytes(data)
+    monkeypatch.setattr(cv2, "imdecode", None)  # it must not come so far
+    with pytest.raises(TactileFailure, match="found a damaged picture, or no PNG or JPEG"):
+        read_picture(tmp_path / "frame_000000.png")
