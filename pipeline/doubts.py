@@ -55,7 +55,18 @@ def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
         )
         for grasp in grasps
         for finding in grasp.findings
+        if not finding.remark
     ]
+
+
+def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
+    """What is worth knowing of the recordings and puts nothing in doubt."""
+    return [f"{grasp.name}: {one.sentence}." for grasp in grasps for one in grasp.findings if one.remark]
+
+
+def cause_named(grasp: PlacedGrasp) -> bool:
+    """Whether something was found in the recording that can explain signs in its modulus."""
+    return any(not one.remark for one in grasp.findings)
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:

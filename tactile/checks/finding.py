@@ -51,7 +51,9 @@ class Kind(StrEnum):
     GEL_FRAMES_SHUFFLED = "gel-frames-shuffled"
     CLOCKS_APART = "clocks-apart"
     TIME_UNIT = "time-unit"
+    FRAMES_DROPPED = "frames-dropped"
     STARTS_IN_CONTACT = "starts-in-contact"
+    ENDS_PRESSED = "ends-pressed"
     NO_TARE = "no-tare"
     # jaws and poses
     POSES_UNIT = "poses-unit"
@@ -63,6 +65,9 @@ class Kind(StrEnum):
     # the fruit
     WIDTH = "width"
     ASIDE = "aside"
+    PRINT_ASIDE = "print-aside"
+    PADS_EXCHANGED = "pads-exchanged"
+    MESH_TURNED = "mesh-turned"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +78,8 @@ class Finding:
     of a kind apart (an axis, a number of frames). `refused`: a modulus from this recording would mean
     nothing. Else E's relative standard deviation grows by `relative_sd`, which is 0 where E does not depend
     on what was found. `hides_touch`: the first touch cannot be seen for it, so that nothing can be said of
-    where and when the pads met the fruit.
+    where and when the pads met the fruit. `remark`: no fault and no effect on E, but something that other
+    checks or findings would have needed.
     """
 
     kind: Kind
@@ -85,6 +91,7 @@ class Finding:
     refused: bool = False
     relative_sd: float = 0.0
     hides_touch: bool = False
+    remark: bool = False
 
     @property
     def sentence(self) -> str:

@@ -3,7 +3,10 @@
 Along a pad's normal the mesh stands h ahead of each marker in the first frame. Rigid bodies would touch first
 after the travel min h, at the point where h is least. What the gel felt says the same of the real fruit: the
 travel at first touch, and the middle of the print (Hertz 1882: indentation is quadratic about the point of
-first touch). Fruit that yields changes the size of a print, not its middle.
+first touch). Fruit that yields changes the size of a print, not its middle. A plane pad presses hardest where
+the skin lies parallel to it, so that what counts is the mesh's tilt against the pad under the middle of the
+print: an error of the mesh moves that middle far on a flat place and little on a round one, and its tilt by
+the same everywhere.
 """
 
 from collections.abc import Sequence
@@ -16,31 +19,56 @@ from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
-AHEAD_SD_MM, MIDDLE_SD_MM = 0.13, 0.3
-"""Spread of the two on sound recordings over meshes with 0.1 mm of error: travel at first touch against the
-mesh (0.12, greatest 0.32), the middle of the print (0.27 each way, greatest 0.9)."""
+AHEAD_SD_MM = 0.13
+"""Spread (mm) of a pad's travel at first touch against the mesh on sound recordings over meshes with 0.1 mm
+of error: 0.12, greatest 0.32 (benchmarks/field_spreads.py)."""
+TILT_SD, TILT_PER_MM = 0.0085, 0.11
+"""Spread (radians, each way) of the mesh's tilt under the middle of the print on such meshes: 0.0074 on the
+even half, 0.0104 on fruit drawn without a solver (benchmarks/field_spreads.py); and per mm of error of a
+mesh whose error is known, 3 mm of the middle at a radius of 27 mm."""
 SAID, REFUSED = 4.5, 14.0
-"""In such spreads, widths from two pads: 0.8 mm and 2.6 mm."""
+"""In such spreads, widths from two pads: 0.8 mm and 2.6 mm. Sound recordings' reach 0.48 mm on the even half
+and 0.77 mm on fruit drawn without a solver (benchmarks/field_spreads.py)."""
+TILT_SAID = 5.5
+"""Root of the sum of squares of a recording's tilts, two a pad, in their spreads. Sound
+recordings have up to 3.4 on the even half, 4.7 on fruit drawn without a solver (field_spreads.py)."""
+TILT_FITS = 4.8
+"""The same of prints that fit."""
+OTHERWISE = 13.0
+"""Difference of the squares of that root, this arrangement less another (twice a log likelihood ratio). Sound
+recordings have up to 5.1 on the even half, 9.2 on fruit drawn without a solver (field_spreads.py). Mirrored
+meshes are not tried: there sound ones have up to 7.4 and 16.5, mirrored ones more than 16.5 in a fifth."""
 MOVED_MM = 1.5
-"""A fruit may be pushed by the first jaw: its shift along the jaws is said beyond this."""
+"""A fruit may be pushed by the first jaw: its shift along the jaws is said beyond this. Sound recordings
+here, whose fruit does not slide, have 0.18 and less (benchmarks/field_spreads.py), and a mirrored mesh makes
+up to 0.8."""
 E_OF_ANOTHER_FRUIT, E_OF_A_TURN = 0.35, 0.1
 """Relative standard deviation of E where the recording may be another fruit's (moduli of one lot spread by a
 factor of 1.4), and where the pads may have touched elsewhere (pit and curvature: up to 10 %)."""
-DEEP = 0.15
-"""Markers indented by this share of the deepest make the print."""
+DEEP, PRINT_SD = 0.15, 4.0
+"""Markers indented by this share of the deepest, and so many standard deviations of noise, make the print."""
 FEWEST = 12
+"""Markers of a print: twice the six numbers of a quadratic."""
+END_OF_CLOSING = 0.98
+"""Share of the pad's way at which the first closing ends: a hold creeps by less than 2 %."""
+TOUCH_SD, TOUCH_SHARE, RISING = 5.0, 0.01, 5
+"""The total indentation rises where it exceeds so many of its noise's root mean squares, and this share of
+its peak; so many frames from there are led back to the first touch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Footprint:
     """Of one pad: how much farther it went before it touched than the mesh says, and how far from the mesh's
-    nearest point the print's middle lies (in the pad's plane, mm; NaN where the print is too small).
+    nearest point the print's middle lies (in the pad's plane, mm), with the mesh's tilt there (radians).
+
+    The last two are NaN where the print is too small.
     """
 
     name: str
     ahead_mm: float
     ahead_sd_mm: float
     middle_mm: Float[np.ndarray, " 2"]
+    tilt: Float[np.ndarray, " 2"]
 
 
 def footprint(
@@ -58,11 +86,13 @@ def footprint(
     travel = one.closing_mm
     touch, sd = _first_touch(one, total, travel)
     first = ahead[met & _inner(one)] if (met & _inner(one)).any() else ahead[met]
+    middle_mm, tilt = _middle(one, ahead, travel)
     return Footprint(
         name=one.pad.name,
         ahead_mm=touch - float(first.min()),
         ahead_sd_mm=float(np.hypot(AHEAD_SD_MM, sd)),
-        middle_mm=_middle(one, ahead, travel),
+        middle_mm=middle_mm,
+        tilt=tilt,
     )
 
 
@@ -92,17 +122,52 @@ def footprint_findings(
             )
     elif prints and abs(prints[0].ahead_mm) > MOVED_MM + SAID * surface_sd_mm:
         found.append(_aside(f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from where pose and mesh say"))
-    limit = SAID * float(np.hypot(MIDDLE_SD_MM, 3 * surface_sd_mm))
-    far = [one for one in prints if float(np.nanmax(np.abs([*one.middle_mm, 0.0]))) > limit]
-    if far and not found:
-        worst = max(far, key=lambda one: float(np.linalg.norm(one.middle_mm)))
-        found.append(
-            _aside(
-                f"the middle of the {worst.name} pad's print lies "
-                f"{float(np.linalg.norm(worst.middle_mm)):.1f} mm from where pose and mesh put it"
-            )
-        )
+    if not found and tilted(prints, surface_sd_mm) > TILT_SAID:
+        found.append(_aside(_where(prints), kind=Kind.PRINT_ASIDE))
     return found
+
+
+def better_otherwise(
+    prints: Sequence[Footprint], others: Sequence[tuple[Kind, Sequence[Footprint]]], *, surface_sd_mm: float
+) -> Finding | None:
+    """The other arrangement that the prints fit far better than this one, and well; None where none is.
+
+    `others`: the prints with the pads exchanged, and on the mesh turned about each axis.
+    """
+    fits = [
+        (tilted(there, surface_sd_mm), kind)
+        for kind, there in others
+        if len(there) == len(prints) and all(np.isfinite(one.tilt).all() for one in there)
+    ]
+    if not fits:
+        return None
+    best, kind = min(fits, key=lambda one: one[0])
+    if best > TILT_FITS or tilted(prints, surface_sd_mm) ** 2 - best**2 < OTHERWISE:
+        return None
+    what = {
+        Kind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, are "
+        "exchanged (left and right), or the mesh is turned or of another fruit",
+        Kind.MESH_TURNED: "on the mesh turned by a quarter: the mesh is turned or of another fruit, "
+        "or a pose is wrong",
+    }[kind]
+    return Finding(
+        kind=kind,
+        rank=Rank.FRUIT,
+        says=f"{_where(prints)}, and the prints fit far better {what}",
+        relative_sd=E_OF_A_TURN,
+    )
+
+
+def _where(prints: Sequence[Footprint]) -> str:
+    worst = max(prints, key=lambda one: float(np.nan_to_num(np.linalg.norm(one.tilt))))
+    off = float(np.linalg.norm(worst.middle_mm))
+    return f"the middle of the {worst.name} pad's print lies {off:.1f} mm from where pose and mesh put it"
+
+
+def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
+    """Length of the prints' tilts, all together, in the spread that sound ones have."""
+    sd = float(np.hypot(TILT_SD, TILT_PER_MM * surface_sd_mm))
+    return float(np.linalg.norm(np.nan_to_num([one.tilt for one in prints]))) / sd
 
 
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
@@ -120,9 +185,9 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     )
 
 
-def _aside(what: str) -> Finding:
+def _aside(what: str, *, kind: Kind = Kind.ASIDE) -> Finding:
     return Finding(
-        kind=Kind.ASIDE,
+        kind=kind,
         rank=Rank.FRUIT,
         says=(
             f"{what}: the mesh is turned, mirrored or of another fruit, "
@@ -149,12 +214,12 @@ def _first_touch(
     springs): the first frames are led back by both, at most one step before the first frame above noise.
     """
     noise = float(np.sqrt((total[one.quiet] ** 2).mean()))
-    level = max(5.0 * noise, 0.01 * float(total.max()))
+    level = max(TOUCH_SD * noise, TOUCH_SHARE * float(total.max()))
     first = int(np.argmax(total > level))
     before = max(first - 1, 0)
     step = max(float(travel[first] - travel[before]), 0.0)
     rising = [first]
-    for k in range(first + 1, min(first + 5, len(total))):
+    for k in range(first + 1, min(first + RISING, len(total))):
         if travel[k] <= travel[rising[-1]] + 1e-6 or total[k] <= total[rising[-1]]:
             break
         rising.append(k)
@@ -169,29 +234,30 @@ def _first_touch(
 
 def _middle(
     one: Pressing, ahead: Float[np.ndarray, " n"], travel: Float[np.ndarray, " t"]
-) -> Float[np.ndarray, " 2"]:
-    """Middle of the print less the mesh's nearest point, both from quadratics over the same markers.
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """Middle of the print less the mesh's nearest point, and the mesh's tilt there, from quadratics.
 
-    At the end of the first closing: a shear during a later hold moves markers.
+    Both over the same markers. At the end of the first closing: a shear during a later hold moves markers.
     """
-    end = int(np.argmax(travel >= travel.min() + 0.98 * np.ptp(travel)))
+    end = int(np.argmax(travel >= travel.min() + END_OF_CLOSING * np.ptp(travel)))
     values, sd = clearer(one)
     depth = values[end, :, 2]
     peak = float(np.sort(depth)[-5:].mean())
-    use = (depth > max(DEEP * peak, 4 * sd)) & np.isfinite(ahead)
+    use = (depth > max(DEEP * peak, PRINT_SD * sd)) & np.isfinite(ahead)
     nothing = np.full(2, np.nan)
     if use.sum() < FEWEST:
-        return nothing
+        return nothing, nothing
     felt, mesh = (_extremum(one.pad.rest_mm[use, :2], z[use]) for z in (depth, -ahead))
     if felt is None or mesh is None:
-        return nothing
-    return np.asarray(felt - mesh)
+        return nothing, nothing
+    apart = np.asarray(felt[0] - mesh[0])
+    return apart, np.asarray(mesh[1] @ apart)
 
 
 def _extremum(
     xy_mm: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " 2"] | None:
-    """Where a quadratic through z has its maximum; None where it has none nearby."""
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]] | None:
+    """Where a quadratic through z has its maximum, and its second derivatives; None where none is nearby."""
     x, y = xy_mm.T
     terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=1)
     c = np.linalg.lstsq(terms, z_mm, rcond=None)[0]
@@ -199,4 +265,5 @@ def _extremum(
     if np.linalg.eigvalsh(bend).max() >= 0:
         return None
     top = -np.linalg.solve(bend, c[1:3])
-    return top if np.abs(top - xy_mm.mean(axis=0)).max() < 2 * float(np.ptp(xy_mm)) else None
+    near = np.abs(top - xy_mm.mean(axis=0)).max() < 2 * float(np.ptp(xy_mm))
+    return (top, bend) if near else None

@@ -7,22 +7,27 @@ from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
 from tactile.checks.finding import Finding, Kind, Rank
-from tactile.checks.pressing import Pressing, heaviest, like_neighbours
+from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 
 REGULAR = 0.75
-"""Share of the vectors between nearest markers that must be one of two steps for markers to be a grid."""
-MISSING_SAID, MISSING_REFUSED = 0.01, 0.05
-"""Share of the contact's sites. A missing marker's force is missing: 30 % of them cost E 27 %."""
-FACE_MM = (3.0, 150.0)
-"""Longest side of a gel's markers: sensors have 10 to 60 mm."""
+"""Share of the vectors between nearest markers that must be one of two steps for markers to be a grid: square
+and hexagonal grids have 1.0, also with 30 % of their markers missing, places off by a tenth of the spacing
+0.78, scattered ones 0.25 to 0.34 (drawn 20 x 20)."""
+FEWEST_IN_GRID, FEWEST_ORDERED = 9, 20
+"""Markers that show a grid (three by three), and pressed ones over which a correlation says something: its
+standard deviation is 0.2 there."""
+FACE_MM, USUAL_FACE_MM = (3.0, 150.0), (8.0, 60.0)
+"""Longest side of a gel's markers: sensors have 10 to 60 mm (docs/formats and samples: 19 to 24 mm)."""
 AT_EDGE = 0.6
-"""Mean force of the grid's outermost markers over the peak; sound: up to 0.3."""
+"""Mean force of the outermost markers (the strongest tenth of them) over the peak; sound ones have up to 0.35
+(benchmarks/field_spreads.py)."""
 PUNCH, ALL_ROUND = 0.3, 0.7
 """A pad that is in contact all over presses as a flat punch: this share of the outermost markers carries this
 share of the peak, and beyond them there is no gel."""
 ORDERED = 0.5
-"""Correlation of a marker with the mean of its neighbours at the peak; sound: 0.9 and more."""
+"""Correlation of a marker with the mean of its neighbours at the peak; sound ones have 0.93 and more
+(benchmarks/field_spreads.py), chance order 0.0."""
 
 
 def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -56,7 +61,7 @@ def _pad(one: Pressing) -> list[Finding]:
         near = np.asarray(cKDTree(rest).query(sites, k=4)[1])
         lost = int((one.touched[near].mean(axis=1) >= 0.5).sum())
         share = lost / (lost + int(one.touched.sum()))
-        if share > MISSING_SAID:
+        if share > LOST_SAID:
             found.append(
                 Finding(
                     kind=Kind.MARKERS_MISSING,
@@ -67,7 +72,7 @@ def _pad(one: Pressing) -> list[Finding]:
                         f"contact ({100 * share:.0f} %) have no marker (missing from the arrays); "
                         "their force is missing"
                     ),
-                    refused=share > MISSING_REFUSED,
+                    refused=share > LOST_REFUSED,
                     relative_sd=share,
                 )
             )
@@ -77,7 +82,7 @@ def _pad(one: Pressing) -> list[Finding]:
 def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     """Places of the markers' grid inside its outline that have no marker; none where markers are no grid."""
     none = np.empty((0, 2))
-    if len(rest_mm) < 9:
+    if len(rest_mm) < FEWEST_IN_GRID:
         return none
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
@@ -131,7 +136,7 @@ def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray,
 
 def _order(one: Pressing) -> float | None:
     """Correlation of each marker with its neighbours at the peak, in the field where that is greater."""
-    if one.touched.sum() < 20:
+    if one.touched.sum() < FEWEST_ORDERED:
         return None
     values = [like_neighbours(one, field) for field in (one.felt_mm, one.force_N)]
     known = [value for value in values if value is not None]
@@ -172,7 +177,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
 
 
 def _unit(one: Pressing, side_mm: float) -> Finding:
-    fits = [name for times, name in LENGTH.items() if 8.0 <= side_mm / times <= 60.0]
+    fits = [name for times, name in LENGTH.items() if USUAL_FACE_MM[0] <= side_mm / times <= USUAL_FACE_MM[1]]
     unit = f", as if in {' or '.join(fits)}" if fits else ""
     return Finding(
         kind=Kind.MARKERS_UNIT,

@@ -1,13 +1,14 @@
 """All checks of one recording, in the order in which a cause explains what follows from it."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.checks.channels import channel_findings, noise_findings
-from tactile.checks.finding import Finding
-from tactile.checks.footprint import footprint, footprint_findings
+from tactile.checks.finding import Finding, Kind
+from tactile.checks.footprint import Footprint, better_otherwise, footprint, footprint_findings
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
@@ -15,6 +16,17 @@ from tactile.checks.relation import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.recording import GelPad, Recording
 from tactile.registration import depth_along
+
+QUARTERS = np.array(
+    [
+        turn
+        for turned in ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+                       [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        for turn in (turned, np.transpose(turned))
+    ],
+    dtype=float,
+)  # fmt: skip
+"""Turns by 90 degrees about x, y and z, both ways: what a mesh in another frame is likeliest turned by."""
 
 
 def recording_findings(
@@ -78,7 +90,29 @@ def _on_the_fruit(
     width = None
     if len(pressings) == 2:
         width = _width_mm(pressings, vertices, faces)
-    return footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
+    found = footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
+    if len(pressings) != 2 or any(one.kind is not Kind.PRINT_ASIDE for one in found):
+        return found
+    others = other_arrangements(pressings, vertices, faces)
+    better = better_otherwise(there, others, surface_sd_mm=surface_sd_mm)
+    return found if better is None else [better]
+
+
+def other_arrangements(
+    pressings: Sequence[Pressing], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+) -> list[tuple[Kind, list[Footprint]]]:
+    """The prints with each pad at the other's place, and on the mesh turned by a quarter about each axis."""
+    left, right = pressings
+    exchanged = (
+        replace(left, pad=replace(left.pad, pose=right.pad.pose)),
+        replace(right, pad=replace(right.pad, pose=left.pad.pose)),
+    )
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    made = [(Kind.PADS_EXCHANGED, [footprint(one, vertices, faces) for one in exchanged])]
+    for turn in QUARTERS:
+        turned = centre + (vertices - centre) @ turn
+        made.append((Kind.MESH_TURNED, [footprint(one, turned, faces) for one in pressings]))
+    return [(kind, [one for one in there if one is not None]) for kind, there in made]
 
 
 def _width_mm(

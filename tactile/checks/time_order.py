@@ -6,48 +6,77 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.checks.finding import Finding, Kind, Rank
-from tactile.checks.pressing import QUIET_OVER, QUIET_SHARE, Pressing, clearer
+from tactile.checks.pressing import FEWEST_PRESSED, PRESSED_SD, QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.recording import Recording
 
-FEWEST_MOVES = 8
+FEWEST_MOVES, STEP_SHARE = 8, 0.02
+"""Steps of the jaws that are counted, of at least this share of their way: fewer say nothing of order, and
+smaller ones are the log's resolution."""
 TURNS = 0.45
 """Share of the jaws' steps that go back on the one before; frames in chance order have two thirds, protocols
-of several cycles up to a quarter."""
+of several cycles up to a quarter (0.13 in benchmarks/field_spreads.py)."""
 ROUGH = 0.3
 """Mean square of a signal's steps over twice its variance: 1 for chance order; sound recordings, some of
-whose signals cross their whole range in five frames, have up to 0.16."""
+whose signals cross their whole range in five frames, have up to 0.18 (benchmarks/field_spreads.py)."""
 OVER_NOISE = 15.0
-"""A total below so many standard deviations of its noise jumps for no other reason."""
-LATE_MM, EARLY_MM = 0.6, 1.2
-"""The jaws' opening at release less that at touch, both pads together: late signals make it positive. Sound
-flesh has 0.1 and less, an adhesive gel (reach 0.12 mm) 0.25; creep and yield make it negative."""
-LATE_REFUSED_MM = 4.0
-"""A clock late by 0.19 s at 4 mm/s, which `drupe explain` can put right, makes 3.1."""
+"""A total below so many standard deviations of its noise jumps for no other reason: its steps then are 1/10
+of its square, a third of ROUGH."""
+LATE_AT, LATE_MM, EARLY_MM = 0.15, 0.6, 1.2
+"""The jaws' opening at release less that at touch (mm, both pads together), where the gel passes this share
+of its peak: late signals make it positive. Sound flesh has 0.1 and less, an adhesive gel (reach 0.12 mm)
+0.25; creep and yield make it negative, to -0.59 (benchmarks/field_spreads.py)."""
+LATE_REFUSED_MM, CLOSING_MM, E_PER_MM_LATE = 4.0, 3.5, 0.15
+"""A clock late by 0.19 s at 4 mm/s, which `drupe explain` can put right, makes 3.1 mm (open-08). Limits are
+for jaws that close by CLOSING_MM, and grow with it. Relative error of E per mm: taken, not measured; half of
+the share of a closing that a mm is."""
 SPEED_MM_PER_S = (0.02, 300.0)
-"""Fastest closing of the jaws; grippers have 0.1 to 100."""
+"""Fastest closing of the jaws; grippers have 0.1 to 100, the recordings here 1 to 9."""
+SAME_STEP, MOST_LOST = 0.05, 4
+"""Relative difference (of time steps) that counts as none; frames lost at once: 5 steps at once are a
+pause."""
+FEWEST_DROPPED, DROPPED_SAID = 3, 0.1
+"""Such time steps, and their share of all: every third frame dropped makes 0.19 to 0.36, a lost frame in a
+long recording harms nothing. Sound recordings, whose pace changes up to ten times, have none
+(benchmarks/field_spreads.py)."""
+E_OF_DROPPED = 0.02
+"""Relative standard deviation of E: every third frame dropped changed two fruit's E by 0.1 and 1.7 %
+(benchmarks/field_mistakes.py --grade --only dropped)."""
 IN_CONTACT = 0.15
-"""Share of the peak that the gel may show in the first frame."""
+"""Share of the peak, of displacement and of force, that may be left in the first and the last frame; sound
+ones have 0.09 and less (benchmarks/field_spreads.py)."""
 E_WITHOUT_TOUCH = 0.2
-"""Markers are compared with themselves at their first touch; without it the surface counts, as far as its
-error is known (absolute surfaces: 15 to 18 %)."""
-TARE_SHARE = 0.1
-"""Force at rest over the peak where the displacement is none."""
+"""Relative standard deviation of E. Markers are compared with themselves at their first touch; without it the
+surface counts, as far as its error is known (absolute surfaces: 15 to 18 %)."""
+TARE_SHARE, TARE_MOVED, E_OF_A_TARE = 0.1, 0.3, 0.05
+"""Force at rest over the peak where the displacement has less than 0.3 of that share; E's relative standard
+deviation: an offset that is seen as one is taken out with the frames in the air."""
+NEAR_THE_LIMIT = 0.9
+"""Of tactile.contact's own limit for a recording that starts in contact, above which it sees no frame in the
+air: the two take their medians over unlike frames."""
+FEWEST_QUIET, DRIFT_SHARE, DRIFT_SD = 3, 0.04, 6.0
+"""Quiet frames before and after; change of the force over the peak, and over its noise. Sound recordings
+change by up to 0.026 of the peak on the even half; fruit drawn without a solver, whose forces are as small
+as 0.3 N, by 0.098 of it where that is 4.6 times the noise (benchmarks/field_spreads.py)."""
+E_PER_DRIFT = 0.5
+"""Relative error of E per share of the peak: a drift that grows evenly is half of it at the peak."""
+FEWEST_FRAMES, STRONG, CALM, FEWEST_CALM, LEAST_SPREAD = 8, 0.1, 0.35, 5, 0.05
+"""Of `roughness`: frames in all; share of the peak from which a frame counts; share of the jaws' way that a
+step may be (a larger one is a jump of its own); steps that make a mean; and the variance over the square of
+the peak that a signal is taken to have at least, for a hold has none."""
 
 
 def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     """Chance order of the jaws' log and of the gel's frames, a gel that is late, a clock in another unit."""
     jaws = recording.aperture_mm
     found: list[Finding] = []
-    moves = np.diff(jaws)
-    moves = moves[np.abs(moves) > 0.02 * max(float(np.ptp(jaws)), 1e-9)]
-    disordered = len(moves) >= FEWEST_MOVES and float((moves[1:] * moves[:-1] < 0).mean()) > TURNS
-    if disordered:
+    back = turns_share(jaws)
+    if back > TURNS:
         return [
             _refused(
                 Kind.FRAMES_SHUFFLED,
                 "the frames are out of order (shuffled): the jaws turn back at "
-                f"{100 * float((moves[1:] * moves[:-1] < 0).mean()):.0f} % of their steps; "
+                f"{100 * back:.0f} % of their steps; "
                 "sort the frames by the time at which they were taken",
             )
         ]
@@ -70,28 +99,107 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if not found:
         found += _late(recording, pressings)
     found += _clock(recording)
-    return [*found, *_start(pressings), *_drift(pressings)]
+    return [*found, *_dropped(recording), *_start(pressings), *_drift(pressings), *_end(pressings)]
+
+
+def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
+    """Time steps that are a whole multiple, at least twice, of the steps beside them, which are alike.
+
+    A protocol that changes its pace has unlike steps on the two sides of such a change; a clock that jitters
+    has no whole multiples.
+    """
+    step = np.diff(time_s)
+    before, here, after = step[:-2], step[1:-1], step[2:]
+    alike = np.abs(after - before) <= SAME_STEP * before
+    times = here / ((before + after) / 2)
+    whole = np.abs(times - np.rint(times)) <= SAME_STEP * times
+    return int((alike & whole & (np.rint(times) >= 2) & (np.rint(times) <= MOST_LOST + 1)).sum())
+
+
+def _dropped(recording: Recording) -> list[Finding]:
+    """Frames that are missing between those that are there."""
+    steps, missing = len(recording.time_s) - 1, dropped_steps(recording.time_s)
+    if missing < FEWEST_DROPPED or missing < DROPPED_SAID * steps:
+        return []
+    return [
+        Finding(
+            kind=Kind.FRAMES_DROPPED,
+            rank=Rank.FIELD,
+            says=(
+                f"frames were dropped: {missing} of {steps} time steps are twice or more those beside them; "
+                "record slower, or look for what keeps the computer busy"
+            ),
+            relative_sd=E_OF_DROPPED,
+        )
+    ]
+
+
+def _end(pressings: Sequence[Pressing]) -> list[Finding]:
+    """A recording that ends while it is pressed."""
+    pressed = [one for one in pressings if _pressed_in(one, -1)]
+    if not pressed:
+        return []
+    return [
+        Finding(
+            kind=Kind.ENDS_PRESSED,
+            rank=Rank.MACHINE,
+            pads=tuple(one.pad.name for one in pressed),
+            says=(
+                "recording ends while it is pressed (there is no unloading): E does not need one, but a late "
+                "clock, a drift of the force and flesh that flows or yields cannot be told without"
+            ),
+            remark=True,
+        )
+    ]
+
+
+def _pressed_in(one: Pressing, frame: int) -> bool:
+    """Whether displacement and force are well above zero in a frame."""
+    use = one.touched
+    if not use.any():
+        return False
+    totals = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
+    return all(bool(total[frame] > IN_CONTACT * np.abs(total).max()) for total in totals)
+
+
+def turns_share(jaws_mm: Float[np.ndarray, " t"]) -> float:
+    """Share of the jaws' steps that go back on the one before; 0 of few steps."""
+    moves = np.diff(jaws_mm)
+    moves = moves[np.abs(moves) > STEP_SHARE * max(float(np.ptp(jaws_mm)), 1e-9)]
+    return float((moves[1:] * moves[:-1] < 0).mean()) if len(moves) >= FEWEST_MOVES else 0.0
+
+
+def drift_of(one: Pressing) -> tuple[float, float, float] | None:
+    """Change of the total force from before the grasp to after it, its noise, and the peak (N).
+
+    None where either side has no quiet frames.
+    """
+    pressed = np.flatnonzero(
+        (one.felt_mm[:, one.touched, 2] > PRESSED_SD * one.felt_sd_mm).sum(axis=1) >= FEWEST_PRESSED
+    )
+    if not len(pressed):
+        return None
+    still = np.sqrt((one.felt_mm**2).mean(axis=(1, 2)))
+    quiet = np.asarray(still <= QUIET_OVER * np.percentile(still, QUIET_SHARE))
+    before, after = quiet.copy(), quiet.copy()
+    before[pressed[0] :] = False
+    after[: pressed[-1]] = False
+    if min(before.sum(), after.sum()) < FEWEST_QUIET:
+        return None
+    total = one.force_N[:, :, 2].sum(axis=1)
+    change = float(np.median(total[after]) - np.median(total[before]))
+    noise = float(total[before].std()) / float(np.sqrt(min(before.sum(), after.sum()) / 2))
+    return change, noise, float(total.max())
 
 
 def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
     """Force that does not come back to where it was before the first touch, though the gel does."""
     found = []
     for one in pressings:
-        pressed = np.flatnonzero((one.felt_mm[:, one.touched, 2] > 6 * one.felt_sd_mm).sum(axis=1) >= 3)
-        if not len(pressed):
+        if (drift := drift_of(one)) is None:
             continue
-        still = np.sqrt((one.felt_mm**2).mean(axis=(1, 2)))
-        quiet = np.asarray(still <= QUIET_OVER * np.percentile(still, QUIET_SHARE))
-        before, after = quiet.copy(), quiet.copy()
-        before[pressed[0] :] = False
-        after[: pressed[-1]] = False
-        if min(before.sum(), after.sum()) < FEWEST_QUIET:
-            continue
-        total = one.force_N[:, :, 2].sum(axis=1)
-        peak = float(total.max())
-        change = float(np.median(total[after]) - np.median(total[before]))
-        noise = float(total[before].std()) / np.sqrt(min(before.sum(), after.sum()) / 2)
-        if abs(change) > max(DRIFT_SHARE * peak, 6 * noise):
+        change, noise, peak = drift
+        if abs(change) > max(DRIFT_SHARE * peak, DRIFT_SD * noise):
             found.append(
                 Finding(
                     kind=Kind.FORCE_DRIFT,
@@ -101,15 +209,10 @@ def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
                         f"force drifts: with nothing touching it differs by {change:+.2f} N after the grasp "
                         f"from before ({100 * change / peak:+.0f} % of the peak)"
                     ),
-                    relative_sd=0.5 * abs(change) / peak,
+                    relative_sd=E_PER_DRIFT * abs(change) / peak,
                 )
             )
     return found
-
-
-FEWEST_QUIET, DRIFT_SHARE = 3, 0.04
-"""Quiet frames before and after; share of the peak. Sound recordings change by up to 0.033 of
-it and 3.0 standard deviations of the noise; 4 % and 6 are asked for."""
 
 
 def _start(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -121,7 +224,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
             continue
         raw_u, raw_F = -one.pad.displacement_mm[:, use, 2].sum(axis=1), one.pad.force_N[:, use, 2].sum(axis=1)
         u, F = (float(np.abs(x).max()) for x in (raw_u, raw_F))
-        if raw_u[0] > IN_CONTACT * u and raw_F[0] > IN_CONTACT * F:
+        if _pressed_in(one, 0):
             found.append(
                 Finding(
                     kind=Kind.STARTS_IN_CONTACT,
@@ -137,7 +240,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
             )
             continue
         rest_u, rest_F = (float(np.median(x[one.quiet])) for x in (raw_u, raw_F))
-        if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < 0.3 * TARE_SHARE * u:
+        if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < TARE_MOVED * TARE_SHARE * u:
             found.append(
                 Finding(
                     kind=Kind.NO_TARE,
@@ -154,32 +257,28 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
     return found
 
 
-E_OF_A_TARE = 0.05
-"""An offset that is seen as one is taken out with the frames in the air."""
-
-
 def _taken_for_contact(one: Pressing) -> bool:
     """Whether the offset of the whole pad is so large that tactile.contact sees no frame in the air."""
     total = one.pad.force_N[:, :, 2].sum(axis=1)
-    return bool(np.median(total[one.quiet]) > 0.9 * STARTS_IN_CONTACT * total.max())
+    return bool(np.median(total[one.quiet]) > NEAR_THE_LIMIT * STARTS_IN_CONTACT * total.max())
 
 
 def roughness(signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"]) -> float:
     """Mean square of steps where the jaws step less than usual, over twice the variance in contact."""
-    if np.ptp(signal) <= 0 or len(signal) < 8:
+    if np.ptp(signal) <= 0 or len(signal) < FEWEST_FRAMES:
         return 0.0
-    strong = np.abs(signal) > 0.1 * np.abs(signal).max()
-    calm = np.abs(np.diff(jaws_mm)) <= 0.35 * max(float(np.ptp(jaws_mm)), 1e-12)
+    strong = np.abs(signal) > STRONG * np.abs(signal).max()
+    calm = np.abs(np.diff(jaws_mm)) <= CALM * max(float(np.ptp(jaws_mm)), 1e-12)
     use = (strong[1:] | strong[:-1]) & calm
     spread = float(signal[strong].var()) if strong.sum() > 3 else 0.0
-    if use.sum() < 5 or spread <= 0:
+    if use.sum() < FEWEST_CALM or spread <= 0:
         return 0.0
-    spread = max(spread, 0.05 * float(np.abs(signal).max()) ** 2)
+    spread = max(spread, LEAST_SPREAD * float(np.abs(signal).max()) ** 2)
     return float((np.diff(signal)[use] ** 2).mean() / (2 * spread))
 
 
-def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
-    """Touch and release at unlike openings of the jaws."""
+def release_less_touch_mm(recording: Recording, pressings: Sequence[Pressing]) -> float | None:
+    """The jaws' opening where the gel is released less that where it is touched; None without either."""
     jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
     total = np.sum(
         [
@@ -188,14 +287,20 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
         ],
         axis=0,
     )
-    at = 0.15 * float(total.max())
+    at = LATE_AT * float(total.max())
     up = np.flatnonzero((total[1:] >= at) & (total[:-1] < at))
     down = np.flatnonzero((total[1:] < at) & (total[:-1] >= at))
     if not len(up) or not len(down) or down[-1] <= up[-1]:
-        return []
+        return None
     touch, release = (_crossing(total, jaws, k, at) for k in (int(up[-1]), int(down[-1])))
-    apart = release - touch
-    if -EARLY_MM * _scale(jaws) <= apart <= LATE_MM * _scale(jaws):
+    return release - touch
+
+
+def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
+    """Touch and release at unlike openings of the jaws."""
+    jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
+    apart = release_less_touch_mm(recording, pressings)
+    if apart is None or -EARLY_MM * _scale(jaws) <= apart <= LATE_MM * _scale(jaws):
         return []
     late = "late" if apart > 0 else "early"
     return [
@@ -208,14 +313,14 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
                 "at touch; the two clocks disagree (lag)"
             ),
             refused=bool(abs(apart) > LATE_REFUSED_MM * _scale(jaws)),
-            relative_sd=0.15 * abs(apart),
+            relative_sd=E_PER_MM_LATE * abs(apart),
         )
     ]
 
 
 def _scale(jaws_mm: Float[np.ndarray, " t"]) -> float:
-    """Limits are for a closing of 3 mm."""
-    return max(1.0, float(np.ptp(jaws_mm)) / 3.5)
+    """Limits are for jaws that close by CLOSING_MM."""
+    return max(1.0, float(np.ptp(jaws_mm)) / CLOSING_MM)
 
 
 def _crossing(

@@ -1,14 +1,27 @@
 """A given pit unlike its category's is said, with what it may do to E; named causes hide their signs."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from fem.modulus_warnings import ModulusSign, ModulusWarning
-from pipeline.doubts import FOLLOWS, Doubt, causes_alone, of_a_given_pit, of_a_pit_found, relative_sd
+from pipeline.doubts import (
+    FOLLOWS,
+    Doubt,
+    cause_named,
+    causes_alone,
+    of_a_given_pit,
+    of_a_pit_found,
+    of_grasps,
+    relative_sd,
+    remarks_of_grasps,
+)
 from pipeline.records import PitFoundRecord
 from recon.pit import place_pit
 from recon.priors import load_prior
 from samples.fruit import fruit_of_seed, scanned_mesh
+from tactile.checks.finding import Finding, Kind, Rank
 
 
 @pytest.fixture(scope="module")
@@ -75,6 +88,16 @@ def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
     assert of_a_pit_found(found, given=False) == []
     near = found.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
     assert of_a_pit_found(near, given=True) == []
+
+
+def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
+    remark = Finding(kind=Kind.ENDS_PRESSED, rank=Rank.MACHINE, says="it ends pressed", remark=True)
+    gain = Finding(kind=Kind.GAIN, rank=Rank.RELATION, says="a gain of 2", relative_sd=0.2)
+    one, two = (SimpleNamespace(name=f"grasp-{k}", findings=f) for k, f in ((1, (remark,)), (2, (gain,))))
+    assert remarks_of_grasps([one, two]) == ["grasp-1: it ends pressed."]
+    assert of_grasps([one, two]) == [Doubt(sentence="grasp-2: a gain of 2.", relative_sd=0.1)]
+    assert not cause_named(one)
+    assert cause_named(two)
 
 
 def test_doubts_add_in_squares_and_named_causes_hide_their_signs():

@@ -12,11 +12,14 @@ import pytest
 
 from recon.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
+from tactile.checks.channels import noise_findings
 from tactile.checks.finding import Finding, Kind, Rank, shared
+from tactile.checks.footprint import Footprint, better_otherwise
 from tactile.checks.lattice import missing_sites
-from tactile.checks.of_recording import recording_findings
-from tactile.checks.pressing import pressing_of
+from tactile.checks.of_recording import QUARTERS, recording_findings
+from tactile.checks.pressing import noise_shares, pressing_of
 from tactile.checks.relation import relation_of
+from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
 from tactile.gel_force import FIRST_STRENGTH, GelForce
 from tactile.gel_grid import gel_grid
@@ -136,23 +139,6 @@ def gel(times):
     return on_pads(lambda pad: replace(pad, gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times))
 
 
-def from_frame(start):
-    def change(recording):
-        pads = tuple(
-            replace(
-                pad,
-                pose=pad.pose[start:],
-                force_N=pad.force_N[start:],
-                displacement_mm=pad.displacement_mm[start:],
-            )
-            for pad in recording.pads
-        )
-        cut = {"time_s": recording.time_s[start:], "aperture_mm": recording.aperture_mm[start:]}
-        return replace(recording, pads=pads, **cut)
-
-    return change
-
-
 def drifting(recording):
     time = recording.time_s
     grown = 1.8 * (time - time[0])[:, None] / (time[-1] - time[0]) / 400
@@ -160,6 +146,40 @@ def drifting(recording):
     force = left.force_N.copy()
     force[:, :, 2] += grown
     return replace(recording, pads=(replace(left, force_N=force), right))
+
+
+def dropped(recording):
+    return kept(np.flatnonzero(np.arange(len(recording.time_s)) % 3 != 2))(recording)
+
+
+def kept(frames):
+    def change(recording):
+        pads = tuple(
+            replace(
+                pad,
+                pose=pad.pose[frames],
+                force_N=pad.force_N[frames],
+                displacement_mm=pad.displacement_mm[frames],
+            )
+            for pad in recording.pads
+        )
+        cut = {"time_s": recording.time_s[frames], "aperture_mm": recording.aperture_mm[frames]}
+        return replace(recording, pads=pads, **cut)
+
+    return change
+
+
+def noisy(times):
+    def change(pad):
+        rng = np.random.default_rng(7)
+        more = np.sqrt(times**2 - 1)
+        return replace(
+            pad,
+            displacement_mm=pad.displacement_mm + rng.normal(0, 0.004 * more, pad.force_N.shape),
+            force_N=pad.force_N + rng.normal(0, 0.005 * more, pad.force_N.shape),
+        )
+
+    return on_pads(change)
 
 
 REFUSED = {
@@ -204,7 +224,9 @@ SAID = {
     "a drift": (drifting, "the left pad's force drifts"),
     "time in ms": (lambda r: replace(r, time_s=1e3 * r.time_s), "time_s looks like milliseconds"),
     "aperture in cm": (lambda r: replace(r, aperture_mm=r.aperture_mm / 10), "aperture_mm looks like cent"),
-    "no first touch": (from_frame(22), "starts in contact"),
+    "every third frame dropped": (dropped, "frames were dropped: "),
+    "ten times the noise": (noisy(10.0), "mostly noise"),
+    "no first touch": (kept(slice(22, None)), "starts in contact"),
 }
 
 
@@ -287,6 +309,79 @@ def test_a_mesh_of_another_size_is_refused_with_both_widths(sound, times):
     assert said is not None
     assert float(said.group(1)) == pytest.approx(times, abs=0.005)
     assert "another fruit" in found.sentence
+
+
+def test_frames_are_dropped_where_time_steps_are_multiples_and_not_where_a_clock_jitters():
+    steps = 0.03 * np.ones(60)
+    assert dropped_steps(np.cumsum(steps)) == 0
+    uneven = steps * (1 + 0.3 * np.random.default_rng(1).normal(size=60))
+    assert dropped_steps(np.cumsum(np.abs(uneven))) <= 2
+    paces = np.repeat([0.03, 0.3, 0.06], 20)
+    assert dropped_steps(np.cumsum(paces)) == 0
+    third = np.delete(np.cumsum(steps), np.arange(2, 60, 3))
+    assert dropped_steps(third) == len(third) // 2 - 1
+
+
+def test_a_recording_that_ends_pressed_is_remarked_and_nothing_is_put_in_doubt(sound):
+    recording, mesh = sound
+    peak = int(np.argmax(recording.pads[0].force_N[:, :, 2].sum(axis=1)))
+    (found,) = findings(kept(slice(peak + 1))(recording), mesh)
+    assert found.kind is Kind.ENDS_PRESSED
+    assert found.remark
+    assert found.relative_sd == 0.0
+    assert not found.refused
+    assert found.pads == ("left", "right")
+
+
+def said_of_noise(share):
+    """What the checks of noise say of a pad whose displacement has this share of noise."""
+    pressing = replace(pressing_of(slab_pad()), force_sd_N=0.0)
+    deep = noise_shares(pressing)[0] / pressing.felt_sd_mm
+    return noise_findings([replace(pressing, felt_sd_mm=share / deep)])
+
+
+def test_noise_as_of_the_softest_gel_share_is_sound_and_a_little_more_is_said():
+    assert said_of_noise(0.0545) == []
+    (found,) = said_of_noise(0.066)
+    assert found.kind is Kind.NOISE
+    assert not found.refused
+    assert found.relative_sd == pytest.approx(6.0 * 0.066)
+    assert said_of_noise(0.11)[0].refused
+
+
+def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit_differ():
+    """On prints by the numbers of a fruit whose sides differ: the left's skin leans, the right's does not."""
+
+    def prints(left, right):
+        return [
+            Footprint(
+                name=name, ahead_mm=0.0, ahead_sd_mm=0.1, middle_mm=30.0 * np.array(t), tilt=np.array(t)
+            )
+            for name, t in (("left", left), ("right", right))
+        ]
+
+    level, leaning = [0.004, -0.006], [0.03, 0.02]
+    off, fits = prints(leaning, leaning), prints(level, level)
+    found = better_otherwise(off, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
+    assert found is not None
+    assert found.kind is Kind.PADS_EXCHANGED
+    assert "exchanged (left and right)" in found.sentence
+    turned = better_otherwise(off, [(Kind.PADS_EXCHANGED, off), (Kind.MESH_TURNED, fits)], surface_sd_mm=0.0)
+    assert turned is not None
+    assert turned.kind is Kind.MESH_TURNED
+    for others in ([], [(Kind.PADS_EXCHANGED, off)], [(Kind.PADS_EXCHANGED, prints(level, [np.nan] * 2))]):
+        assert better_otherwise(off, others, surface_sd_mm=0.0) is None
+    assert better_otherwise(fits, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0) is None
+    assert better_otherwise(off, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.5) is None
+
+
+@pytest.mark.parametrize("turn", QUARTERS[:4])
+def test_a_mesh_that_lies_on_its_side_is_named(sound, turn):
+    recording, (vertices, faces) = sound
+    middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    (found,) = findings(recording, (middle + (vertices - middle) @ turn, faces))
+    assert found.kind is Kind.MESH_TURNED
+    assert "turned by a quarter" in found.sentence
 
 
 def test_a_mesh_moved_along_the_pads_is_said(sound):

@@ -1,0 +1,128 @@
+"""What sound recordings show of each quantity that a check of tactile/checks has a limit for.
+
+    python benchmarks/field_spreads.py FOLDER [...] [--half even|odd] [--cheap N]
+
+Folders as in field_mistakes.py; `--cheap N` takes N fruit drawn without a solver. One line a
+quantity: its values over recordings, or over the pads of all.
+"""
+
+import argparse
+import sys
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from field_fruit import cheap_fruit, fruits_in
+from scipy.spatial import ConvexHull
+
+from tactile.checks.footprint import footprint, tilted
+from tactile.checks.jaws import closing_mm
+from tactile.checks.lattice import missing_sites
+from tactile.checks.of_recording import other_arrangements
+from tactile.checks.pressing import Pressing, heaviest, like_neighbours, noise_shares, pressing_of
+from tactile.checks.relation import relation_of
+from tactile.checks.time_order import drift_of, dropped_steps, release_less_touch_mm, roughness, turns_share
+from tactile.recording import GelPad, Recording
+
+
+def of_recording(one: Recording, vertices: np.ndarray, faces: np.ndarray) -> Iterator[tuple[str, float]]:
+    """(quantity, value) of a recording, pad by pad where it is one of a pad."""
+    pressings = [pressing_of(pad) for pad in one.pads if isinstance(pad, GelPad)]
+    yield "turns_share of jaws", turns_share(one.aperture_mm)
+    if (apart := release_less_touch_mm(one, pressings)) is not None:
+        yield "release less touch, mm", apart
+    yield "fastest closing, mm/s", float(np.abs(np.diff(one.aperture_mm) / np.diff(one.time_s)).max())
+    steps = np.diff(one.time_s)
+    yield "time step over the median, greatest", float(steps.max() / np.median(steps))
+    yield "time step over the median, smallest", float(steps.min() / np.median(steps))
+    yield "time steps that are multiples of those beside", float(dropped_steps(one.time_s))
+    for pressing in pressings:
+        yield from _of_pad(pressing, one)
+    prints = [footprint(pressing, vertices, faces) for pressing in pressings]
+    both = [made for made in prints if made is not None]
+    if len(both) == 2:
+        yield "ahead, sum of two pads, mm", both[0].ahead_mm + both[1].ahead_mm
+        yield "ahead, half of the difference, mm", (both[0].ahead_mm - both[1].ahead_mm) / 2
+    for made in both:
+        yield "ahead of a pad, mm", made.ahead_mm
+        if np.isfinite(made.middle_mm).all():
+            yield "middle of a print, mm, greatest part", float(np.abs(made.middle_mm).max())
+            yield "tilt under it, radians, greatest part", float(np.abs(made.tilt).max())
+    yield "tilts of a recording in their spread", tilted(both, 0.0)
+    if len(both) == 2:
+        for kind, there in other_arrangements(pressings, vertices, faces):
+            if len(there) == 2 and all(np.isfinite(made.tilt).all() for made in there):
+                better = tilted(both, 0.0) ** 2 - tilted(there, 0.0) ** 2
+                yield f"squares of tilts less those of {kind}", better
+
+
+def _of_pad(one: Pressing, recording: Recording) -> Iterator[tuple[str, float]]:
+    displacement, force = noise_shares(one)
+    yield "noise over peak, displacement", displacement
+    yield "noise over peak, force", force
+    yield "quiet frames, share", float(one.quiet.mean())
+    for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
+        normal = np.abs(values[:, :, 2])
+        yield f"values at the greatest, {name}", float((normal >= normal.max() * (1 - 1e-6)).sum())
+        yield f"roughness, {name}", roughness(values[:, one.touched, 2].sum(axis=1), recording.aperture_mm)
+        if (alike := like_neighbours(one, values)) is not None:
+            yield f"correlation with neighbours, {name}", alike
+        yield f"first frame over peak, {name}", _first(values[:, one.touched, 2])
+    top, use = heaviest(one), one.touched
+    mean = np.abs(one.force_N[top][:, use].mean(axis=(0, 1)))
+    yield "force across over force along z", float(mean[:2].max() / max(mean[2], 1e-30))
+    total = one.force_N[:, use, 2].sum(axis=1)
+    yield "frames above 90 % of the peak", float((total > 0.9 * total.max()).sum())
+    yield "force in the last frame over peak", float(total[-1] / total.max())
+    if (drift := drift_of(one)) is not None:
+        yield "drift over peak", abs(drift[0]) / drift[2]
+        yield "drift over its noise", abs(drift[0]) / max(drift[1], 1e-30)
+    rest = one.pad.rest_mm[:, :2]
+    yield "missing sites of the grid", float(len(missing_sites(rest)))
+    hull = ConvexHull(rest).equations
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * one.spacing_mm
+    at = one.force_N[top, :, 2].mean(axis=0)
+    few = max(3, int(outermost.sum()) // 10)
+    yield "outermost markers over peak", float(np.sort(at[outermost])[-few:].mean() / np.quantile(at, 0.98))
+    felt, closing = float(np.quantile(np.abs(one.felt_mm[:, :, 2]).max(axis=0), 0.98)), closing_mm(one)
+    yield "gel's indentation over the pad's closing", felt / max(closing, 1e-30)
+    relation = relation_of(one)
+    if relation is not None:
+        yield "|ln gain|", abs(float(np.log(relation.gain)))
+        yield "correlation over time", relation.in_time
+        yield "correlation over markers", relation.over_markers
+        yield "saturation", relation.saturation
+        axes = np.abs(relation.axes)
+        other = max(axes[2, :2].max(), axes[:2, 2].max())
+        yield "other axes' correlation less z's", float(other - axes[2, 2])
+
+
+def _first(values: np.ndarray) -> float:
+    total = np.abs(values.sum(axis=1))
+    return float(total[0] / total.max())
+
+
+def main() -> None:
+    """Prints the table."""
+    raw = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
+    parser.add_argument("folders", nargs="*", type=Path)
+    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
+    parser.add_argument("--cheap", type=int, default=0, help="fruit drawn without a solver")
+    options = parser.parse_args()
+    fruits = fruits_in(options.folders, options.half)
+    fruits += [cheap_fruit(seed) for seed in range(options.cheap)]
+    found: dict[str, list[float]] = defaultdict(list)
+    for fruit in fruits:
+        for one in fruit.recordings:
+            for name, value in of_recording(one, fruit.vertices, fruit.faces):
+                found[name].append(value)
+    sys.stdout.write(f"{'':42s} {'least':>9s} {'1 %':>9s} {'median':>9s} {'99 %':>9s} {'most':>9s}\n")
+    for name, values in found.items():
+        shown = " ".join(f"{value:9.3g}" for value in np.quantile(values, [0, 0.01, 0.5, 0.99, 1]))
+        sys.stdout.write(f"{name:42s} {shown}  ({len(values)})\n")
+
+
+if __name__ == "__main__":
+    main()
