@@ -8,7 +8,14 @@ from jaxtyping import Float, Int
 
 from tactile.checks.channels import channel_findings, noise_findings
 from tactile.checks.finding import Finding, Kind
-from tactile.checks.footprint import Footprint, better_otherwise, footprint, footprint_findings
+from tactile.checks.footprint import (
+    OTHERWISE,
+    Footprint,
+    better_otherwise,
+    footprint,
+    footprint_findings,
+    tilted,
+)
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
@@ -92,6 +99,8 @@ def _on_the_fruit(
         width = _width_mm(pressings, vertices, faces)
     found = footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
     if len(pressings) != 2 or any(one.kind is not Kind.PRINT_ASIDE for one in found):
+        return found
+    if tilted(there, surface_sd_mm) ** 2 < OTHERWISE:  # no arrangement can fit that much better
         return found
     others = other_arrangements(pressings, vertices, faces)
     better = better_otherwise(there, others, surface_sd_mm=surface_sd_mm)
