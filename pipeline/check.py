@@ -25,6 +25,7 @@ from tactile.correction import corrected
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
+from tactile.recording_fields import first_line
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
@@ -225,12 +226,19 @@ def _folders(batch: Survey) -> list[str]:
 
 
 def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
+    """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
     try:
         read()
     except (ReconFailure, TactileFailure) as failure:
         yield _at(row, path, failure.detail)
     except MemoryError:
         yield _at(row, path, "needs more memory than there is; expected a file of usual size.")
+    except OSError as error:
+        why = error.strerror or first_line(error)
+        yield _at(row, path, f"cannot be read ({why}); ask for the right to read it, or copy it again.")
+    except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
+        said = f"{type(fault).__name__}: {first_line(fault)}"
+        yield _at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
 
 
 def _at(row: FruitRow, path: Path, sentence: str) -> Problem:

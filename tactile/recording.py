@@ -24,6 +24,11 @@ from tactile.recording_fields import GroupReader, Limit, first_line, unreadable
 FORMAT = "drupe-recording"
 VERSION = 1
 FEWEST_FOR_AREA = 9
+FEWEST_MARKERS = 3
+"""That span an area, which contact has: outlines of fewer, or of a line, do not exist."""
+LEAST_SPREAD = 0.01
+"""Least spread of a gel's markers across over along (standard deviations): a row 20 mm long whose places are
+read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
 COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
 MOST_BYTES = 8_000_000_000
 """Of a recording with its images; nothing but the fields asked for is read into memory."""
@@ -230,6 +235,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
             radius_mm=pad.positive("radius_mm", limit=RADIUS),
         )
     rest_mm = pad.array("rest_mm", (None, 3), limit=REST)
+    pad.refuse("rest_mm", _no_face(rest_mm))
     markers = len(rest_mm)
     return GelPad(
         name=name,
@@ -245,6 +251,20 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
+
+
+def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
+    """What was found, expected and is to be done where markers span no area; None where they do."""
+    expected = f"at least {FEWEST_MARKERS} that are not on one line"
+    if len(rest_mm) < FEWEST_MARKERS:
+        found = f"{len(rest_mm)} marker{'' if len(rest_mm) == 1 else 's'}"
+        return found, expected, "record all markers of the gel"
+    places = rest_mm[:, :2] - rest_mm[:, :2].mean(axis=0)
+    along, across = np.linalg.svd(places, compute_uv=False)
+    if across > LEAST_SPREAD * along:
+        return None
+    found = f"{len(rest_mm)} markers {'in one place' if along == 0 else 'on one line'} in x and y"
+    return found, expected, "write each marker's own x, y, z"
 
 
 def _write_gel(group: Any, pad: GelPad) -> None:

@@ -148,6 +148,11 @@ class GroupReader:
             raise self._refuse(name, found, expected, "repair or drop those frames in the recorder")
         return values
 
+    def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
+        """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
+        if wrong is not None:
+            raise self._refuse(name, *wrong)
+
     def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
         """A strictly increasing dataset."""
         values = self.array(name, (None,), limit=limit)

@@ -90,6 +90,17 @@ def attribute(name, held, dtype=None):
     return change
 
 
+def markers_at(places):
+    def change(file):
+        count = len(places)
+        for name in ("rest_mm", "displacement_mm", "force_N"):
+            held = file[f"pads/left/{name}"][...]
+            del file[f"pads/left/{name}"]
+            file[f"pads/left/{name}"] = places if name == "rest_mm" else held[:, :count]
+
+    return change
+
+
 def pad_attribute(name, held):
     def change(file):
         file["pads/left"].attrs[name] = held
@@ -129,6 +140,21 @@ def pad_attribute(name, held):
         (attribute("fruit_id", b"\xff\xfe", "S2"), "attribute fruit_id: found bytes that are no UTF-8"),
         (attribute("fruit_id", "x" * 5000), "attribute fruit_id: found 5000 characters"),
         (attribute("sensor", np.zeros(8000)), "attribute sensor: found"),
+        (
+            markers_at(np.array([[2.0 * i, 0.0, 0.0] for i in range(20)])),
+            "pads/left/rest_mm: found 20 markers on one line in x and y, expected at least 3 that are not on "
+            "one line; write each marker's own x, y, z.",
+        ),
+        (
+            markers_at(np.array([[0.0, 2.0 * i, 2.0 * j] for i in range(4) for j in range(4)])),
+            "pads/left/rest_mm: found 16 markers on one line in x and y",
+        ),
+        (markers_at(np.zeros((5, 3))), "pads/left/rest_mm: found 5 markers in one place in x and y"),
+        (
+            markers_at(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])),
+            "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
+        ),
+        (markers_at(np.zeros((1, 3))), "pads/left/rest_mm: found 1 marker, expected at least 3"),
     ],
 )
 def test_the_field_is_named_and_nothing_else_is_read(tmp_path, sound, change, said):
