@@ -18,7 +18,7 @@ from typing import Any
 from pebble import ProcessExpired
 from pebble.concurrent import process
 
-from pipeline.safe_start import library_path
+from pipeline.safe_start import library_path, python_path
 from pipeline.scratch import scratch, temporary_files_in
 
 THREAD_VARIABLES = (
@@ -91,6 +91,7 @@ def run_fruits(
             {
                 **dict.fromkeys(THREAD_VARIABLES, "1"),
                 "PYTHONSAFEPATH": "1",
+                "PYTHONPATH": python_path(),
                 "LD_LIBRARY_PATH": library_path(),
             }
         ),

@@ -1,9 +1,11 @@
 """Nothing in the current folder is run: it may be a stranger's.
 
-Python puts the current folder first on its path under -c and -m; Matplotlib reads a `matplotlibrc` there
-while it is imported, and shared libraries are looked for there while some wheels are loaded. Importing this
-module takes the folder off the path; `elsewhere` is where libraries are imported. What PYTHONPATH names
-stays: it is the user's own word.
+Python puts the current folder first on its path under -c and -m, and before its own library where PYTHONPATH
+has an empty entry; Matplotlib reads a `matplotlibrc` there while it is imported, and shared libraries are
+looked for there while some wheels are loaded. Importing this module takes the folder off the path;
+`elsewhere` is where libraries are imported. What PYTHONPATH names by a word of its own (`.` too) stays: it is
+the user's. What Python itself imports before this module is out of reach: `sitecustomize`, and what starts
+the command.
 """
 
 import os
@@ -11,9 +13,22 @@ import sys
 
 
 def leave_current_folder_off_the_path() -> None:
-    """Takes away the entry that -c or -m put first; in safe-path mode there is none."""
-    if sys.path and not sys.flags.safe_path and _is_here(sys.path[0]):
-        del sys.path[0]
+    """Takes away the entry that -c or -m put first (in safe-path mode there is none), and those that empty
+    entries of PYTHONPATH put before Python's own library; what is installed comes after it, and stays.
+    """
+    own = os.path.dirname(os.__file__)  # noqa: PTH120 - pathlib may not be ours yet
+    end = sys.path.index(own) if own in sys.path else len(sys.path)
+    first = 0 if sys.flags.safe_path else 1
+    named = _names_here("" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", ""))
+    sys.path[:] = [
+        entry
+        for place, entry in enumerate(sys.path)
+        if place >= end or (named and place >= first) or not _is_here(entry)
+    ]
+
+
+def _names_here(path: str) -> bool:
+    return any(entry and _is_here(entry) for entry in path.split(os.pathsep))
 
 
 def _is_here(entry: str) -> bool:
@@ -42,7 +57,16 @@ def library_path() -> str | None:
 
     OpenCV, once imported, leaves one to every program that is started afterwards.
     """
-    return ":".join(entry for entry in os.environ.get("LD_LIBRARY_PATH", "").split(":") if entry) or None
+    return _without_empty(os.environ.get("LD_LIBRARY_PATH", ""))
+
+
+def python_path() -> str | None:
+    """PYTHONPATH likewise: a worker's Python looks there for the standard library's modules."""
+    return _without_empty(os.environ.get("PYTHONPATH", ""))
+
+
+def _without_empty(path: str) -> str | None:
+    return os.pathsep.join(entry for entry in path.split(os.pathsep) if entry) or None
 
 
 @contextmanager
