@@ -19,7 +19,7 @@ from tactile.checks.footprint import (
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
-from tactile.checks.relation import axis_findings, relation_findings
+from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.recording import GelPad, Recording
 from tactile.registration import depth_along

@@ -1,0 +1,325 @@
+"""What is wrong where a gel's force and displacement do not agree: unit, sign, axes, delay, order, gain.
+
+The numbers are tactile/checks/relation.py's: with U the displacement felt and V the one that the forces make
+by the gel's law, V = U but for noise. Numbers that sound recordings show stand beside each limit
+(`benchmarks/field_spreads.py`).
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from tactile.checks.finding import Field, Finding, Kind, Rank, shared
+from tactile.checks.pressing import Pressing, gives_way, heaviest
+from tactile.checks.relation import Relation, relation_of
+from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
+
+AXES = "xyz"
+DEAD, FLAT_SD = 0.02, 2.0
+"""A field is dead whose total stays below this share of what the other one says, with a root mean square over
+the markers of no frame beyond so many standard deviations of noise; sound fields have 0.94 to 1.06 of it
+(benchmarks/field_spreads.py)."""
+IN_STEP, OUT_OF_STEP = 0.97, 0.93
+"""Correlation over frames of the totals of U and V; sound recordings have 0.99 and more
+(benchmarks/field_spreads.py)."""
+LAG_BETTER = 0.03
+"""By how much the correlation at a delay exceeds that without."""
+SAME_MARKERS = 0.6
+"""Correlation of U and V over markers at the peak, over what noise leaves of it; sound: 1.0 and more
+(benchmarks/field_spreads.py; above 1 since noise is overestimated), markers in chance order: 0.0."""
+ON_ANOTHER_AXIS, BETTER = 0.8, 0.02
+"""Correlation over markers, and by how much it exceeds that of the normal parts; in sound recordings these
+have 0.98 and more and shear has less, by 0.05 at least."""
+IN_PLANE = (0.5, 0.3)
+"""x and y are exchanged where both cross correlations exceed the first and none of their own the second."""
+NOT_FRICTION, OVER_NOISE = 2.5, 10.0
+"""Mean along another axis over that along z (friction of 1 allows 1, sound ones have 0.07 and less in
+benchmarks/field_spreads.py), and over the mean's own noise."""
+SATURATES = 0.6
+"""Slope of V on U above half the peak over the slope below; sound 0.97 to 1.06, noisy ones 0.67 to 1.25, a
+sensor that reads a quarter less at its peak 0.7 (benchmarks/field_spreads.py)."""
+GAIN_SAID, GAIN_REFUSED = 0.08, 0.4
+"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.03 and less, on fruit drawn
+without a solver, of the noisiest, one of 400 pads 0.061 (benchmarks/field_spreads.py --cheap 100). The
+mildest gain fault of the open cases (1.13) has 0.12, a nonlinear sensor 0.22."""
+ONE_GAIN = 0.15
+"""Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
+E_PER_GAIN = 0.7
+"""Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
+LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
+"""Gel's indentation over the pad's closing since first touch; sound recordings have 0.05 to 0.55
+(benchmarks/field_spreads.py)."""
+NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
+"""For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
+
+
+def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Fields that are greatest along another axis than the one that is pressed.
+
+    Friction carries no more than about the normal force, so that stiffness times displacement, and force, are
+    greatest along z on the mean over a contact, whatever is sheared.
+    """
+    found = []
+    for one in pressings:
+        if not one.touched.any():
+            continue
+        top, pad = heaviest(one), one.pad
+        stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
+        fields: dict[Field, np.ndarray] = {"force": one.force_N}
+        if gives_way(one):
+            fields["displacement"] = one.felt_mm * stiffness
+        for name, values in fields.items():
+            mean = np.abs(values[top][:, one.touched].mean(axis=(0, 1)))
+            most = int(np.argmax(mean))
+            noise = float(np.sqrt((values[one.quiet] ** 2).mean() / one.touched.sum()))
+            if most != 2 and mean[most] > max(NOT_FRICTION * mean[2], OVER_NOISE * noise):
+                found.append(
+                    _refused(
+                        one,
+                        Kind.AXES,
+                        f"{name} has its axes exchanged or turned: "
+                        f"it is greatest along {AXES[most]}, expected along z, out of the gel",
+                        field=name,
+                    )
+                )
+    return shared(found)
+
+
+def relation_findings(
+    pressings: Sequence[Pressing], *, closing_mm: Sequence[float], E_range_MPa: tuple[float, float] | None
+) -> list[Finding]:
+    """What the gel's law says of every pad; causes that both pads share are said once.
+
+    `closing_mm`: how far each pad goes past its first touch; `E_range_MPa`: what flesh of the category can
+    have. The two say which of force, displacement and stated stiffness is wrong where a gain is.
+    """
+    relations = [relation_of(one) for one in pressings]
+    found: list[Finding] = []
+    gains: list[tuple[Pressing, Relation, float]] = []
+    for one, relation, closing in zip(pressings, relations, closing_mm, strict=True):
+        if relation is None:
+            continue
+        own = _pad_finding(one, relation)
+        if own is not None:
+            found.append(own)
+        elif abs(np.log(max(relation.gain, 1e-12))) > GAIN_SAID:
+            gains.append((one, relation, closing))
+    return [*shared(found), *_gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
+
+
+def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
+    """Everything but a gain, the plainest cause first."""
+    if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
+        return _refused(
+            one,
+            Kind.DEAD_FIELD,
+            f"displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while its forces reach "
+            f"{_total_N(one):.2g} N; the markers were not tracked",
+            field="displacement",
+        )
+    if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
+        return _refused(
+            one,
+            Kind.DEAD_FIELD,
+            f"force is dead: it stays at {_total_N(one):.2g} N while its markers move "
+            f"{_peak(one.felt_mm):.2f} mm",
+            field="force",
+        )
+    if exchanged := _exchanged(r):
+        i, j = exchanged
+        field = _field_exchanged(one)
+        return _refused(
+            one,
+            Kind.AXES,
+            f"{field or 'force or displacement'} has its axes exchanged or turned: "
+            f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
+            field=field,
+        )
+    if r.in_time < -IN_STEP:
+        wrong: Field = "displacement" if _pushes(one) else "force"
+        return _refused(
+            one,
+            Kind.SIGN,
+            f"{wrong} has the wrong sign: pressing moves markers to negative z and puts a positive force "
+            "on the fruit, expected as the format has it",
+            field=wrong,
+        )
+    if r.in_time < OUT_OF_STEP and r.lag_frames and r.at_lag > max(IN_STEP, r.in_time + LAG_BETTER):
+        late = "late" if r.lag_frames > 0 else "early"
+        return _refused(
+            one,
+            Kind.DELAY,
+            f"force comes {abs(r.lag_frames)} frames {late} against its displacement: "
+            "the two clocks disagree",
+            detail=f"{r.lag_frames} frames",
+        )
+    if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
+        return _refused(
+            one,
+            Kind.INCREMENTS,
+            "displacement is written as increments from frame to frame: summed up it follows the force; "
+            "write displacement from rest (cumulative)",
+        )
+    if r.in_time < OUT_OF_STEP:
+        return _refused(
+            one,
+            Kind.OUT_OF_STEP,
+            f"force and displacement do not go together over time (correlation {r.in_time:.2f}, "
+            "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
+            detail=f"{r.in_time:.2f}",
+        )
+    if r.over_markers < SAME_MARKERS:
+        return _refused(
+            one,
+            Kind.OTHER_MARKERS,
+            "force and displacement are not of the same markers "
+            f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
+            "one of the two lists its markers in another order (permuted)",
+            detail=f"{max(r.over_markers, 0):.2f}",
+        )
+    if r.saturation < SATURATES:
+        return _refused(
+            one,
+            Kind.SATURATION,
+            f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; "
+            "the sensor saturates",
+            field="force",
+        )
+    if r.saturation > 1 / SATURATES:
+        return _refused(
+            one,
+            Kind.SATURATION,
+            f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak "
+            "as below; tracking saturates",
+            field="displacement",
+        )
+    return None
+
+
+def _gain_findings(
+    gains: Sequence[tuple[Pressing, Relation, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
+) -> list[Finding]:
+    """Gains, said once for both pads where they agree."""
+    if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < ONE_GAIN:
+        gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
+        names = tuple(one.pad.name for one, _, _ in gains)
+        return [_gain_finding(gains[0], gain, names, share=1.0, E_range_MPa=E_range_MPa)]
+    return [
+        _gain_finding(one, one[1].gain, (one[0].pad.name,), share=1 / pads, E_range_MPa=E_range_MPa)
+        for one in gains
+    ]
+
+
+def _gain_finding(
+    one: tuple[Pressing, Relation, float],
+    gain: float,
+    names: tuple[str, ...],
+    *,
+    share: float,
+    E_range_MPa: tuple[float, float] | None,
+) -> Finding:
+    pressing, _, closing = one
+    size = abs(float(np.log(gain)))
+    blamed = _blamed(pressing, closing, gain, E_range_MPa)
+    said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
+    scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
+    unit_F = unit_like(gain, FORCE)
+    unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
+    if blamed == "displacement" and unit_u:
+        says = f"displacement looks like {unit_u}: {scaled}"
+    elif blamed == "displacement":
+        says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
+    elif blamed == "force" and unit_F:
+        says = f"forces look like {unit_F}: {said}"
+    elif blamed == "force":
+        says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
+    elif unit_k and blamed == "stiffness":
+        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+    elif unit_F and unit_k:
+        says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
+    else:
+        unit = f" (as if in {unit_F})" if unit_F else ""
+        says = (
+            f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
+            "a gel that creeps, or the stiffness (kn, kt) of another gel"
+        )
+    return Finding(
+        kind=Kind.GAIN,
+        rank=Rank.RELATION,
+        pads=names,
+        says=says,
+        refused=size > GAIN_REFUSED,
+        relative_sd=E_PER_GAIN * size * share,
+    )
+
+
+def _blamed(
+    one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
+) -> Field | Literal["stiffness"] | None:
+    """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
+    felt = _peak(one.felt_mm)
+    if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
+        return "displacement"
+    if E_range_MPa is None or closing_mm <= 0:
+        return None
+    into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
+    E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
+    low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
+    as_written, as_the_gel_says = low < E < high, low < E / gain < high
+    if as_the_gel_says and not as_written:
+        return "force"
+    return "stiffness" if as_written and not as_the_gel_says else None
+
+
+def _refused(
+    one: Pressing, kind: Kind, says: str, *, field: Field | None = None, detail: str = ""
+) -> Finding:
+    return Finding(
+        kind=kind,
+        rank=Rank.RELATION,
+        pads=(one.pad.name,),
+        says=says,
+        field=field,
+        detail=detail,
+        refused=True,
+    )
+
+
+def _exchanged(r: Relation) -> tuple[int, int] | None:
+    """The axes (force, displacement) that go together although they differ."""
+    axes = np.abs(r.axes)
+    for j in (0, 1):
+        if max(axes[2, j], axes[j, 2]) > max(ON_ANOTHER_AXIS, axes[2, 2] + BETTER):
+            return (2, j) if axes[2, j] >= axes[j, 2] else (j, 2)
+    if min(axes[0, 1], axes[1, 0]) > IN_PLANE[0] and max(axes[0, 0], axes[1, 1]) < IN_PLANE[1]:
+        return 0, 1
+    return None
+
+
+def _field_exchanged(one: Pressing) -> Field | None:
+    """Whichever has its largest component elsewhere than along z; None where neither has."""
+    fields: dict[Field, np.ndarray] = {"displacement": one.felt_mm, "force": one.force_N}
+    for name, values in fields.items():
+        if int(np.argmax((values[one.pressed] ** 2).sum(axis=0))) != 2:
+            return name
+    return None
+
+
+def _flat(values: Float[np.ndarray, "t n 3"], sd: float, use: Bool[np.ndarray, " n"]) -> bool:
+    """Whether nothing of a field rises above its noise."""
+    return bool(np.sqrt((values[:, use] ** 2).mean(axis=(1, 2))).max() < max(FLAT_SD * sd, 1e-9))
+
+
+def _peak(values: Float[np.ndarray, "t n 3"]) -> float:
+    return float(np.abs(values[:, :, 2]).max())
+
+
+def _total_N(one: Pressing) -> float:
+    return float(np.abs(one.force_N[:, :, 2].sum(axis=1)).max())
+
+
+def _pushes(one: Pressing) -> bool:
+    total = one.force_N[:, :, 2].sum(axis=1)
+    return bool(total.max() > -total.min())
