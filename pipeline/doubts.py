@@ -1,5 +1,6 @@
 """What in a fruit's inputs cannot be right although E could be computed, and how much it puts E in doubt."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from pipeline.grasp import PlacedGrasp
 from pipeline.records import PitFoundRecord
 from recon.closed import volume_mm3
 from recon.priors import PitPrior
+from tactile.checks.finding import Field, Kind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
 """A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
@@ -39,11 +41,18 @@ FOLLOWS = frozenset(
 
 @dataclass(frozen=True, kw_only=True)
 class Doubt:
-    """A sentence with the cause, and the relative standard deviation that it adds to E."""
+    """A sentence with the cause, and the relative standard deviation that it adds to E.
+
+    `kind`, `field` and `pads` tell whether two recordings have the same fault (`relative_sd`); a doubt
+    without a kind shares its cause with no other.
+    """
 
     sentence: str
     relative_sd: float = 0.0
     refused: bool = False
+    kind: Kind | None = None
+    field: Field | None = None
+    pads: tuple[str, ...] = ()
 
 
 def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
@@ -52,6 +61,9 @@ def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
         Doubt(
             sentence=f"{grasp.name}: {finding.sentence}.",
             relative_sd=finding.relative_sd / len(grasps),
+            kind=finding.kind,
+            field=finding.field,
+            pads=finding.pads,
         )
         for grasp in grasps
         for finding in grasp.findings
@@ -70,8 +82,17 @@ def cause_named(grasp: PlacedGrasp) -> bool:
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:
-    """Of all together: causes that are not each other's add in squares."""
-    return float(np.linalg.norm([doubt.relative_sd for doubt in doubts])) if doubts else 0.0
+    """Of all together: sqrt(sum over causes of (sum over recordings of sd)^2).
+
+    A fault of one kind, field and pads is the same in every recording that has it (a gain, another gel's
+    stiffness, a clock): more recordings do not make it less, so that these add linearly, and with each
+    recording's share of E (`of_grasps`) make their mean. Causes that are not each other's add in squares.
+    """
+    by_cause: dict[object, float] = defaultdict(float)
+    for number, doubt in enumerate(doubts):
+        cause = number if doubt.kind is None else (doubt.kind, doubt.field, doubt.pads)
+        by_cause[cause] += doubt.relative_sd
+    return float(np.linalg.norm(list(by_cause.values()))) if by_cause else 0.0
 
 
 def causes_alone(warnings: Sequence[ModulusWarning], *, named: bool) -> list[ModulusWarning]:

@@ -90,14 +90,42 @@ def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
     assert of_a_pit_found(near, given=True) == []
 
 
+def grasp(number, *findings):
+    return SimpleNamespace(name=f"grasp-{number}", findings=findings)
+
+
+def gain(relative_sd=0.2, pads=("left", "right")):
+    return Finding(
+        kind=Kind.GAIN, rank=Rank.RELATION, says="forces are 1.3 times", pads=pads, relative_sd=relative_sd
+    )
+
+
 def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
     remark = Finding(kind=Kind.ENDS_PRESSED, rank=Rank.MACHINE, says="it ends pressed", remark=True)
     gain = Finding(kind=Kind.GAIN, rank=Rank.RELATION, says="a gain of 2", relative_sd=0.2)
     one, two = (SimpleNamespace(name=f"grasp-{k}", findings=f) for k, f in ((1, (remark,)), (2, (gain,))))
     assert remarks_of_grasps([one, two]) == ["grasp-1: it ends pressed."]
-    assert of_grasps([one, two]) == [Doubt(sentence="grasp-2: a gain of 2.", relative_sd=0.1)]
+    (doubt,) = of_grasps([one, two])
+    assert (doubt.sentence, doubt.relative_sd) == ("grasp-2: a gain of 2.", 0.1)
     assert not cause_named(one)
     assert cause_named(two)
+
+
+@pytest.mark.parametrize("count", [1, 2, 4])
+def test_a_fault_that_all_recordings_have_is_not_made_less_by_more_of_them(count):
+    everywhere = [grasp(k, gain()) for k in range(count)]
+    assert relative_sd(of_grasps(everywhere)) == pytest.approx(0.2)
+    in_one = [everywhere[0], *(grasp(k) for k in range(1, count))]
+    assert relative_sd(of_grasps(in_one)) == pytest.approx(0.2 / count)
+
+
+def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
+    left, right = gain(0.3, ("left",)), gain(0.4, ("right",))
+    assert relative_sd(of_grasps([grasp(1, left, right)])) == pytest.approx(0.5)
+    clock = Finding(kind=Kind.CLOCKS_APART, rank=Rank.MACHINE, says="late", relative_sd=0.4)
+    assert relative_sd(of_grasps([grasp(1, gain(0.3), clock)])) == pytest.approx(0.5)
+    assert relative_sd([]) == 0.0
+    assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
 
 
 def test_doubts_add_in_squares_and_named_causes_hide_their_signs():
