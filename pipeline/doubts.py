@@ -1,7 +1,7 @@
 """What in a fruit's inputs cannot be right although E could be computed, and how much it puts E in doubt."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,16 +27,68 @@ E_PER_MM, E_PER_SIZE = 0.03, 0.6
 """Relative error of E per mm of the pit's offset and per ln of its size (docs/validation.md)."""
 MOVED_SD = 5.0
 """Grasps that put a given pit this many of the prior's standard deviations from where it was given."""
-FOLLOWS = frozenset(
-    {
-        ModulusSign.NO_WORK,
-        ModulusSign.METHODS_APART,
-        ModulusSign.RESIDUAL,
-        ModulusSign.UNBALANCED,
-        ModulusSign.PHASES_APART,
-    }
-)
-"""Signs that something is wrong, without its cause: left out where a cause is named."""
+_NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
+_RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
+_PHASES = ModulusSign.PHASES_APART
+_FORCE_LOST = frozenset({_METHODS, _RESIDUAL, _UNBALANCED})
+_GAIN = frozenset({_METHODS, _RESIDUAL, _UNBALANCED, _PHASES})
+_ELSEWHERE = frozenset({_METHODS, _RESIDUAL})
+EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
+    # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
+    Kind.DEAD_MARKERS: _FORCE_LOST,
+    Kind.MARKERS_MISSING: _FORCE_LOST,
+    Kind.CLIPPED: _FORCE_LOST,
+    Kind.COARSE_STEPS: _FORCE_LOST,
+    Kind.NO_TARE: _FORCE_LOST,
+    # a gain may be of one pad, and be a gel that creeps
+    Kind.GAIN: _GAIN,
+    Kind.FORCE_DRIFT: _GAIN,
+    # the first touch is found late; the residual is judged by the noise itself
+    Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
+    # places of the gel against the jaws; the two pads' forces are still of one instant
+    Kind.CLOCKS_APART: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    Kind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    Kind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    Kind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
+    Kind.WIDTH: _ELSEWHERE,
+    Kind.ASIDE: _ELSEWHERE,
+    Kind.PRINT_ASIDE: _ELSEWHERE,
+    Kind.PADS_EXCHANGED: _ELSEWHERE,
+    Kind.MESH_TURNED: _ELSEWHERE,
+    # E does not depend on these
+    Kind.TIME_UNIT: frozenset(),
+    Kind.APERTURE_UNIT: frozenset(),
+    Kind.FRAMES_DROPPED: frozenset(),
+    Kind.ENDS_PRESSED: frozenset(),
+    # a recording with one of these is refused: no modulus comes from it
+    **dict.fromkeys(
+        (
+            Kind.ZERO_FRAMES,
+            Kind.MARKERS_UNIT,
+            Kind.MARKERS_ORDER,
+            Kind.OVER_EDGE,
+            Kind.AXES,
+            Kind.DEAD_FIELD,
+            Kind.SIGN,
+            Kind.DELAY,
+            Kind.INCREMENTS,
+            Kind.OUT_OF_STEP,
+            Kind.OTHER_MARKERS,
+            Kind.SATURATION,
+            Kind.FRAMES_SHUFFLED,
+            Kind.GEL_FRAMES_SHUFFLED,
+            Kind.POSES_UNIT,
+            Kind.POSES_STILL,
+            Kind.POSES_TURNED,
+            Kind.POSE_AWAY,
+            Kind.TOO_DEEP,
+        ),
+        frozenset[ModulusSign](),
+    ),
+}
+"""Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
+named. ModulusSign.ONE_FRAME is never."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,9 +128,9 @@ def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
     return [f"{grasp.name}: {one.sentence}." for grasp in grasps for one in grasp.findings if one.remark]
 
 
-def cause_named(grasp: PlacedGrasp) -> bool:
-    """Whether something was found in the recording that can explain signs in its modulus."""
-    return any(not one.remark for one in grasp.findings)
+def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
+    """The signs in the recording's modulus that follow from what was found in it."""
+    return frozenset[ModulusSign]().union(*(EXPLAINS[one.kind] for one in grasp.findings if not one.remark))
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:
@@ -95,9 +147,11 @@ def relative_sd(doubts: Sequence[Doubt]) -> float:
     return float(np.linalg.norm(list(by_cause.values()))) if by_cause else 0.0
 
 
-def causes_alone(warnings: Sequence[ModulusWarning], *, named: bool) -> list[ModulusWarning]:
+def causes_alone(
+    warnings: Sequence[ModulusWarning], *, explained: frozenset[ModulusSign]
+) -> list[ModulusWarning]:
     """`warnings` without the signs that follow from a named cause."""
-    return [one for one in warnings if not (named and one.sign in FOLLOWS)]
+    return [one for one in warnings if one.sign not in explained]
 
 
 def of_a_given_pit(

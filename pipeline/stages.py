@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from fem.failure import FemFailure
 from pipeline.confirmed import in_words
 from pipeline.diary import Diary
-from pipeline.doubts import cause_named, causes_alone, of_a_pit_found, relative_sd
+from pipeline.doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
 from pipeline.effect_spread import effect_spread
 from pipeline.elasticity import fruit_modulus, modulus_record
 from pipeline.flesh_effects import unused_warnings, used
@@ -122,7 +122,7 @@ def _grade(task: FruitTask, diary: Diary) -> None:
             if isinstance(own, FemFailure):
                 diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
             else:
-                said = causes_alone(own.warnings, named=cause_named(grasp))
+                said = causes_alone(own.warnings, explained=signs_explained(grasp))
                 diary.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
         diary.warnings += found.modulus.warnings
     with diary.stage("picture"):

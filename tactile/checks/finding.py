@@ -61,6 +61,7 @@ class Kind(StrEnum):
     POSES_TURNED = "poses-turned"
     POSE_AWAY = "pose-away"
     APERTURE = "aperture"
+    APERTURE_UNIT = "aperture-unit"
     TOO_DEEP = "too-deep"
     # the fruit
     WIDTH = "width"

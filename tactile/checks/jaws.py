@@ -119,8 +119,9 @@ def _aperture(
     )
     return [
         Finding(
-            kind=Kind.APERTURE,
+            kind=Kind.APERTURE_UNIT if unit else Kind.APERTURE,
             rank=Rank.MACHINE,
+            detail=unit or "",
             says=(
                 f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, "
                 f"and they differ by up to {apart:.2f} mm"

@@ -7,15 +7,15 @@ import pytest
 
 from fem.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.doubts import (
-    FOLLOWS,
+    EXPLAINS,
     Doubt,
-    cause_named,
     causes_alone,
     of_a_given_pit,
     of_a_pit_found,
     of_grasps,
     relative_sd,
     remarks_of_grasps,
+    signs_explained,
 )
 from pipeline.records import PitFoundRecord
 from recon.pit import place_pit
@@ -102,13 +102,13 @@ def gain(relative_sd=0.2, pads=("left", "right")):
 
 def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
     remark = Finding(kind=Kind.ENDS_PRESSED, rank=Rank.MACHINE, says="it ends pressed", remark=True)
-    gain = Finding(kind=Kind.GAIN, rank=Rank.RELATION, says="a gain of 2", relative_sd=0.2)
-    one, two = (SimpleNamespace(name=f"grasp-{k}", findings=f) for k, f in ((1, (remark,)), (2, (gain,))))
+    one, two = grasp(1, remark), grasp(2, gain())
     assert remarks_of_grasps([one, two]) == ["grasp-1: it ends pressed."]
     (doubt,) = of_grasps([one, two])
-    assert (doubt.sentence, doubt.relative_sd) == ("grasp-2: a gain of 2.", 0.1)
-    assert not cause_named(one)
-    assert cause_named(two)
+    assert doubt.sentence == "grasp-2: both pads' forces are 1.3 times."
+    assert doubt.relative_sd == 0.1
+    assert signs_explained(one) == set()
+    assert signs_explained(two)
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
@@ -128,11 +128,19 @@ def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
     assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
 
 
-def test_doubts_add_in_squares_and_named_causes_hide_their_signs():
-    assert relative_sd([]) == 0.0
-    assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
-    one_frame = ModulusWarning(ModulusSign.ONE_FRAME, "loading gives one frame")
-    signs = [ModulusWarning(sign, "in whatever words") for sign in FOLLOWS]
-    assert len(signs) == 5
-    assert causes_alone([*signs, one_frame], named=True) == [one_frame]
-    assert causes_alone([*signs, one_frame], named=False) == [*signs, one_frame]
+def test_only_the_signs_that_a_cause_explains_are_left_out():
+    signs = [ModulusWarning(sign, "in whatever words") for sign in ModulusSign]
+    left = causes_alone(signs, explained=signs_explained(grasp(1, gain())))
+    assert [one.sign for one in left] == [ModulusSign.NO_WORK, ModulusSign.ONE_FRAME]
+    assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
+
+
+@pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "frames-dropped", "ends-pressed"])
+def test_what_E_does_not_depend_on_explains_no_sign_of_its_modulus(kind):
+    harmless = Finding(kind=Kind(kind), rank=Rank.MACHINE, says="harmless")
+    assert signs_explained(grasp(1, harmless)) == set()
+
+
+def test_every_kind_says_which_signs_it_explains_and_none_explains_that_a_phase_has_one_frame():
+    assert set(EXPLAINS) == set(Kind)
+    assert all(ModulusSign.ONE_FRAME not in signs for signs in EXPLAINS.values())
