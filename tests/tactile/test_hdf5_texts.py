@@ -1,7 +1,12 @@
 """A recording in which the HDF5 library would never come to an end is refused in seconds."""
 
+import os
 import shutil
+import signal
+import subprocess
+import sys
 import time
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import h5py
@@ -46,3 +51,96 @@ def test_links_are_not_followed_to_find_out(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["pads"] = h5py.ExternalLink(str(target), "/pads")
     assert texts_can_be_read(tmp_path / "a.h5", patience_s=1.0)
+
+
+def test_a_sound_file_can_be_read_where_ended_processes_are_not_kept():
+    """As under a service that ignores SIGCHLD: the system forgets the child before it can be asked after."""
+    before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+    try:
+        assert texts_can_be_read(SHIPPED)
+    finally:
+        signal.signal(signal.SIGCHLD, before)
+
+
+def is_running(pid):
+    """Whether it has neither ended nor waits to be asked after."""
+    try:
+        state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state != "Z"
+
+
+def ends_within(pid, seconds):
+    end = time.monotonic() + seconds
+    while is_running(pid) and time.monotonic() < end:
+        time.sleep(0.05)
+    return not is_running(pid)
+
+
+def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
+    path = with_a_broken_heap(tmp_path / "grasp-1.h5")
+    fork, children = os.fork, []
+
+    def told():
+        children.append(fork())
+        return children[-1]
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fork", told)
+    monkeypatch.setattr(tactile.hdf5_texts.time, "sleep", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        texts_can_be_read(path)
+    monkeypatch.undo()
+    (child,) = children
+    with suppress(ProcessLookupError):
+        os.kill(child, 0)  # not even as one that waits to be asked after
+        os.kill(child, signal.SIGKILL)
+        pytest.fail("the process that reads the texts is still there")
+
+
+CHECKING = """
+import os, sys
+from pathlib import Path
+from tactile.hdf5_texts import texts_can_be_read
+fork = os.fork
+def told():
+    child = fork()
+    if child:
+        print(child, flush=True)
+    return child
+os.fork = told
+texts_can_be_read(Path(sys.argv[1]), patience_s=float(sys.argv[2]))
+"""
+
+
+@contextmanager
+def checking(path, patience_s):
+    """A run that checks the file, and the process that reads its texts."""
+    command = [sys.executable, "-c", CHECKING, str(path), str(patience_s)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        child = int(run.stdout.readline())
+        try:
+            yield run, child
+        finally:
+            run.kill()
+            if is_running(child):
+                os.kill(child, signal.SIGKILL)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc and the signal of a parent's death are Linux's")
+def test_a_killed_run_takes_the_process_along(tmp_path):
+    with checking(with_a_broken_heap(tmp_path / "grasp-1.h5"), 100.0) as (run, child):
+        time.sleep(0.3)
+        assert is_running(child)
+        run.kill()
+        assert ends_within(child, 10)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
+def test_a_process_that_nobody_ends_has_so_much_processor_time_and_no_more(tmp_path):
+    with checking(with_a_broken_heap(tmp_path / "grasp-1.h5"), 0.5) as (run, child):
+        run.send_signal(signal.SIGSTOP)
+        assert ends_within(child, 60)  # of wall time: 2 s of processor time on a loaded machine
