@@ -4,12 +4,9 @@ import csv
 import difflib
 import io
 import re
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from fem.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
@@ -57,20 +54,20 @@ def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
     Raises BatchRefused where it is no table, or has no ids.
     """
     problems: list[Problem] = []
-    table = _table(path, problems)
+    columns, records = _table(path, problems)
     problems += [
         Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column)}.')
-        for column in table.columns
+        for column in columns
         if column not in COLUMNS
     ]
-    if "fruit_id" not in table.columns:
-        if not any(_plainly(column) == "fruit_id" for column in table.columns):
+    if "fruit_id" not in columns:
+        if not any(_plainly(column) == "fruit_id" for column in columns):
             problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
         raise BatchRefused(problems)
-    rows = [_row(path, i + 2, record, problems) for i, record in enumerate(_records(table))]
+    rows = [_row(path, line, record, problems) for line, record in records]
     lines: dict[str, list[int]] = {}
-    for i, row in enumerate(rows):
-        lines.setdefault(row.fruit_id, []).append(i + 2)
+    for (line, _), row in zip(records, rows, strict=True):
+        lines.setdefault(row.fruit_id, []).append(line)
     for fruit_id, where in lines.items():
         if len(where) > 1:
             at = ", ".join(map(str, where))
@@ -99,7 +96,11 @@ def _plainly(column: str) -> str:
     return next((name for name in COLUMNS if name.lower() == plain), plain)
 
 
-def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
+Record = tuple[int, dict[str, str]]
+"""The line on which a row begins, and its cells by their columns."""
+
+
+def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]]:
     """The cells as text. Cells parted by something else than commas are a problem, and are read on all the
     same, so that what else is wrong is said too.
     """
@@ -126,29 +127,32 @@ def _table(path: Path, problems: list[Problem]) -> pd.DataFrame:
         raise BatchRefused([Problem(str(path), found)])
     if wrong := _misread(text):
         raise BatchRefused([*problems, Problem(str(path), wrong)])
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", pd.errors.ParserWarning)  # a row with more cells than the header
-            table = pd.read_csv(
-                io.StringIO(text), dtype=str, keep_default_na=False, skipinitialspace=True, index_col=False
+    rows = _rows(text)
+    if not rows:
+        raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")])
+    names = [name.strip() for name in rows[0][1]]
+    for line, cells in rows[1:]:
+        if any(cell.strip() for cell in cells[len(names) :]):
+            found = (
+                f"line {line} has more cells than the header; separate cells by a comma and write numbers "
+                "with a decimal point."
             )
-    except pd.errors.EmptyDataError:
-        raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")]) from None
-    except (pd.errors.ParserError, pd.errors.ParserWarning):
-        raise BatchRefused(
-            [
-                Problem(
-                    str(path),
-                    f"{_longer_row(text)} has more cells than the header; separate cells by a comma "
-                    "and write numbers with a decimal point.",
-                )
-            ]
-        ) from None
-    table.columns = [str(c).strip() for c in table.columns]
-    if len(table) > MOST_FRUIT:
-        found = f"holds {len(table)} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
+            raise BatchRefused([*problems, Problem(str(path), found)])
+    if len(rows) - 1 > MOST_FRUIT:
+        found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
         raise BatchRefused([Problem(str(path), found)])
-    return table
+    return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
+
+
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """Each row's first line and its cells; blank lines are no rows, and a cell may go over several lines."""
+    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    begun, rows = 1, []
+    for cells in lines:
+        if len(cells) > 1 or (cells and cells[0].strip()):
+            rows.append((begun, cells))
+        begun = lines.line_num + 1
+    return rows
 
 
 def _with_commas(text: str, separator: str) -> str:
@@ -168,10 +172,10 @@ def _misread(text: str) -> str:
     column that stands twice one would be lost.
     """
     lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
-    begun = 1
+    begun, names = 1, [""]
     try:
         for row in lines:
-            if begun == 1:
+            if not any(names):
                 names = [name.strip() for name in row]
                 if twice := next((name for name in names if name and names.count(name) > 1), ""):
                     return f'has the column "{twice[:80]}" twice; take one of the two away.'
@@ -186,16 +190,6 @@ def _misread(text: str) -> str:
             "put the whole cell in quotation marks and write those inside twice."
         )
     return ""
-
-
-def _longer_row(text: str) -> str:
-    """The first line with more cells than the header, by its number."""
-    rows = list(csv.reader(io.StringIO(text)))
-    return next((f"line {i}" for i, row in enumerate(rows, 1) if len(row) > len(rows[0])), "a line")
-
-
-def _records(table: pd.DataFrame) -> list[dict[str, str]]:
-    return [{str(k): str(v) for k, v in record.items()} for record in table.to_dict("records")]
 
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
@@ -217,8 +211,8 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             continue
         value = decimal_number(text)
         if value is None or value <= 0:
-            sentence = f'line {line}: {name} is "{text[:40]}"; expected a number above zero, or nothing'
-            problems.append(Problem(str(path), f"{sentence}{meant(text)}."))
+            sentence = f'{name} is "{text[:40]}"; expected a number above zero, or nothing{meant(text)}.'
+            problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
             unreadable.append(name)
             continue
         measures[name] = value

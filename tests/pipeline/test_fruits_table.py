@@ -45,6 +45,28 @@ def test_duplicate_ids_are_refused_with_their_lines(tmp_path):
     assert 'fruit_id "A" stands on lines 2, 4' in refusal(tmp_path, "fruit_id\nA\nB\nA\n")
 
 
+def test_lines_are_those_of_the_file_whatever_is_blank_or_broken_before_them(tmp_path):
+    """As an editor counts them: the second A stands on line 8, behind a blank one and a note of two lines."""
+    text = 'fruit_id,height_mm,notes\n\nA,55,"picked\nlate"\n  \nB,tall,x\n\nA,56,\nC,,"a\n\nb"\n../x,5,\n'
+    lines = text.split("\n")
+    assert (lines[5], lines[7], lines[11]) == ("B,tall,x", "A,56,", "../x,5,")
+    said = refusal(tmp_path, text)
+    assert 'line 6 (B): height_mm is "tall"' in said
+    assert 'fruit_id "A" stands on lines 3, 8;' in said
+    assert 'line 12: fruit_id "../x"' in said
+    assert "line 6 has more cells" in refusal(tmp_path, text.replace("tall,x", "5,7,x"))
+    semicolons = text.replace(",", ";").replace("tall", "high")
+    assert 'line 6 (B): height_mm is "high"' in refusal(tmp_path, semicolons)
+
+
+def test_a_row_may_end_early_and_blank_lines_may_stand_before_the_header(tmp_path):
+    rows, faults = read_fruits(table(tmp_path, "\n \nfruit_id,height_mm,notes\nA\nB,50\nC,51,x,\n"))
+    assert not faults
+    assert [(row.fruit_id, row.height_mm, row.notes) for row in rows] == [
+        ("A", None, ""), ("B", 50.0, ""), ("C", 51.0, "x")
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("fruit_id", ["../x", "a/b", "", ".hidden", "a" * 81])
 def test_ids_that_cannot_name_a_folder_are_refused(tmp_path, fruit_id):
     assert "cannot name a folder" in refusal(tmp_path, f"fruit_id,notes\n{fruit_id},x\n")
