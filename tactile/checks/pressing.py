@@ -46,7 +46,7 @@ class Pressing:
 
     `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
     offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
-    four. `gel_mm` is None where too few markers say the area of one.
+    four. `gel_mm` is None where no law of the gel is known (tactile/checks/gel_law.py).
     """
 
     pad: GelPad

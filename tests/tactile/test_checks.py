@@ -5,6 +5,7 @@ The recording is tests/data/nectarine-grasp: another solver's, with noise, on a 
 
 import re
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,12 @@ from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.channels import noise_findings
 from tactile.checks.finding import Finding, Kind, Rank, shared
 from tactile.checks.footprint import Footprint, better_otherwise
+from tactile.checks.gel_law import MOST_FOR_SLAB, displacement_of
 from tactile.checks.lattice import missing_sites
 from tactile.checks.of_recording import QUARTERS, recording_findings
 from tactile.checks.pressing import noise_shares, pressing_of
 from tactile.checks.relation import relation_of
+from tactile.checks.relation_findings import relation_findings
 from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
 from tactile.gel_force import FIRST_STRENGTH, GelForce
@@ -416,6 +419,7 @@ def test_a_factor_is_a_unit_only_near_it():
     assert unit_like(-1.0, FORCE) is None
 
 
+@cache
 def slab_pad():
     """A slab under growing pressure, forces by the inverse of its displacement."""
     slab = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
@@ -454,3 +458,20 @@ def test_a_slabs_forces_follow_its_own_law_and_not_that_of_springs():
     assert by_slab.gain == pytest.approx(1.0, abs=0.03)
     assert by_slab.over_markers > 0.95
     assert by_springs.gain < 0.6
+
+
+def test_a_slab_with_more_markers_than_its_law_is_computed_for_is_not_judged_by_that_of_springs(monkeypatch):
+    side = int(np.ceil(np.sqrt(MOST_FOR_SLAB + 1)))
+    line = 0.7 * np.arange(float(side))
+    flat = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    pad = slab_pad()
+    force_N = np.ones((len(pad.pose), len(flat), 3))
+    rest_mm = np.column_stack([flat, np.zeros(len(flat))])
+    many = replace(pad, rest_mm=rest_mm, force_N=force_N, displacement_mm=force_N)
+    assert displacement_of(many, force_N) is None
+    assert displacement_of(replace(many, gel_E_MPa=None), force_N) is not None
+    monkeypatch.setattr("tactile.checks.gel_law.MOST_FOR_SLAB", len(pad.rest_mm) - 1)
+    assert relation_of(pressing_of(pad)) is None
+    springs = replace(pad, gel_E_MPa=None)
+    assert relation_findings([pressing_of(springs)], closing_mm=[1.0], E_range_MPa=None)[0].refused
+    assert relation_findings([pressing_of(pad)], closing_mm=[1.0], E_range_MPa=None) == []
