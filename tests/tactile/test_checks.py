@@ -225,7 +225,6 @@ REFUSED = {
 SAID = {
     "a gain of 1.2": (force(1.2), "forces are 1.20 times"),
     "a drift": (drifting, "the left pad's force drifts"),
-    "time in ms": (lambda r: replace(r, time_s=1e3 * r.time_s), "time_s looks like milliseconds"),
     "aperture in cm": (lambda r: replace(r, aperture_mm=r.aperture_mm / 10), "aperture_mm looks like cent"),
     "every third frame dropped": (dropped, "frames were dropped: "),
     "ten times the noise": (noisy(10.0), "mostly noise"),
@@ -334,6 +333,35 @@ def test_a_recording_that_ends_pressed_is_remarked_and_nothing_is_put_in_doubt(s
     assert found.relative_sd == 0.0
     assert not found.refused
     assert found.pads == ("left", "right")
+
+
+def closing_at(mm_per_s):
+    """The recording with its clock stretched so that its jaws close so fast at most."""
+
+    def change(recording):
+        fastest = np.abs(np.diff(recording.aperture_mm) / np.diff(recording.time_s)).max()
+        return replace(recording, time_s=recording.time_s * fastest / mm_per_s)
+
+    return change
+
+
+@pytest.mark.parametrize("mm_per_min", [1.0, 10.0, 500.0])
+def test_a_testing_machines_speeds_are_sound(sound, mm_per_min):
+    recording, mesh = sound
+    assert findings(closing_at(mm_per_min / 60)(recording), mesh) == []
+
+
+@pytest.mark.parametrize(("mm_per_s", "unit"), [(1.5e-3, "milliseconds"), (500.0, "minutes or hours")])
+def test_a_clock_in_another_unit_is_remarked_of_jaws_alone_and_puts_nothing_in_doubt(sound, mm_per_s, unit):
+    recording, mesh = sound
+    strange = closing_at(mm_per_s)(recording)
+    (found,) = findings(strange, mesh)
+    assert found.kind is Kind.TIME_UNIT
+    assert f"time_s looks like {unit}" in found.sentence
+    assert found.remark
+    assert found.relative_sd == 0.0
+    pressed = replace(strange, loading="press", aperture_mm=-strange.aperture_mm)
+    assert Kind.TIME_UNIT not in {one.kind for one in findings(pressed, mesh)}
 
 
 def said_of_noise(share):
