@@ -266,7 +266,8 @@ def _way_of_dying(exit_code: int | None) -> str:
 
 
 def _in_a_line(record: FruitRecord) -> str:
-    if record.modulus is None:
+    """What the progress line says of a fruit: its E, or why it has none that counts."""
+    if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
     return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa"
