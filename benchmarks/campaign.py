@@ -7,7 +7,7 @@ Every case (campaign_inputs.py, always the same) changes one file of a small sou
 gives it to `drupe check`, to the reader of `drupe explain` or to `drupe convert`, in a process of its own
 with limits of time and memory. The verdicts:
 
-- clear error: a sentence that names the file, with no traceback and no words of a library;
+- clear error: a sentence with the file's own name, with no traceback and no words of a library;
 - same: accepted, and every number read is that of the sound input;
 - other: accepted, and what is read differs: a valid file with other content, its numbers within all limits;
 - FAILED: a hang, too much memory, an exception, an error that names no file or shows a library.
@@ -102,15 +102,16 @@ def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, 
         said, cpu_s, memory_MB = _in_a_child(broken.command, root, broken.path)
     if isinstance(said, str):
         return "FAILED", said, cpu_s, memory_MB
+    if memory_MB > MOST_MEMORY_MB:
+        return "FAILED", f"{memory_MB:.0f} MB of memory", cpu_s, memory_MB
     lines, found = said
     text = " | ".join(lines).replace(f"{root}/", "")
     if not lines:
         kind = broken.command if broken.command != "convert" else broken.path.partition("/AD2")[0]
         return ("same" if found == digest[kind] else "other"), "", cpu_s, memory_MB
-    place = Path(broken.path)
-    named = place.name in text or place.parent.name in text
+    named = Path(broken.path).name in text
     shown = LIBRARY.search(text) or not text.isprintable() or any(len(line) > 1200 for line in lines)
-    if named and not shown and memory_MB <= MOST_MEMORY_MB:
+    if named and not shown:
         return "clear error", text, cpu_s, memory_MB
     return "FAILED", text, cpu_s, memory_MB
 

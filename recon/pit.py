@@ -179,5 +179,6 @@ def _run_volume(mesh: manifold3d.Mesh64, faces: Int[np.ndarray, "m 3"]) -> float
 def _outside(fault: str) -> ReconFailure:
     return ReconFailure(
         ReconProblem.PIT_OUTSIDE_FRUIT,
-        f"{fault}; expected it well inside: check the pit prior, the height and the mesh's unit (mm).",
+        f"{fault}; expected it well inside: check pit.ply, or the category's pit and the height, "
+        "and the meshes' unit (mm).",
     )

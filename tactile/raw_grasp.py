@@ -133,15 +133,16 @@ def _pad(
     folder: Path, name: str, table: Table, log: GraspLog, loading: Loading, at_mm: float, sensor: Path | None
 ) -> RawPad:
     table.refuse_unknown(PAD_KEYS)
-    described = read_sensor(sensor or _sensor_path(folder, table))
+    description = sensor or _sensor_path(folder, table)
+    described = read_sensor(description)
     pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
-    reference = _reference(folder, name, table, pictures)
+    reference, source = _reference(folder, name, table, pictures)
     if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
-            f"{folder.name}, pad {name}: found frames of {reference.shape[1]} x {reference.shape[0]} pixels, "
-            f"expected {width} x {height} as the sensor's description says; is it this sensor's description?",
+            f"{folder.name}, pad {name}, {source}: found {reference.shape[1]} x {reference.shape[0]} pixels, "
+            f"expected {width} x {height} as {description.name} says; is it this sensor's description?",
         )
     second = None
     if described.kind == "markers-stereo":
@@ -236,14 +237,17 @@ def _place(folder: Path, name: str, said: str) -> Path:
     return next((video for video in videos if video.is_file()), pictured)
 
 
-def _reference(folder: Path, name: str, table: Table, pictures: Pictures) -> UInt8[np.ndarray, "h w 3"]:
+def _reference(
+    folder: Path, name: str, table: Table, pictures: Pictures
+) -> tuple[UInt8[np.ndarray, "h w 3"], str]:
+    """The picture of the untouched gel, and the file or the frames that it comes from."""
     if "reference_frames" not in table.values:
         said = table.file_name("reference", default="")
         path = folder / said if said else _reference_path(folder / name)
         if not path.is_file():
             expected = "a picture of the untouched gel; or name frames of it: reference_frames = [0, 5]"
             raise unusable(f"{name}/reference.png", "no such file", expected)
-        return read_picture(path)
+        return read_picture(path), path.name
     first, end = (int(k) for k in table.numbers("reference_frames", (2,)).tolist())
     if not 0 <= first < end <= len(pictures.numbers):
         found = f"[{first}, {end}] of {len(pictures.numbers)} frames"
@@ -253,7 +257,8 @@ def _reference(folder: Path, name: str, table: Table, pictures: Pictures) -> UIn
         for k, frame in zip(range(end), pictures.frames(), strict=False)
         if k >= first
     ]
-    return np.asarray(np.rint(np.mean(chosen, axis=0)), dtype=np.uint8)
+    mean = np.asarray(np.rint(np.mean(chosen, axis=0)), dtype=np.uint8)
+    return mean, f"frames {first} to {end - 1} of {pictures.source}"
 
 
 def _reference_path(place: Path) -> Path:
