@@ -139,8 +139,7 @@ def grade(
             own = own_points(finding, lot=batch.settings.lot, moment=started, inputs=inputs)
             chart = with_points(read_chart(chart_at), own)
             finding = drift(chart, finding)
-        doubted = SOME_DOUBTED if any(r.doubts for r in in_order) else ALL_GRADED
-        status = doubted if all(r.graded for r in in_order) else SOME_NOT_GRADED
+        status = _status(in_order, finding)
         entry = batch_entry(
             batch,
             in_order,
@@ -158,6 +157,14 @@ def grade(
         if chart_at is not None and own:
             update_chart(chart_at, own)
     return status, entry
+
+
+def _status(told: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
+    """The exit status of a run that went to its end; what staff must look into is no 0."""
+    if not all(record.graded for record in told):
+        return SOME_NOT_GRADED
+    alarm = finding is not None and finding.alarm
+    return SOME_DOUBTED if alarm or any(record.doubts for record in told) else ALL_GRADED
 
 
 def _keep_what_is_told(

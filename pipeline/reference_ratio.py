@@ -137,7 +137,8 @@ def against_references(
     """The records as reports tell them, and what the reference bodies say; no finding where there are none.
 
     The bodies' own records stay. A ratio within 2 standard deviations of 1 changes no fruit; beyond it every
-    graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|.
+    graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|. Where the
+    bodies contradict each other nothing is divided, and every E is in doubt by the largest body's |ln r|.
     """
     asked = [record for record in records if record.given.reference]
     if not asked:
@@ -146,7 +147,7 @@ def against_references(
     ratio = (
         _of(bodies, [r.modulus.common_sd_MPa for r in asked if r.graded and r.modulus]) if bodies else None
     )
-    corrected = correct and ratio is not None and ratio.apart
+    corrected = correct and ratio is not None and ratio.apart and not ratio.disagree
     finding = ReferenceFinding(
         bodies=bodies,
         ratio=ratio,
@@ -215,6 +216,11 @@ def _reads(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
 
 
 def _verdict(ratio: Ratio, *, corrected: bool) -> str:
+    if ratio.disagree:
+        return (
+            "whether it reads right cannot be judged, since the reference bodies contradict each other; "
+            "every E of the batch is in doubt, and none is corrected."
+        )
     if not ratio.apart:
         return f"within {WITHIN_SD:g} standard deviations of 1, as it should."
     far = f"{ratio.from_one_sd:.1f} standard deviations from 1"
@@ -244,7 +250,7 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
     if finding.corrected:
         modulus = corrected_modulus(modulus, ratio)
         changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
-    elif ratio.apart:
+    elif ratio.disagree or ratio.apart:
         doubt = _doubt(ratio, finding.bodies)
         modulus = doubted_modulus(modulus, doubt.relative_sd)
         changed["doubts"] = (*record.doubts, doubt.sentence)
@@ -262,6 +268,12 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
 
 def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
     said = _reads(ratio, bodies)
+    if ratio.disagree:
+        names = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
+        return Doubt(
+            sentence=f"the gripper cannot be judged: the reference bodies contradict each other ({names}).",
+            relative_sd=max(abs(math.log(one.own.ratio)) for one in bodies),
+        )
     return Doubt(
         sentence=f"{said[:1].lower()}{said[1:]}, and E is not corrected for it.",
         relative_sd=abs(math.log(ratio.ratio)),

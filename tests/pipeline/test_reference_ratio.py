@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.batch import open_batch
+from pipeline.grade import _status
 from pipeline.layout import Results
 from pipeline.problem import BatchRefused
 from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord
@@ -173,6 +175,36 @@ def test_bodies_that_disagree_are_named():
     assert finding.alarm
     assert "disagree beyond their errors (chi-square" in finding.sentences[1]
     assert "ball 1.00 ± 0.02, other 1.60 ± 0.04" in finding.sentences[1]
+
+
+@pytest.mark.parametrize("correct", [False, True])
+def test_bodies_that_contradict_each_other_judge_nothing_and_doubt_every_fruit(correct):
+    """Ratios of 1 and 3: their mean may lie within 2 of its widened errors of 1, and says nothing."""
+    records = [*batch_read_with(1.0), record("other", 1.5, known=0.5)]
+    told, finding = against_references(records, correct=correct)
+    assert finding is not None
+    assert finding.alarm
+    assert not finding.corrected
+    assert "cannot be judged, since the reference bodies contradict each other" in finding.sentences[0]
+    assert "as it should" not in " ".join(finding.sentences)
+    for before, after in zip(records[:2], told[:2], strict=True):
+        E = before.modulus.E_MPa
+        assert after.modulus.E_MPa == E
+        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(3)))
+        (doubt,) = after.doubts
+        assert "contradict each other (ball 1.00 ± 0.02, other 3.00 ± 0.07)" in doubt
+    assert [one.doubts for one in told[2:]] == [(), ()]
+    assert _status(told, finding) == 4
+
+
+def test_an_alarm_is_no_status_of_0():
+    """A chart out of control doubts no single E, and somebody must look all the same."""
+    records = batch_read_with(1.0)
+    told, finding = against_references(records, correct=False)
+    assert _status(told, None) == _status(told, finding) == 0
+    assert _status(told, replace(finding, drifts=True)) == 4
+    lost = record("lost", 1.0, outcome="no-grasp")
+    assert _status([*told, lost], replace(finding, drifts=True)) == 3
 
 
 def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():
