@@ -52,15 +52,10 @@ def implausible_fruit(batch: Batch) -> dict[str, str]:
     said = {}
     for row in batch.rows:
         kind = kind_of(category_of(row, batch.known))
-        doubts = list(row_doubts(row, batch.rows, kind))
-        mesh = batch.folder.fruit(row.fruit_id).fruit_ply
-        if mesh.is_file():
-            try:
-                doubts.append(_size_doubt(mesh, row, kind))
-            except ReconFailure:
-                doubts.append("")  # the fruit's own work says what is wrong with the file
-        if any(doubts):
-            said[row.fruit_id] = " ".join(doubt for doubt in doubts if doubt)
+        mesh, _ = _closed_mesh(row, batch.folder.fruit(row.fruit_id).fruit_ply)  # the fruit's own work says
+        doubts = [*row_doubts(row, batch.rows, kind), *_size_doubt(mesh, row, kind)]
+        if doubts:
+            said[row.fruit_id] = " ".join(doubts)
     return said
 
 
@@ -75,9 +70,11 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
         yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
         return
     yield from _no_files(row, folder)
-    if folder.fruit_ply.exists() or folder.fruit_ply.is_symlink():
-        yield from _ready_mesh_problems(batch, row, folder, kind)
-    else:
+    mesh, broken = _closed_mesh(row, folder.fruit_ply)
+    yield from broken
+    if mesh is not None:
+        yield from _ready_mesh_problems(batch, row, folder, kind, mesh)
+    elif not broken:
         yield from _photo_problems(batch, row, folder)
     grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
     if not grasps and not raw:
@@ -86,19 +83,24 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
             folder.root / "grasps",
             "needs at least one .h5 recording or folder of gel frames, found none.",
         )
-    mesh = _mesh_at_hand(folder)
     for path in grasps:
         yield from _tried(row, path, partial(_sound_recording, path, batch, row, mesh, kind))
     for path in raw:
         yield from _tried(row, path, partial(read_raw_grasp, path))
 
 
-def _mesh_at_hand(folder: FruitFolder) -> Mesh | None:
-    """The ready mesh, where there is one that can be read."""
-    try:
-        return read_mesh(folder.fruit_ply) if folder.fruit_ply.is_file() else None
-    except ReconFailure:
-        return None
+def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]:
+    """The closed mesh at `path`, read once, and what is wrong with it; neither where there is no file."""
+    held: list[Mesh] = []
+
+    def read() -> None:
+        mesh = read_mesh(path)
+        require_closed(*mesh, what=path.name)
+        held.append(mesh)
+
+    there = path.exists() or path.is_symlink()
+    problems = list(_tried(row, path, read)) if there else []
+    return (held[0] if held else None), problems
 
 
 def _sound_recording(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> None:
@@ -125,64 +127,66 @@ def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
                 yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 
-def _size_doubt(path: Path, row: FruitRow, kind: Kind) -> str:
-    vertices, _ = read_mesh(path)
+def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: Kind) -> Iterator[str]:
+    """A sentence where the ready mesh, if there is one, is of no fruit's size."""
+    if mesh is None:
+        return
+    vertices, _ = mesh
     limits, height_mm = kind.ranges.height_mm, row.height_mm
     if height_mm is not None and limits is not None and not limits[0] <= height_mm <= limits[1]:
         height_mm = None  # said already, with its own slip
     doubt = mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
     if not doubt:
-        return ""
+        return
     away = np.linalg.norm(vertices - np.median(vertices, axis=0), axis=1)
     rest = away <= SPIKE * np.quantile(away, 0.99)
     if not rest.all() and not mesh_doubt(np.ptp(vertices[rest], axis=0).tolist(), height_mm, kind):
-        return (
+        doubt = (
             f"the mesh has a spike: {_so_many(int((~rest).sum()), 'vertex', 'vertices')} up to "
             f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm; remove the "
             "spike and close the surface, or scan the fruit again."
         )
-    return doubt
+    yield doubt
 
 
 def _so_many(count: int, one: str, more: str) -> str:
     return f"{count} {one if count == 1 else more}"
 
 
-def _ready_mesh_problems(batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind) -> Iterator[Problem]:
-    broken = list(_tried(row, folder.fruit_ply, partial(_closed_mesh, folder.fruit_ply)))
-    if not broken and (doubt := _size_doubt(folder.fruit_ply, row, kind)):
-        broken.append(Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True))
-    if folder.pit_ply.exists() or folder.pit_ply.is_symlink():
-        broken += _tried(row, folder.pit_ply, partial(_closed_mesh, folder.pit_ply))
-        broken = broken or list(_tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, kind)))
+def _ready_mesh_problems(
+    batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind, mesh: Mesh
+) -> Iterator[Problem]:
+    """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
+    broken = [
+        Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
+        for doubt in _size_doubt(mesh, row, kind)
+    ]
+    pit, wrong = _closed_mesh(row, folder.pit_ply)
+    broken += wrong
+    if pit is not None and not broken:
+        broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
     yield from broken
     if not broken and not row.reference:
-        yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, folder))
+        yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, mesh, pit))
 
 
-def _pit_fits(batch: Survey, folder: FruitFolder) -> None:
-    fruit = read_mesh(folder.fruit_ply)
-    if folder.pit_ply.is_file():
-        embed_pit(*fruit, *read_mesh(folder.pit_ply))
+def _pit_fits(batch: Survey, fruit: Mesh, pit: Mesh | None) -> None:
+    if pit is not None:
+        embed_pit(*fruit, *pit)
     elif batch.settings is not None and batch.settings.pit.none:
         return
     elif batch.prior is not None and batch.prior.has_pit:
         embed_pit(*fruit, *place_pit(*fruit, batch.prior))
 
 
-def _pit_sized(path: Path, kind: Kind) -> None:
+def _pit_sized(path: Path, pit: Mesh, kind: Kind) -> None:
     """Refuse a pit of no pit's size; raises ReconFailure."""
-    vertices, _ = read_mesh(path)
-    longest, (least, most) = float(np.ptp(vertices, axis=0).max()), kind.body.pit_mm
+    longest, (least, most) = float(np.ptp(pit[0], axis=0).max()), kind.body.pit_mm
     if not least <= longest <= most:
         sentence = (
             f"{path.name} is {longest:.3g} mm long; a pit of {kind.a_fruit} has {least:g} to {most:g} mm"
         )
         raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
-
-
-def _closed_mesh(path: Path) -> None:
-    require_closed(*read_mesh(path), what=path.name)
 
 
 def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:

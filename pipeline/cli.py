@@ -95,8 +95,8 @@ def grade(
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
     A second run does only what is missing or changed. Exit status: 0 all graded, 1 internal error, 2 usage or
-    settings, 3 some fruit not graded, 4 all graded but some E in doubt (or the reference bodies or their chart
-    call for somebody), 130 interrupted.
+    settings, 3 some fruit not graded, 4 all graded but some E in doubt (or the reference bodies or their
+    chart call for somebody), 130 interrupted.
     """
     _require_libraries()
     with elsewhere():

@@ -38,13 +38,31 @@ SLIPS: dict[str, Slips] = {
 UNITS = {"height_mm": "mm", "diameter_mm": "mm", "mass_g": "g", "shore_oo": ""}
 WORDS = {"height_mm": "high", "diameter_mm": "wide", "mass_g": "in mass", "shore_oo": "on the Shore OO scale"}
 FLATTER = 1.8
-"""How far height over diameter may go beyond the category's longest over shortest side: flat peaches are 2.3
-times as wide as high, twice what a stone fruit's scan may be (estimate)."""
+"""Ratio, no unit: how far height over diameter may go beyond the category's longest over shortest side.
+Assumed, nothing was measured: flat peaches are about 2.3 times as wide as high, and 1.8 times a stone fruit's
+1.45 is 2.6, a little more."""
 BATCH_FACTOR = 3.0
-"""A length this far from its batch's median is no fruit of it: one lot's differ by a half (estimate)."""
+"""Ratio, no unit: a length this far from its batch's median is no fruit of it. Assumed: the fruit of one lot
+differ by a half, twice that is left to mixed lots, and a slipped decimal point (10) is far beyond."""
 WIDE_BATCH_FACTOR = 8.0
-"""The same where specimens of a category are of any size: still less than a slipped decimal point."""
+"""Ratio, no unit: the same where specimens of a category are of any size (WIDE). Assumed: the most that is
+still clearly less than a slipped decimal point, 10."""
+WIDE = 10.0
+"""Ratio, no unit: largest over least height from which a category's specimens are of any size. Assumed: the
+shipped fruit have 4 to 8, phantoms 40; from 10 on a slipped decimal point stays within the range."""
+LIKE_OTHERS = 2.0
+"""Ratio, no unit: a number in another unit is what was meant where it comes this near the batch's median.
+Assumed: a lot's fruit differ by a half, and no two units of a length are nearer to each other than 2.5."""
+FLATTEST = 0.5
+"""Ratio, no unit: a mesh's shortest side over the least height or diameter of its category. Assumed: ranges
+are of fruit measured over stem or cheeks, and the side across the suture of a flat one is less than either;
+half of the least is below every fruit on record, and a mesh in centimetres (0.1) is far below it."""
+SAME_FRUIT = 1.6
+"""Ratio, no unit: two sides of one fruit differ by no more, where a mass may be a side written in its column.
+Assumed: stone fruit's longest over shortest side is at most 1.45 (recon.priors), and a tenth is left to the
+calliper."""
 FEWEST_OTHERS = 3
+"""Fruit beside the one in question whose median says something: of two, either may be the odd one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,8 +152,8 @@ def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Kind) -> 
     size = f"{box_mm[0]:.3g} x {box_mm[1]:.3g} x {box_mm[2]:.3g}"
     if ranges:
         low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
-        if longest < low or longest > high or shortest < 0.5 * low:
-            slip = _meant(longest, LENGTH_SLIPS, (low, high), "mm", like=height_mm)
+        if longest < low or longest > high or shortest < FLATTEST * low:
+            slip = _meant(longest, LENGTH_SLIPS, (low, high), "mm", like=height_mm, shown=box_mm[2])
             return (
                 f"the mesh is {box_mm[2]:.3g} mm high ({size} mm); {kind.a_fruit} is {low:g} to {high:g} mm "
                 f"in size{slip}"
@@ -161,14 +179,19 @@ def _meant(
     unit: str,
     *,
     like: float | None = None,
+    shown: float | None = None,
 ) -> str:
-    """What the number would be, had it been meant in another unit; the nearest to `like` first."""
-    fits = [(value * factor, word) for factor, word in slips if limits[0] <= value * factor <= limits[1]]
+    """What the number would be, had it been meant in another unit; the nearest to `like` first.
+
+    `shown`: the number that the sentence begins with, where that is not the one held against the limits.
+    """
+    fits = [(factor, word) for factor, word in slips if _within(value * factor, limits)]
     if not fits:
         return "; correct it."
     centre = like or math.sqrt(max(limits[0], 1e-12) * limits[1])
-    meant, word = min(fits, key=lambda fit: abs(math.log(fit[0] / centre)))
-    after = f"{meant:.4g} {unit}".strip()
+    said = value if shown is None else shown
+    factor, word = min(fits, key=lambda fit: abs(math.log((said if like else value) * fit[0] / centre)))
+    after = f"{said * factor:.4g} {unit}".strip()
     return f"; {word} ({after})?"
 
 
@@ -202,13 +225,13 @@ def _apart(name: str, value: float, middle: float | None, kind: Kind) -> str:
     if middle is None:
         return ""
     sizes = kind.ranges.height_mm
-    narrow = sizes is not None and sizes[1] / sizes[0] < 10
+    narrow = sizes is not None and sizes[1] / sizes[0] < WIDE
     factor = BATCH_FACTOR if narrow else WIDE_BATCH_FACTOR
     if name == "mass_g":
         factor = factor**2 if narrow else factor**3
     if 1 / factor < value / middle < factor:
         return ""
-    slip = _meant(value, SLIPS[name], (middle / 2, middle * 2), UNITS[name], like=middle)
+    slip = _meant(value, SLIPS[name], (middle / LIKE_OTHERS, middle * LIKE_OTHERS), UNITS[name], like=middle)
     return f"{name} {value:g}: the other fruit of the batch have about {middle:.4g}{slip}"
 
 
@@ -254,7 +277,7 @@ def _swapped(mass: float, size: float, other: float, kind: Kind, limits: tuple[f
     sizes, masses = kind.ranges.diameter_mm, kind.ranges.mass_g
     if sizes is None or masses is None or not (_within(mass, sizes) and _within(size, masses)):
         return False
-    near = 1 / 1.6 < mass / other < 1.6
+    near = 1 / SAME_FRUIT < mass / other < SAME_FRUIT
     return near and _within(size * 6000 / math.pi / (mass * mass * other), limits)
 
 

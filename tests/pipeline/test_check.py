@@ -7,7 +7,11 @@ import h5py
 import pytest
 
 from pipeline import check as checking
-from pipeline.check import check
+from pipeline.batch import open_batch
+from pipeline.check import check, implausible_fruit
+from recon.mesh_file import read_mesh, write_mesh
+from recon.pit import place_pit
+from recon.priors import load_prior
 from tactile.recording import read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
@@ -63,3 +67,28 @@ def test_a_fault_of_drupe_itself_is_one_line_of_the_file_and_hides_no_other(batc
     assert "\n" not in first
     assert "of the library" not in first
     assert second.startswith("fruits/B/grasps/grasp-1.h5")
+
+
+def test_each_mesh_is_read_once(batch, monkeypatch):
+    opened = []
+
+    def counted(path):
+        opened.append(path.relative_to(batch / "fruits").as_posix())
+        return read_mesh(path)
+
+    monkeypatch.setattr(checking, "read_mesh", counted)
+    vertices, faces = place_pit(*read_mesh(DATA / "fruit.ply"), load_prior("nectarine"))
+    write_mesh(batch / "fruits" / "B" / "pit.ply", vertices, faces)
+    assert said(batch) == []
+    assert sorted(opened) == ["A/fruit.ply", "B/fruit.ply", "B/pit.ply"]
+
+
+def test_grade_ends_by_the_rules_that_check_says(batch):
+    """One slip in the table, one in a mesh: the sentences are the same."""
+    (batch / "fruits.csv").write_text("fruit_id,mass_g\nA,0.1\nB,\n")
+    vertices, faces = read_mesh(DATA / "fruit.ply")
+    write_mesh(batch / "fruits" / "B" / "fruit.ply", 0.001 * vertices, faces)
+    ended = implausible_fruit(open_batch(batch))
+    assert set(ended) == {"A", "B"}
+    checked = [one.sentence.removeprefix("A: ") for one in check(batch) if one.implausible]
+    assert checked == [ended["A"], ended["B"]]

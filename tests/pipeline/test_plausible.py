@@ -106,7 +106,11 @@ def test_limits_in_kilopascal_are_said():
 @pytest.mark.parametrize(
     ("factor", "said"),
     [
-        (0.001, "is it in m (61 mm)?"),
+        (
+            0.001,
+            "the mesh is 0.055 mm high (0.061 x 0.059 x 0.055 mm); a nectarine is 25 to 115 mm in size; is it "
+            "in m (55 mm)?",
+        ),
         (0.1, "is it in cm"),
         (1 / 25.4, "is it in inches"),
         (1000, "is it in µm"),
