@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from recon.mesh_file import read_mesh
+from recon.priors import load_prior
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.channels import noise_findings
 from tactile.checks.finding import Finding, Kind, Rank, shared
@@ -31,7 +32,7 @@ from tactile.recording import GelPad, read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
-RANGE_MPA = (0.005, 20.0)
+RANGE_MPA = load_prior("nectarine").plausible.E_MPa
 
 
 @pytest.fixture(scope="module")
