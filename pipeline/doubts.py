@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -42,6 +43,8 @@ EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
     Kind.NO_TARE: _FORCE_LOST,
     # a gain may be of one pad, and be a gel that creeps
     Kind.GAIN: _GAIN,
+    Kind.FORCE_SCALE: _GAIN,
+    Kind.DISPLACEMENT_SCALE: _GAIN,
     Kind.FORCE_DRIFT: _GAIN,
     # the first touch is found late; the residual is judged by the noise itself
     Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
@@ -76,10 +79,17 @@ EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
             Kind.OUT_OF_STEP,
             Kind.OTHER_MARKERS,
             Kind.SATURATION,
+            Kind.FORCE_UNIT,
+            Kind.DISPLACEMENT_UNIT,
+            Kind.STIFFNESS_UNIT,
+            Kind.FORCE_OR_STIFFNESS_UNIT,
             Kind.FRAMES_SHUFFLED,
             Kind.GEL_FRAMES_SHUFFLED,
             Kind.POSES_UNIT,
             Kind.POSES_STILL,
+            Kind.POSES_TRANSPOSED,
+            Kind.POSES_INVERTED,
+            Kind.POSES_BACK_TO_BACK,
             Kind.POSES_TURNED,
             Kind.POSE_AWAY,
             Kind.TOO_DEEP,
@@ -89,6 +99,15 @@ EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
 }
 """Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
 named. ModulusSign.ONE_FRAME is never."""
+
+
+class PitKind(StrEnum):
+    """What is doubted of a given pit."""
+
+    AWAY = "pit-away"
+    SIZE = "pit-size"
+    TURNED = "pit-turned"
+    FOUND_ELSEWHERE = "pit-found-elsewhere"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +121,7 @@ class Doubt:
     sentence: str
     relative_sd: float = 0.0
     refused: bool = False
-    kind: Kind | None = None
+    kind: Kind | PitKind | None = None
     field: Field | None = None
     pads: tuple[str, ...] = ()
 
@@ -175,6 +194,7 @@ def of_a_given_pit(
     if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * float(half.mean())):
         found.append(
             Doubt(
+                kind=PitKind.AWAY,
                 sentence=(
                     f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the "
                     "fruit's middle); it was moved, or is in another frame or of another fruit."
@@ -189,6 +209,7 @@ def of_a_given_pit(
     if abs(size) > max(SIZE_SAID, 4 * prior.size_sd):
         found.append(
             Doubt(
+                kind=PitKind.SIZE,
                 sentence=(
                     f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in "
                     "a fruit of this size; it is scaled, in another unit or of another fruit."
@@ -201,6 +222,7 @@ def of_a_given_pit(
         longest = "xyz"[int(np.argmax(sides))]
         found.append(
             Doubt(
+                kind=PitKind.TURNED,
                 sentence=(
                     f"pit.ply is too long along {longest} for a {prior.category}'s pit "
                     f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere); it is "
@@ -219,6 +241,7 @@ def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
     off = float(np.linalg.norm(found.offset_mm))
     return [
         Doubt(
+            kind=PitKind.FOUND_ELSEWHERE,
             sentence=(
                 f"the grasps put the pit {off:.1f} mm from where pit.ply has it, at {found.size:.2f} "
                 "times its size: pit.ply is moved, scaled or of another fruit, or the grasps are."

@@ -44,7 +44,14 @@ class Kind(StrEnum):
     OUT_OF_STEP = "out-of-step"
     OTHER_MARKERS = "other-markers"
     SATURATION = "saturation"
+    FORCE_UNIT = "force-unit"
+    FORCE_SCALE = "force-scale"
+    DISPLACEMENT_UNIT = "displacement-unit"
+    DISPLACEMENT_SCALE = "displacement-scale"
+    STIFFNESS_UNIT = "stiffness-unit"
+    FORCE_OR_STIFFNESS_UNIT = "force-or-stiffness-unit"
     GAIN = "gain"
+    """A factor whose cause is not known: of the force, of the displacement or of the stated stiffness."""
     FORCE_DRIFT = "force-drift"
     # time
     FRAMES_SHUFFLED = "frames-shuffled"
@@ -58,6 +65,9 @@ class Kind(StrEnum):
     # jaws and poses
     POSES_UNIT = "poses-unit"
     POSES_STILL = "poses-still"
+    POSES_TRANSPOSED = "poses-transposed"
+    POSES_INVERTED = "poses-inverted"
+    POSES_BACK_TO_BACK = "poses-back-to-back"
     POSES_TURNED = "poses-turned"
     POSE_AWAY = "pose-away"
     APERTURE = "aperture"
@@ -76,7 +86,7 @@ class Finding:
     """`says` is the likely cause without a full stop; it goes on from the `pads` it is said of, if any.
 
     `field`: the field that is meant, where the kind may mean either; `detail`: what else tells two findings
-    of a kind apart (an axis, a number of frames). `refused`: a modulus from this recording would mean
+    of a kind apart (a unit, a number of frames). `refused`: a modulus from this recording would mean
     nothing. Else E's relative standard deviation grows by `relative_sd`, which is 0 where E does not depend
     on what was found. `hides_touch`: the first touch cannot be seen for it, so that nothing can be said of
     where and when the pads met the fruit. `remark`: no fault and no effect on E, but something that other

@@ -98,6 +98,7 @@ def _aperture(
                 Kind.POSES_UNIT,
                 f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, "
                 f"about a fruit of {size_mm:.0f} mm",
+                detail=unit,
             )
         ]
     if said > LEAST_MOVED_MM and moved < MOVED * said:
@@ -138,16 +139,16 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     line = origins[1] - origins[0]
     if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
         return _refused(
-            Kind.POSES_TURNED,
+            Kind.POSES_TRANSPOSED,
             "the poses' rotations are transposed (fruit to pad instead of pad to fruit): "
             "only turned round do the pads face each other",
         )
     back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
     if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
-        return _refused(Kind.POSES_TURNED, "the poses are inverted (fruit to pad instead of pad to fruit)")
+        return _refused(Kind.POSES_INVERTED, "the poses are inverted (fruit to pad instead of pad to fruit)")
     if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
         return _refused(
-            Kind.POSES_TURNED,
+            Kind.POSES_BACK_TO_BACK,
             "the poses have the pads back to back: the z axes point away from each other; z points out of "
             "the gel into the fruit, or the poses of left and right are exchanged (swapped)",
         )
@@ -157,5 +158,5 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     )
 
 
-def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
-    return Finding(kind=kind, rank=Rank.MACHINE, says=says, pads=pads, refused=True)
+def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = (), detail: str = "") -> Finding:
+    return Finding(kind=kind, rank=Rank.MACHINE, says=says, pads=pads, detail=detail, refused=True)

@@ -187,5 +187,6 @@ def _unit(one: Pressing, side_mm: float) -> Finding:
             f"rest_mm spans {side_mm:.3g} mm{unit}; "
             "expected the places of the markers on the gel in millimetres"
         ),
+        detail=" or ".join(fits),
         refused=True,
     )

@@ -227,29 +227,38 @@ def _gain_finding(
     scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
     unit_F = unit_like(gain, FORCE)
     unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
+    detail = ""
     if blamed == "displacement" and unit_u:
+        kind, detail = Kind.DISPLACEMENT_UNIT, unit_u
         says = f"displacement looks like {unit_u}: {scaled}"
     elif blamed == "displacement":
+        kind = Kind.DISPLACEMENT_SCALE
         says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
     elif blamed == "force" and unit_F:
+        kind, detail = Kind.FORCE_UNIT, unit_F
         says = f"forces look like {unit_F}: {said}"
     elif blamed == "force":
+        kind = Kind.FORCE_SCALE
         says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
     elif unit_k and blamed == "stiffness":
+        kind, detail = Kind.STIFFNESS_UNIT, unit_k
         says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
     elif unit_F and unit_k:
+        kind, detail = Kind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
         says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
     else:
+        kind = Kind.GAIN
         unit = f" (as if in {unit_F})" if unit_F else ""
         says = (
             f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
             "a gel that creeps, or the stiffness (kn, kt) of another gel"
         )
     return Finding(
-        kind=Kind.GAIN,
+        kind=kind,
         rank=Rank.RELATION,
         pads=names,
         says=says,
+        detail=detail,
         refused=size > GAIN_REFUSED,
         relative_sd=E_PER_GAIN * size * share,
     )

@@ -1,0 +1,56 @@
+"""benchmarks/field_mistakes.py scores a mistake by the kind of what is said of it: causes are told apart."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from pipeline.doubts import PitKind
+from tactile.checks.finding import Kind
+
+ROOT = Path(__file__).parents[2]
+sys.path.append(str(ROOT / "benchmarks"))
+from field_list import MISTAKES, Answer, naming  # noqa: E402
+from field_mistakes import E_range_MPa  # noqa: E402
+
+
+def named_by(kind, how="named", **more):
+    answer = Answer(kind=kind, sentence="in whatever words", **more)
+    return {one.name for one in MISTAKES if naming(answer, one) == how}
+
+
+@pytest.mark.parametrize("kind", [Kind.GAIN, Kind.WIDTH, Kind.ASIDE, Kind.PRINT_ASIDE, Kind.TOO_DEEP])
+def test_a_finding_with_several_causes_names_no_mistake_and_counts_among_several(kind):
+    assert named_by(kind) == set()
+    assert len(named_by(kind, "among several")) > 1
+
+
+def test_each_fault_of_a_pit_is_named_by_its_own_kind_alone():
+    assert named_by(PitKind.AWAY) == {"pit moved 10 mm", "pit moved 6 mm"}
+    assert named_by(PitKind.SIZE) == {"pit x 1.4", "pit x 0.6"}
+    assert named_by(PitKind.TURNED) == {"pit turned by 90 degrees"}
+
+
+def test_a_unit_is_named_by_itself_and_not_by_another_and_one_of_two_is_among_several():
+    assert named_by(Kind.FORCE_UNIT, detail="pounds") == {"force in pounds"}
+    either = {"kind": Kind.FORCE_OR_STIFFNESS_UNIT, "detail": "kilonewtons or kPa/mm (or MPa/m)"}
+    assert named_by(**either) == set()
+    assert named_by(how="among several", **either) == {"force in kN", "stiffness in kPa/mm"}
+
+
+def test_a_field_is_named_by_itself_and_not_by_the_other():
+    assert named_by(Kind.SIGN, field="force") == {"force sign"}
+    assert named_by(Kind.AXES, field="displacement") == {"displacement x and z exchanged"}
+    axes = {"force x and z exchanged", "displacement x and z exchanged"}
+    assert named_by(Kind.AXES, "among several") == axes
+
+
+def test_a_fruit_of_which_nothing_is_said_is_not_named():
+    assert all(naming(None, one) == "" for one in MISTAKES)
+
+
+@pytest.mark.parametrize("category", ["nectarine", "plum", "phantom"])
+def test_moduli_are_judged_by_the_range_that_the_product_has(category):
+    prior = tomllib.loads((ROOT / "recon" / "priors" / f"{category}.toml").read_text(encoding="utf-8"))
+    assert E_range_MPa(category) == tuple(prior["plausible"]["E_MPa"])
