@@ -1,4 +1,4 @@
-"""`drupe check`: every problem of a batch at once, without computing anything."""
+"""`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -8,10 +8,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.batch import Batch, Survey, survey
-from pipeline.confirmed import effects_on, faults
+from pipeline.confirmed import effects_on, faults, pit_found
+from pipeline.doubts import Doubt, of_a_given_pit
 from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.grasp import refusal
 from pipeline.layout import FruitFolder
+from pipeline.outcome import Outcome
 from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
 from pipeline.problem import Problem
 from pipeline.reference import category_of
@@ -20,6 +22,7 @@ from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain
+from tactile.checks.finding import Finding
 from tactile.checks.of_recording import recording_findings
 from tactile.correction import corrected
 from tactile.failure import TactileFailure, TactileProblem
@@ -34,7 +37,9 @@ Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 
 
 def check(root: Path) -> tuple[Problem, ...]:
-    """Everything that would stop the batch or any fruit of it, as far as reading the files can tell."""
+    """Everything that would stop the batch or any fruit of it, and, `doubtful`, what would put an E in doubt;
+    as far as reading the files can tell.
+    """
     found = survey(root)
     if found.rows is None:
         rows: tuple[FruitRow, ...] = tuple(
@@ -60,7 +65,7 @@ def implausible_fruit(batch: Batch) -> dict[str, str]:
 
 
 def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
-    """What stands in the way of grading one fruit."""
+    """What stands in the way of grading one fruit, and what puts its E in doubt."""
     kind = kind_of(category_of(row, batch.category))
     for sentence in row_doubts(row, batch.rows or (), kind):
         named = f"{row.fruit_id}: {sentence}"
@@ -84,7 +89,7 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
             "needs at least one .h5 recording or folder of gel frames, found none.",
         )
     for path in grasps:
-        yield from _tried(row, path, partial(_sound_recording, path, batch, row, mesh, kind))
+        yield from _recording_problems(path, batch, row, mesh, kind)
     for path in raw:
         yield from _tried(row, path, partial(read_raw_grasp, path))
 
@@ -103,14 +108,26 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
     return (held[0] if held else None), problems
 
 
-def _sound_recording(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> None:
-    """Refuses a recording that cannot be read, or that grading would refuse by its fields and the mesh."""
+def _recording_problems(
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind
+) -> Iterator[Problem]:
+    """Why a recording is of no use, or what in it will put E in doubt."""
+    found: list[Finding] = []
+    yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind)))
+    for one in found:
+        if not one.remark:
+            yield _doubted(row, path, f"{path.name}: {one.sentence}.")
+
+
+def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> list[Finding]:
+    """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
     recording = corrected(read_recording(path), faults(effects))
     vertices, faces = (None, None) if mesh is None else mesh
     found = recording_findings(recording, vertices, faces, E_range_MPa=kind.ranges.E_MPa)
     if said := refusal(found):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{path.name}: {said}.")
+    return found
 
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
@@ -167,16 +184,31 @@ def _ready_mesh_problems(
         broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
     yield from broken
     if not broken and not row.reference:
-        yield from _tried(row, folder.fruit_ply, partial(_pit_fits, batch, mesh, pit))
+        doubts: list[Doubt] = []
+        yield from _tried(row, folder.fruit_ply, lambda: doubts.extend(_pit_doubts(batch, row, mesh, pit)))
+        for doubt in doubts:
+            if doubt.refused:
+                yield _at(row, folder.pit_ply, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
+            else:
+                yield _doubted(row, folder.pit_ply, doubt.sentence)
 
 
-def _pit_fits(batch: Survey, fruit: Mesh, pit: Mesh | None) -> None:
-    if pit is not None:
-        embed_pit(*fruit, *pit)
-    elif batch.settings is not None and batch.settings.pit.none:
-        return
-    elif batch.prior is not None and batch.prior.has_pit:
-        embed_pit(*fruit, *place_pit(*fruit, batch.prior))
+def _pit_doubts(batch: Survey, row: FruitRow, fruit: Mesh, pit: Mesh | None) -> list[Doubt]:
+    """What grading says of the fruit's own pit, if it has one; raises ReconFailure where none fits."""
+    placed = pit if pit is not None else _usual_pit(batch, fruit)
+    if placed is None:
+        return []
+    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
+    embedded = embed_pit(*fruit, pit_found(effects).moved(placed[0]), placed[1])
+    return [] if pit is None else of_a_given_pit(fruit[0], *embedded.pit, batch.prior)
+
+
+def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
+    """The pit that the category puts into a fruit without one of its own; None where it has none."""
+    none = batch.settings is not None and batch.settings.pit.none
+    if none or batch.prior is None or not batch.prior.has_pit:
+        return None
+    return place_pit(*fruit, batch.prior)
 
 
 def _pit_sized(path: Path, pit: Mesh, kind: Kind) -> None:
@@ -243,6 +275,10 @@ def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Pr
     except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
         said = f"{type(fault).__name__}: {first_line(fault)}"
         yield _at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
+
+
+def _doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
+    return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
 
 
 def _at(row: FruitRow, path: Path, sentence: str) -> Problem:

@@ -37,7 +37,7 @@ app = typer.Typer(
 BatchArgument = Annotated[
     Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
 ]
-USAGE, INTERNAL, UNUSABLE, INTERRUPTED = 2, 1, 3, 130
+USAGE, INTERNAL, UNUSABLE, DOUBTED, INTERRUPTED = 2, 1, 3, 4, 130
 OF_A_PLACE = frozenset(
     {
         errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.EACCES, errno.EPERM, errno.ELOOP, errno.ENAMETOOLONG,
@@ -125,17 +125,22 @@ def grade(
 def check(batch: BatchArgument) -> None:
     """Say everything that is wrong with a batch, without computing.
 
-    Exit status: 0 nothing found, 2 problems found.
+    Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
+    "E will be in doubt". Exit status: 0 nothing found, 2 problems found, 4 no problem but some E will be in
+    doubt (as `drupe grade` ends then).
     """
     _require_libraries()
     with elsewhere():
         from pipeline.check import check as check_batch
     with _said_when_interrupted(""):
-        problems = check_batch(batch)
-    for problem in problems:
-        typer.echo(f"{problem}")
-    typer.echo(f"{len(problems)} problem{'' if len(problems) == 1 else 's'} found in {batch}")
-    raise typer.Exit(USAGE if problems else 0)
+        found = check_batch(batch)
+    for one in found:
+        typer.echo(f"{one}")
+    doubts = sum(one.doubtful for one in found)
+    problems = len(found) - doubts
+    more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
+    typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")
+    raise typer.Exit(USAGE if problems else DOUBTED if doubts else 0)
 
 
 @app.command()
@@ -371,6 +376,10 @@ def _about(path: Path, reason: Exception) -> str:
     said = str(reason)
     named = [f"{name}{mark}" for name in (str(path), path.name) if name for mark in ":/ "]
     return said if said.startswith(tuple(named)) else f"{path}: {said}"
+
+
+def _so_many(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def _cores() -> int:

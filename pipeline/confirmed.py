@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self
 
+import numpy as np
+from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from fem.assembly import LARGEST_POISSON_RATIO
@@ -171,6 +173,11 @@ class PitFound:
     offset_sd_mm: float = 0.0
     scale: float = 1.0
     size_sd: float = 0.0
+
+    def moved(self, pit_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """The prior's or a given pit, put where it was found and of the size found."""
+        middle = (pit_mm.min(axis=0) + pit_mm.max(axis=0)) / 2
+        return np.asarray(middle + self.offset_mm + self.scale * (pit_mm - middle))
 
 
 def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:

@@ -11,12 +11,14 @@ class Problem:
     """One fault of the input: the file, and a sentence with what was found, what was expected, what to do.
 
     `implausible`: the number can be read but no fruit is like that; `drupe grade --force` goes on.
+    `doubtful`: nothing stops, E is given and will be in doubt.
     """
 
     file: str
     sentence: str
     fruit_id: str | None = None
     implausible: bool = False
+    doubtful: bool = False
 
     def __str__(self) -> str:
         """One line: file first; without control characters, which names of files can hold."""

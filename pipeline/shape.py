@@ -167,8 +167,7 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
     found = pit_found(task.settings.mismatch)
     if found != PitFound():
-        middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        vertices = middle + found.offset_mm + found.scale * (vertices - middle)
+        vertices = found.moved(vertices)
         source += ", moved to where it was found"
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
     skin, pit = embedded.skin, embedded.pit

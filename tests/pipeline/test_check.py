@@ -4,11 +4,14 @@ import shutil
 from pathlib import Path
 
 import h5py
+import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from pipeline import check as checking
 from pipeline.batch import open_batch
 from pipeline.check import check, implausible_fruit
+from pipeline.cli import app
 from recon.mesh_file import read_mesh, write_mesh
 from recon.pit import place_pit
 from recon.priors import load_prior
@@ -92,3 +95,62 @@ def test_grade_ends_by_the_rules_that_check_says(batch):
     assert set(ended) == {"A", "B"}
     checked = [one.sentence.removeprefix("A: ") for one in check(batch) if one.implausible]
     assert checked == [ended["A"], ended["B"]]
+
+
+def run(batch):
+    """The command's exit status, and what it prints."""
+    ran = CliRunner().invoke(app, ["check", str(batch)])
+    return ran.exit_code, ran.stdout.replace(f"{batch}/", "")
+
+
+def with_pit(batch, shift_mm):
+    vertices, faces = place_pit(*read_mesh(DATA / "fruit.ply"), load_prior("nectarine"))
+    write_mesh(batch / "fruits" / "A" / "pit.ply", vertices + np.array([shift_mm, 0.0, 0.0]), faces)
+
+
+def test_the_command_says_that_nothing_was_found(batch):
+    with_pit(batch, 0.3)
+    assert run(batch) == (0, f"0 problems found in {batch}\n")
+
+
+def test_a_pit_that_grading_refuses_is_a_problem(batch):
+    with_pit(batch, 8.0)
+    status, text = run(batch)
+    assert status == 2
+    assert "fruits/A/pit.ply: pit.ply lies 8.0 mm from where a nectarine has its pit" in text
+    assert text.endswith(f"1 problem found in {batch}\n")
+
+
+def test_a_pit_that_grading_doubts_is_no_problem_and_is_said(batch):
+    with_pit(batch, 4.0)
+    status, text = run(batch)
+    assert status == 4
+    line, last = text.splitlines()
+    assert line.startswith("fruits/A/pit.ply: pit.ply lies 4.0 mm from where")
+    assert line.endswith("E will be in doubt.")
+    assert last == f"0 problems found in {batch}, and 1 finding that will put E in doubt"
+
+
+def test_a_pit_is_judged_where_the_settings_move_it(batch):
+    """As grading does: 4 mm back to the middle, by what the grasps showed."""
+    with_pit(batch, 4.0)
+    with (batch / "batch.toml").open("a") as file:
+        file.write(
+            '[[mismatch]]\neffect = "pit_offset"\nfruits = ["A"]\n'
+            "parameters = { offset_mm = [-4.0, 0.0, 0.0] }\n"
+        )
+    assert run(batch)[0] == 0
+
+
+def test_a_gain_that_grading_doubts_is_said(batch):
+    with h5py.File(batch / "fruits" / "B" / "grasps" / "grasp-1.h5", "r+") as file:
+        for pad in ("left", "right"):
+            file[f"pads/{pad}/force_N"][...] *= 1.4
+    status, text = run(batch)
+    assert status == 4
+    line, _ = text.splitlines()
+    assert line.startswith("fruits/B/grasps/grasp-1.h5: grasp-1.h5: ")
+    assert "1.4" in line
+    assert line.endswith("E will be in doubt.")
+    (batch / "fruits" / "A" / "fruit.ply").write_bytes(b"no mesh")
+    assert run(batch)[0] == 2

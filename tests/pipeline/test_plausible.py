@@ -108,8 +108,8 @@ def test_limits_in_kilopascal_are_said():
     [
         (
             0.001,
-            "the mesh is 0.055 mm high (0.061 x 0.059 x 0.055 mm); a nectarine is 25 to 115 mm in size; is it "
-            "in m (55 mm)?",
+            "the mesh is 0.055 mm high (0.061 x 0.059 x 0.055 mm); a nectarine is 25 to 115 mm in size; is "
+            "it in m (55 mm)?",
         ),
         (0.1, "is it in cm"),
         (1 / 25.4, "is it in inches"),
