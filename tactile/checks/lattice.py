@@ -29,6 +29,30 @@ ORDERED = 0.5
 """Correlation of a marker with the mean of its neighbours at the peak; sound ones have 0.93 and more
 (benchmarks/field_spreads.py), chance order 0.0."""
 
+NEIGHBOURS = 1.25
+"""Markers within so many median spacings are neighbours of the grid: between 1 and the 1.41 of a square's
+diagonal. This and the five below are geometry, no measurement; sound grids, square and hexagonal, have no
+missing site with them (benchmarks/field_spreads.py, "missing sites of the grid")."""
+SAME_STEP, ONE_OF_TWO = 0.2, 0.25
+"""Part of the spacing within which two steps between neighbours are the same one, and within which a step is
+one of the grid's two."""
+FEWEST_STEPS = 8
+"""Steps that show two directions, four of each."""
+NOT_ALONG = 0.87
+"""Cosine of 30 degrees: the two steps of a hexagonal grid are 60 degrees apart, of a square one 90, so that
+what lies nearer to the first is the first."""
+INSIDE = 0.02
+"""Of the spacing: a site beyond the outline of the markers by more is not inside it; rounding makes 1e-6."""
+EMPTY = 0.45
+"""Of the spacing: no marker is so near to a site without one; at half a marker is as near to the next."""
+ROUNDS = 4
+"""Rounds in which missing sites are found from sites beside them: a hole of eight by eight markers is found
+whole, from both sides, of ten by ten 96; assumed to do, since LOST_REFUSED is passed long before."""
+OUTERMOST = 0.3
+"""Of the spacing: markers so near to the outline are on it, as places off by a tenth of it are."""
+PEAK_SHARE = 0.98
+"""Quantile over markers that is taken for the peak, so that no single one's noise is."""
+
 
 def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """What is wrong with each pad's markers as a grid."""
@@ -86,7 +110,7 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
         return none
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
-    pairs = tree.query_pairs(1.25 * spacing, output_type="ndarray")
+    pairs = tree.query_pairs(NEIGHBOURS * spacing, output_type="ndarray")
     steps = rest_mm[pairs[:, 1]] - rest_mm[pairs[:, 0]]
     steps = np.where((steps @ [1.0, 1e-3] < 0)[:, None], -steps, steps)
     basis = _basis(steps, spacing)
@@ -95,17 +119,17 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
     hull = ConvexHull(rest_mm).equations
     moves = np.concatenate([basis, -basis])
     filled, missing = rest_mm, none
-    for _ in range(4):
+    for _ in range(ROUNDS):
         sites = (filled[:, None] + moves[None]).reshape(-1, 2)
-        inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < 0.02 * spacing
-        away = np.asarray(cKDTree(filled).query(sites)[0]) > 0.45 * spacing
+        inside = (sites @ hull[:, :2].T + hull[:, 2]).max(axis=1) < INSIDE * spacing
+        away = np.asarray(cKDTree(filled).query(sites)[0]) > EMPTY * spacing
         new = sites[inside & away]
         if not len(new):
             break
-        new = new[np.unique(np.round(new / (0.45 * spacing)), axis=0, return_index=True)[1]]
+        new = new[np.unique(np.round(new / (EMPTY * spacing)), axis=0, return_index=True)[1]]
         kept: list[np.ndarray] = []
         for site in new:
-            if all(np.linalg.norm(site - other) > 0.45 * spacing for other in kept):
+            if all(np.linalg.norm(site - other) > EMPTY * spacing for other in kept):
                 kept.append(site)
         missing = np.vstack([missing, *kept])
         filled = np.vstack([filled, *kept])
@@ -114,21 +138,22 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
 
 def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray, "2 2"] | None:
     """The two commonest steps between nearest markers; None where others are as common."""
-    if len(steps) < 8:
+    if len(steps) < FEWEST_STEPS:
         return None
     tree = cKDTree(steps)
-    groups = tree.query_ball_point(steps, r=0.2 * spacing)
+    groups = tree.query_ball_point(steps, r=SAME_STEP * spacing)
     first = max(range(len(steps)), key=lambda k: len(groups[k]))
     one = steps[groups[first]].mean(axis=0)
     angle = np.abs(steps @ one) / np.linalg.norm(steps, axis=1) / np.linalg.norm(one)
-    others = [k for k in range(len(steps)) if angle[k] < 0.87]
+    others = [k for k in range(len(steps)) if angle[k] < NOT_ALONG]
     if not others:
         return None
     second = max(others, key=lambda k: len(groups[k]))
     two = steps[groups[second]].mean(axis=0)
     third = np.array([one - two, one + two])
     fits = [
-        np.minimum(np.linalg.norm(steps - v, axis=1), np.linalg.norm(steps + v, axis=1)) < 0.25 * spacing
+        np.minimum(np.linalg.norm(steps - v, axis=1), np.linalg.norm(steps + v, axis=1))
+        < ONE_OF_TWO * spacing
         for v in (one, two, *third)
     ]
     return np.stack([one, two]) if np.any(fits, axis=0).mean() > REGULAR else None
@@ -151,9 +176,9 @@ def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
     """A contact that is strong at the outermost markers reaches past them, where nothing is measured."""
     hull = ConvexHull(rest).equations
-    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * one.spacing_mm
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * one.spacing_mm
     mean = one.force_N[heaviest(one), :, 2].mean(axis=0)
-    peak = float(np.quantile(mean, 0.98))
+    peak = float(np.quantile(mean, PEAK_SHARE))
     if peak <= 0 or not outermost.any() or not one.touched.any():
         return []
     if float((mean[outermost] > PUNCH * peak).mean()) > ALL_ROUND:

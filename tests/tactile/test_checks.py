@@ -437,6 +437,16 @@ def test_missing_sites_are_those_left_out_and_no_others():
     assert len(missing_sites(np.delete(hexagonal, 70, axis=0))) == 1
 
 
+def test_a_hole_of_eight_by_eight_markers_is_found_whole():
+    line = np.arange(20.0)
+    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    out = np.abs(grid - 9.5).max(axis=1) < 4.0
+    assert out.sum() == 64
+    assert sorted(map(tuple, np.round(missing_sites(grid[~out])).tolist())) == sorted(
+        map(tuple, grid[out].tolist())
+    )
+
+
 def test_markers_in_no_grid_miss_none():
     scattered = np.random.default_rng(0).uniform(0, 20, (300, 2))
     assert len(missing_sites(scattered)) == 0
