@@ -14,7 +14,7 @@ from pipeline.fruits_table import SAFE_ID, FruitRow
 from pipeline.grasp import refusal
 from pipeline.layout import FruitFolder
 from pipeline.outcome import Outcome
-from pipeline.plausible import Kind, kind_of, mesh_doubt, row_doubts
+from pipeline.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.problem import Problem
 from pipeline.reference import category_of
 from recon.failure import ReconFailure, ReconProblem
@@ -62,6 +62,23 @@ def implausible_fruit(batch: Batch) -> dict[str, str]:
         if doubts:
             said[row.fruit_id] = " ".join(doubts)
     return said
+
+
+def implausible_batch(batch: Batch) -> dict[str, list[str]]:
+    """For each fruit, the sentences on numbers of the whole batch that no fruit of the category has and that
+    touch it: limits of classes, and columns in which it has a number.
+    """
+    kind = kind_of(batch.known)
+    classes = list(grading_doubts(batch.settings.grading, kind))
+    columns = table_doubts(batch.rows, kind)
+    return {
+        row.fruit_id: [
+            *classes,
+            *(said for name, said in columns.items() if getattr(row, name) is not None),
+        ]
+        for row in batch.rows
+        if not row.reference
+    }
 
 
 def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:

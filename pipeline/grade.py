@@ -12,7 +12,7 @@ from rich.console import Console
 
 from pipeline.alone import alone, is_held
 from pipeline.batch import Batch, open_batch, own_files
-from pipeline.check import implausible_fruit
+from pipeline.check import implausible_batch, implausible_fruit
 from pipeline.control_chart import (
     ControlChart,
     chart_path,
@@ -73,9 +73,10 @@ def grade(
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
-    numbers no fruit of the category has ends with that as its reason, unless `force`. Raises BatchRefused
-    where the batch as a whole cannot be graded, or `out` is no place for results, before anything is written,
-    and NotWritten where the batch's own files cannot be.
+    numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
+    it; with `force` it is graded, and that is one of its doubts. Raises BatchRefused where the batch as a
+    whole cannot be graded, or `out` is no place for results, before anything is written, and NotWritten where
+    the batch's own files cannot be.
     """
     started, since_s = now(), time.monotonic()
 
@@ -98,10 +99,11 @@ def grade(
         _begun(results, fruits)
         tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
         doubted_inputs = implausible_fruit(batch)
+        forced: dict[str, list[str]] = {}
         if force:
             for fruit_id, sentence in doubted_inputs.items():
                 console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
-            doubted_inputs = {}
+            forced, doubted_inputs = _forced(batch, doubted_inputs), {}
         records = dict(_kept({name: task for name, task in tasks.items() if name not in doubted_inputs}))
         todo = [(name, task) for name, task in tasks.items() if name not in {*records, *doubted_inputs}]
         if records:
@@ -109,7 +111,7 @@ def grade(
                 f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False
             )
         for fruit_id, sentence in doubted_inputs.items():
-            records[fruit_id] = _ended(tasks[fruit_id], Outcome.IMPLAUSIBLE_INPUT, sentence)
+            records[fruit_id] = _refused(tasks[fruit_id], sentence)
         inputs = input_hashes(batch.folder.root, _inputs(batch))
 
         def provenance(status: int, finding: ReferenceFinding | None = None) -> None:
@@ -122,6 +124,7 @@ def grade(
                 exit_status=status,
                 outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
                 reference=None if finding is None else asdict(finding),
+                force=force,
             )
 
         try:
@@ -131,6 +134,8 @@ def grade(
             with suppress(NotWritten):
                 provenance(INTERRUPTED)
             raise
+        for fruit_id, record in records.items():
+            records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), results)
         measured = [records[row.fruit_id] for row in batch.rows]
         in_order, finding = against_references(measured, correct=batch.settings.reference.correct)
         _keep_what_is_told(measured, in_order, results)
@@ -249,6 +254,56 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
     return record
 
 
+def _forced(batch: Batch, of_fruit: Mapping[str, str]) -> dict[str, list[str]]:
+    """What each fruit is graded in spite of, as sentences for its doubts."""
+    said = implausible_batch(batch)
+    for fruit_id, sentence in of_fruit.items():
+        said.setdefault(fruit_id, []).append(sentence)
+    return {name: [f"{one} Graded all the same (--force)." for one in all_] for name, all_ in said.items()}
+
+
+def _with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
+    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
+    now = tuple(forced) if record.graded else ()
+    if now == record.forced:
+        return record
+    doubts, warnings = (
+        (*now, *(one for one in said if one not in record.forced))
+        for said in (record.doubts, record.warnings)
+    )
+    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
+    write_record(results.fruit(record.fruit_id).record, record)
+    return record
+
+
+def _refused(task: FruitTask, sentence: str) -> FruitRecord:
+    """The record of a fruit whose numbers no fruit has. What an earlier run made of the same inputs stays,
+    and counts for nothing until the numbers are right or forced.
+    """
+    before = read_record(task.results.record)
+    if before is None or before.key != task.key:
+        return _ended(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
+    record = before.model_copy(
+        update={
+            "outcome": Outcome.IMPLAUSIBLE_INPUT.code,
+            "reason": Outcome.IMPLAUSIBLE_INPUT.sentence(sentence),
+            "given": task.given,
+            "graded_before": before.graded or before.graded_before,
+        }
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        write_record(task.results.record, record)
+    return record
+
+
+def _taken_up(record: FruitRecord) -> FruitRecord:
+    """The record as it was before a run refused the fruit's numbers."""
+    if not (record.outcome == Outcome.IMPLAUSIBLE_INPUT.code and record.graded_before):
+        return record
+    return record.model_copy(update={"outcome": Outcome.GRADED.code, "reason": "", "graded_before": False})
+
+
 def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
     """The record of a fruit whose process wrote none; where none can be written, it is told only."""
     record = FruitRecord(
@@ -283,13 +338,16 @@ def _in_a_line(record: FruitRecord) -> str:
 def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
     """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
     for fruit_id, task in tasks.items():
-        record = read_record(task.results.record)
-        if record is None or record.key != task.key or record.outcome in RETRIED:
+        kept = read_record(task.results.record)
+        if kept is None or kept.key != task.key:
+            continue
+        record = _taken_up(kept)
+        if record.outcome in RETRIED:
             continue
         if record.graded and not task.results.fruit_ply.is_file():
             continue
-        if record.given != task.given:
-            record = record.model_copy(update={"given": task.given})
+        record = record.model_copy(update={"given": task.given})
+        if record != kept:
             write_record(task.results.record, record)
         yield fruit_id, record
 

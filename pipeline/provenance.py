@@ -43,8 +43,11 @@ def write_provenance(
     exit_status: int,
     outcomes: Mapping[str, str],
     reference: Mapping[str, Any] | None = None,
+    force: bool = False,
 ) -> None:
-    """Writes batch.json; times are UTC in ISO 8601. `reference`: what the reference bodies say, if any."""
+    """Writes batch.json; times are UTC in ISO 8601. `reference`: what the reference bodies say, if any;
+    `force`: whether numbers that no fruit has were graded all the same.
+    """
     content = {
         "format": "drupe-batch-result",
         "version": 1,
@@ -54,6 +57,7 @@ def write_provenance(
         "started_utc": _utc(started),
         "finished_utc": _utc(finished),
         "exit_status": exit_status,
+        "force": force,
         "outcomes": outcomes,
         **({} if reference is None else {"reference": reference}),
     }

@@ -171,7 +171,13 @@ class FruitRecord(_Record):
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider."""
+    """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider, but
+    not by what is `forced`."""
+    forced: tuple[str, ...] = ()
+    """Of the doubts, those on numbers that no fruit has, in spite of which `--force` graded it."""
+    graded_before: bool = False
+    """Whether a run refused the fruit's numbers that an earlier one had graded: `modulus` and files are that
+    one's, and hold again when the numbers are right or forced."""
     seconds: dict[str, float] = {}
     peak_memory_MiB: float | None = None
 

@@ -1,8 +1,17 @@
-"""What a run says and keeps of fruit that end without a modulus that counts."""
+"""What a run says and keeps of fruit whose numbers cannot be, or whose modulus does not count."""
+
+import csv
+import json
+
+import pytest
+from rich.console import Console
 
 from pipeline import grade as grading
+from pipeline.layout import write_whole
 from pipeline.outcome import Outcome
-from pipeline.records import FruitRecord, Given, ModulusRecord
+from pipeline.records import FruitRecord, Given, ModulusRecord, read_record, write_record
+from recon.hull import ball
+from recon.mesh_file import write_mesh
 
 
 def record(outcome, reason=""):
@@ -14,3 +23,117 @@ def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
     said = grading._in_a_line(record(Outcome.IMPLAUSIBLE_MODULUS.code, "E would be 900 MPa"))
     assert said == "implausible-modulus: E would be 900 MPa"
     assert grading._in_a_line(record("graded")) == "E = 900.000 ± 30.000 MPa"
+
+
+SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
+ONE_IN_KG = "fruit_id,mass_g\nA,0.09\nB,90\n"
+ALL_IN_KG = "fruit_id,mass_g\nA,0.09\nB,0.09\n"
+IN_KPA = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 300\n[[grading.classes]]\nname = "firm"\n'
+FILES = ("fruit.ply", "pit.ply", "mesh.png")
+
+
+@pytest.fixture
+def batch(tmp_path):
+    """Two balls as nectarines."""
+    directions, faces = ball(3)
+    for name in ("A", "B"):
+        (tmp_path / "fruits" / name / "grasps").mkdir(parents=True)
+        write_mesh(tmp_path / "fruits" / name / "fruit.ply", 28 * directions, faces)
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text(SOUND)
+    return tmp_path
+
+
+@pytest.fixture
+def run(batch, monkeypatch):
+    """Grades the batch; the work on a fruit is replaced by one that writes a modulus and files at once."""
+    worked = []
+
+    def work(todo, records, **_):
+        for fruit_id, task in todo:
+            worked.append(fruit_id)
+            task.results.claim()
+            task.results.forget()
+            for name in FILES:
+                write_whole(task.results.root / name, name)
+            modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.02)
+            records[fruit_id] = FruitRecord(
+                fruit_id=fruit_id, outcome="graded", key=task.key, given=task.given, modulus=modulus,
+                warnings=("a pit", "w"), doubts=("a pit",) if fruit_id == "B" else (),
+            )  # fmt: skip
+            write_record(task.results.record, records[fruit_id])
+
+    monkeypatch.setattr(grading, "_work", work)
+
+    def graded(table=SOUND, classes="", **options):
+        worked.clear()
+        (batch / "fruits.csv").write_text(table)
+        (batch / "batch.toml").write_text(f'category = "nectarine"\n{classes}')
+        console = Console(quiet=True)
+        status, _ = grading.grade(batch, None, jobs=1, time_limit_s=60, console=console, **options)
+        with (batch / "results" / "ranking.csv").open() as file:
+            rows = {row["fruit_id"]: row for row in csv.DictReader(file)}
+        return status, "".join(worked), rows
+
+    return graded
+
+
+def held(batch, name):
+    folder = batch / "results" / "fruits" / name
+    there = [file for file in FILES if (folder / file).is_file()]
+    return there, read_record(folder / "record.json")
+
+
+def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch, run):
+    status, _, rows = run(ALL_IN_KG, IN_KPA, force=True)
+    assert status == 4
+    page = (batch / "results" / "report.html").read_text()
+    for name in ("A", "B"):
+        doubts = held(batch, name)[1].doubts
+        assert held(batch, name)[1].warnings[: len(doubts)] == doubts
+        for said in ("mass_g of all 2 fruit is 0.09", 'E_max_MPa of "soft" is 300'):
+            (one,) = [doubt for doubt in doubts if said in doubt]
+            assert one.endswith("Graded all the same (--force).")
+            assert said in rows[name]["doubts"]
+    assert "mass_g of all 2 fruit is 0.09" in page
+    provenance = batch / "results" / "batch.json"
+    assert json.loads(provenance.read_text())["force"] is True
+    assert run(ALL_IN_KG, IN_KPA, force=True)[2] == rows  # said once, however often it is run
+
+    status, worked, rows = run()
+    assert (worked, rows["A"]["doubts"], rows["B"]["doubts"]) == ("", "", "a pit")
+    assert held(batch, "A")[1].warnings == ("a pit", "w")
+    assert json.loads(provenance.read_text())["force"] is False
+    assert "--force" not in (batch / "results" / "report.html").read_text()
+
+
+def test_a_run_that_refuses_a_fruit_keeps_what_a_forced_one_made_of_it(batch, run):
+    status, worked, rows = run(ONE_IN_KG, force=True)
+    assert (status, worked, rows["A"]["outcome"]) == (4, "AB", "graded")
+    assert "mass_g 0.09: a nectarine is 18 to 650 g" in rows["A"]["doubts"]
+    for _ in range(2):
+        status, worked, rows = run(ONE_IN_KG)
+        assert (status, worked) == (3, "")
+        assert (rows["A"]["outcome"], rows["A"]["E_MPa"]) == ("implausible-input", "")
+        files, record = held(batch, "A")
+        assert files == list(FILES)
+        assert not record.graded
+        assert record.outcome == "implausible-input"
+    status, worked, rows = run(ONE_IN_KG, force=True)
+    assert (status, worked, rows["A"]["outcome"]) == (4, "", "graded")
+    assert "mass_g 0.09" in rows["A"]["doubts"]
+    run(ONE_IN_KG)
+    _, worked, rows = run()
+    assert (worked, rows["A"]["outcome"], rows["A"]["doubts"]) == ("", "graded", "")
+
+
+def test_results_of_other_inputs_do_not_stay_beside_a_refused_fruit(batch, run):
+    run()
+    directions, faces = ball(3)
+    write_mesh(batch / "fruits" / "A" / "fruit.ply", 29 * directions, faces)
+    _, worked, rows = run(ONE_IN_KG)
+    assert (worked, rows["A"]["outcome"]) == ("", "implausible-input")
+    files, record = held(batch, "A")
+    assert files == []
+    assert record.modulus is None
+    assert run()[1] == "A"
