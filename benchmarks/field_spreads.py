@@ -1,21 +1,28 @@
 """What sound recordings show of each quantity that a check of tactile/checks has a limit for.
 
-    python benchmarks/field_spreads.py FOLDER [...] [--half even|odd] [--cheap N]
+    python benchmarks/field_spreads.py FOLDER [...] [--half even|odd] [--cheap N] [--pits CACHE]
 
 Folders as in field_mistakes.py; `--cheap N` takes N fruit drawn without a solver. One line a
-quantity: its values over recordings, or over the pads of all.
+quantity: its values over recordings, over the pads of all, or over fruit. `--pits CACHE` instead takes each
+fruit of a category with a pit through the pipeline with the pit moved, scaled and turned (20 s of processor
+time each, first recording; kept in CACHE): how E changes.
 """
 
 import argparse
 import sys
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from field_fruit import cheap_fruit, fruits_in
+from field_changes import about_the_middle, pit
+from field_fruit import Fruit, cheap_fruit, fruits_in
+from field_mistakes import graded
 from scipy.spatial import ConvexHull
 
+from pipeline.doubts import against_category
+from recon.priors import load_prior
 from tactile.checks.footprint import footprint, tilted
 from tactile.checks.jaws import closing_mm
 from tactile.checks.lattice import missing_sites
@@ -103,6 +110,47 @@ def _first(values: np.ndarray) -> float:
     return float(total[0] / total.max())
 
 
+def of_pit(fruit: Fruit) -> Iterator[tuple[str, float]]:
+    """(quantity, value) of a given pit against its category's; none without either."""
+    if fruit.pit is None:
+        return
+    found = against_category(fruit.vertices, *fruit.pit, load_prior(fruit.category))
+    if found is not None:
+        yield "pit.ply from its category's place, mm", found.off_mm
+        yield "pit.ply from its category's place, half width", found.off_mm / found.half_mm
+        yield "pit.ply, |ln size over its category's|", abs(found.size)
+        yield "pit.ply, spread of ln sides over its category's", float(np.ptp(found.sides))
+
+
+MOVED_MM, SCALED = 6.0, 1.3
+TURN_90 = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+TILT_90 = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+
+
+def of_pit_graded(fruit: Fruit, cache: Path) -> Iterator[tuple[str, float]]:
+    """(quantity, value): how E changes where the pit is given elsewhere, in another size, turned."""
+    if load_prior(fruit.category).axis_ratios is None:
+        return
+    one = replace(fruit, recordings=fruit.recordings[:1])
+
+    def E_MPa(name: str, change: Callable[[np.ndarray], np.ndarray]) -> float:
+        made = pit(change)(one, one, np.random.default_rng(0))
+        record = graded(made, cache / name / fruit.name)
+        return record.modulus.E_MPa if record.graded and record.modulus is not None else float("nan")
+
+    sound = E_MPa("given", lambda v: v)
+    x, y, z = MOVED_MM * np.eye(3)
+    for name, way in (("x", x), ("y", y), ("z", z), ("xy", (x + y) / np.sqrt(2.0))):
+        moved = E_MPa(f"moved-{name}", lambda v, way=way: v + way)
+        yield "|ln E| per mm of the pit's offset", abs(float(np.log(moved / sound))) / MOVED_MM
+    for times in (SCALED, 1 / SCALED):
+        scaled = E_MPa(f"scaled-{times:.2f}", about_the_middle(lambda v, times=times: times * v))
+        yield "|ln E| per ln of the pit's size", abs(float(np.log(scaled / sound)) / np.log(times))
+    for name, turn in (("turned", TURN_90), ("on-its-side", TILT_90)):
+        turned = E_MPa(name, about_the_middle(lambda v, turn=turn: v @ turn))
+        yield "|ln E| where the pit is turned", abs(float(np.log(turned / sound)))
+
+
 def main() -> None:
     """Prints the table."""
     raw = argparse.RawDescriptionHelpFormatter
@@ -110,18 +158,21 @@ def main() -> None:
     parser.add_argument("folders", nargs="*", type=Path)
     parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
     parser.add_argument("--cheap", type=int, default=0, help="fruit drawn without a solver")
+    parser.add_argument("--pits", type=Path, help="grade with pits that are moved, scaled, turned")
     options = parser.parse_args()
     fruits = fruits_in(options.folders, options.half)
     fruits += [cheap_fruit(seed) for seed in range(options.cheap)]
     found: dict[str, list[float]] = defaultdict(list)
     for fruit in fruits:
-        for one in fruit.recordings:
+        for name, value in of_pit_graded(fruit, options.pits) if options.pits else of_pit(fruit):
+            found[name].append(value)
+        for one in () if options.pits else fruit.recordings:
             for name, value in of_recording(one, fruit.vertices, fruit.faces):
                 found[name].append(value)
-    sys.stdout.write(f"{'':42s} {'least':>9s} {'1 %':>9s} {'median':>9s} {'99 %':>9s} {'most':>9s}\n")
+    sys.stdout.write(f"{'':47s} {'least':>9s} {'1 %':>9s} {'median':>9s} {'99 %':>9s} {'most':>9s}\n")
     for name, values in found.items():
-        shown = " ".join(f"{value:9.3g}" for value in np.quantile(values, [0, 0.01, 0.5, 0.99, 1]))
-        sys.stdout.write(f"{name:42s} {shown}  ({len(values)})\n")
+        shown = " ".join(f"{value:9.3g}" for value in np.nanquantile(values, [0, 0.01, 0.5, 0.99, 1]))
+        sys.stdout.write(f"{name:47s} {shown}  ({len(values)})\n")
 
 
 if __name__ == "__main__":

@@ -17,17 +17,34 @@ from tactile.checks.finding import Field, Kind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
 """A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
-the fruit's half width: stones sit within 0.5 mm (sd) of where their category has them."""
+the fruit's half width: 2.5 mm for a nectarine. Sound ones lie within 0.4 mm and 0.013 of it
+(benchmarks/field_spreads.py, "pit.ply from its category's place"; six pits); assumed larger, since real
+stones sit within 0.5 mm (sd) of where their category has them, by estimate."""
 FAR_REFUSED = 0.25
-"""Of the half width: no stone of a whole fruit lies there."""
-SIZE_SAID, SIZE_REFUSED = 0.18, 0.45
-"""|ln| of a given pit's size over its category's; stones of one kind spread by 0.03 to 0.06 (sd)."""
-TURNED = 0.25
-"""Spread of ln(side over the category's) over the axes: a turned pit has its longest side elsewhere."""
-E_PER_MM, E_PER_SIZE = 0.03, 0.6
-"""Relative error of E per mm of the pit's offset and per ln of its size (docs/validation.md)."""
+"""Of the half width; assumed: no stone of a whole fruit lies there."""
+SIZE_SAID, SIZE_SD, SIZE_REFUSED = 0.18, 4.0, 0.45
+"""|ln| of a given pit's size over its category's from which it is said, at least so many of the prior's
+standard deviations, and refused. Sound ones have 0.02 (field_spreads.py, "pit.ply, |ln size|"); assumed:
+three times the spread of stones of one kind, 0.03 to 0.06 (sd), and half again or two thirds as large."""
+TURNED = 0.5
+"""Greatest less least ln(side over the category's) of the three axes: a turned pit has its longest side
+elsewhere. Sound ones have 0.12 (field_spreads.py, "pit.ply, spread of ln sides"); a quarter turn of the
+category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07, 0.37 for a cherry: assumed,
+so that no sound pit of other proportions is said; turns of round stones are not seen."""
+E_PER_MM = 0.01
+"""Relative error of E per mm of the pit's offset: three times the greatest found over 6 mm, 0.0035 (one
+nectarine along x; two others 0.0002 to 0.0029 along x, y, z: benchmarks/field_spreads.py --pits), since E
+changes the faster the nearer the pit comes to a pad: at 6 mm by 0.004 to 0.011 per mm."""
+E_PER_SIZE = 0.6
+"""The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x"), 0.31 at 1.3 and
+0.19 at 1/1.3 of it (field_spreads.py --pits), one nectarine each."""
+E_OF_A_TURNED_PIT = 0.1
+"""Relative standard deviation of E: 0.03 about z and 0.07 about x were found on one nectarine
+(field_spreads.py --pits), 0.03 about z on another; assumed half as much again, for pads that meet other sides
+of it."""
 MOVED_SD = 5.0
-"""Grasps that put a given pit this many of the prior's standard deviations from where it was given."""
+"""Grasps that put a given pit this many of the prior's standard deviations from where it was given; assumed
+as FAR_SD, for no sound recording's pit is given with an error to measure it by."""
 _NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
 _RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
 _PHASES = ModulusSign.PHASES_APART
@@ -173,6 +190,42 @@ def causes_alone(
     return [one for one in warnings if one.sign not in explained]
 
 
+@dataclass(frozen=True, kw_only=True)
+class PitAgainstCategory:
+    """A pit against its category's in a fruit of this size: how far off its place, ln of its size and sides.
+
+    `half_mm`: mean half width of the fruit; `sides` are ln(side over the category's) along x, y, z.
+    """
+
+    off_mm: float
+    half_mm: float
+    size: float
+    sides: Float[np.ndarray, " 3"]
+
+
+def against_category(
+    vertices: Float[np.ndarray, "n 3"],
+    pit_vertices: Float[np.ndarray, "m 3"],
+    pit_faces: Int[np.ndarray, "k 3"],
+    prior: PitPrior,
+) -> PitAgainstCategory | None:
+    """How a pit differs from its category's; None of one whose bodies may have theirs anywhere."""
+    if prior.axis_ratios is None:
+        return None
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    half = (high - low) / 2
+    pit_low, pit_high = pit_vertices.min(axis=0), pit_vertices.max(axis=0)
+    expected = (low + high) / 2 + np.asarray(prior.raised) * half
+    usual = np.asarray(prior.axis_ratios) * half
+    ellipsoid_mm3 = 4 / 3 * np.pi * float(usual.prod())
+    return PitAgainstCategory(
+        off_mm=float(np.linalg.norm((pit_low + pit_high) / 2 - expected)),
+        half_mm=float(half.mean()),
+        size=float(np.log(abs(volume_mm3(pit_vertices, pit_faces)) / ellipsoid_mm3)) / 3,
+        sides=np.asarray(np.log((pit_high - pit_low) / 2 / usual)),
+    )
+
+
 def of_a_given_pit(
     vertices: Float[np.ndarray, "n 3"],
     pit_vertices: Float[np.ndarray, "m 3"],
@@ -183,15 +236,12 @@ def of_a_given_pit(
 
     A category whose bodies may have their pit anywhere (`axis_ratios` unknown) is not judged.
     """
-    if prior is None or prior.axis_ratios is None:
+    pit = None if prior is None else against_category(vertices, pit_vertices, pit_faces, prior)
+    if prior is None or pit is None:
         return []
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    half = (high - low) / 2
-    pit_low, pit_high = pit_vertices.min(axis=0), pit_vertices.max(axis=0)
-    expected = (low + high) / 2 + np.asarray(prior.raised) * half
-    off = float(np.linalg.norm((pit_low + pit_high) / 2 - expected))
+    off, size, sides = pit.off_mm, pit.size, pit.sides
     found = []
-    if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * float(half.mean())):
+    if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * pit.half_mm):
         found.append(
             Doubt(
                 kind=PitKind.AWAY,
@@ -200,13 +250,10 @@ def of_a_given_pit(
                     "fruit's middle); it was moved, or is in another frame or of another fruit."
                 ),
                 relative_sd=E_PER_MM * off,
-                refused=off > FAR_REFUSED * float(half.mean()),
+                refused=off > FAR_REFUSED * pit.half_mm,
             )
         )
-    usual = np.asarray(prior.axis_ratios) * half
-    sides = np.log((pit_high - pit_low) / 2 / usual)
-    size = float(np.log(abs(volume_mm3(pit_vertices, pit_faces)) / (4.18879 * usual.prod()))) / 3
-    if abs(size) > max(SIZE_SAID, 4 * prior.size_sd):
+    if abs(size) > max(SIZE_SAID, SIZE_SD * prior.size_sd):
         found.append(
             Doubt(
                 kind=PitKind.SIZE,
@@ -218,7 +265,7 @@ def of_a_given_pit(
                 refused=abs(size) > SIZE_REFUSED,
             )
         )
-    elif float(np.ptp(sides)) > 2 * TURNED:
+    elif float(np.ptp(sides)) > TURNED:
         longest = "xyz"[int(np.argmax(sides))]
         found.append(
             Doubt(
@@ -228,7 +275,7 @@ def of_a_given_pit(
                     f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere); it is "
                     "turned against the fruit, or of another."
                 ),
-                relative_sd=0.1,
+                relative_sd=E_OF_A_TURNED_PIT,
             )
         )
     return found
