@@ -30,10 +30,10 @@ LATE_REFUSED_MM, CLOSING_MM, E_PER_MM_LATE = 4.0, 3.5, 0.15
 """A clock late by 0.19 s at 4 mm/s, which `drupe explain` can put right, makes 3.1 mm (open-08). Limits are
 for jaws that close by CLOSING_MM, and grow with it. Relative error of E per mm: taken, not measured; half of
 the share of a closing that a mm is."""
-SPEED_MM_PER_S = (0.002, 300.0)
+SPEED_MM_PER_S = (0.008, 300.0)
 """Fastest closing of a gripper's jaws: grippers have 0.1 to 100, testing machines that hold a fruit between
 two pads 0.017 (1 mm/min) and more, the recordings here 1 to 9 (benchmarks/field_spreads.py). Milliseconds
-are seen below 2 mm/s."""
+are seen below 8 mm/s."""
 SAME_STEP, MOST_LOST = 0.05, 4
 """Relative difference (of time steps) that counts as none; frames lost at once: 5 steps at once are a
 pause."""
