@@ -165,13 +165,14 @@ def main() -> None:
     found: dict[str, list[float]] = defaultdict(list)
     for fruit in fruits:
         for name, value in of_pit_graded(fruit, options.pits) if options.pits else of_pit(fruit):
-            found[name].append(value)
+            if np.isfinite(value):
+                found[name].append(value)
         for one in () if options.pits else fruit.recordings:
             for name, value in of_recording(one, fruit.vertices, fruit.faces):
                 found[name].append(value)
     sys.stdout.write(f"{'':47s} {'least':>9s} {'1 %':>9s} {'median':>9s} {'99 %':>9s} {'most':>9s}\n")
     for name, values in found.items():
-        shown = " ".join(f"{value:9.3g}" for value in np.nanquantile(values, [0, 0.01, 0.5, 0.99, 1]))
+        shown = " ".join(f"{value:9.3g}" for value in np.quantile(values, [0, 0.01, 0.5, 0.99, 1]))
         sys.stdout.write(f"{name:47s} {shown}  ({len(values)})\n")
 
 

@@ -32,16 +32,15 @@ elsewhere. Sound ones have 0.12 (field_spreads.py, "pit.ply, spread of ln sides"
 category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07, 0.37 for a cherry: assumed,
 so that no sound pit of other proportions is said; turns of round stones are not seen."""
 E_PER_MM = 0.01
-"""Relative error of E per mm of the pit's offset: three times the greatest found over 6 mm, 0.0035 (one
-nectarine along x; two others 0.0002 to 0.0029 along x, y, z: benchmarks/field_spreads.py --pits), since E
-changes the faster the nearer the pit comes to a pad: at 6 mm by 0.004 to 0.011 per mm."""
+"""Relative error of E per mm of the pit's offset: over 6 mm two nectarines changed by 0.0002 to 0.0054 of it
+along x, y, z and towards a pad, median 0.0022 (benchmarks/field_spreads.py --pits; a third by 0.0035). Twice
+the greatest: E changes the faster the nearer the pit comes to a pad, at 6 mm by 0.004 to 0.011 per mm."""
 E_PER_SIZE = 0.6
-"""The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x"), 0.31 at 1.3 and
-0.19 at 1/1.3 of it (field_spreads.py --pits), one nectarine each."""
+"""The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x", a nectarine), at
+1.3 and 1/1.3 of it 0.19 to 0.41 (field_spreads.py --pits, two nectarines and a plum)."""
 E_OF_A_TURNED_PIT = 0.1
-"""Relative standard deviation of E: 0.03 about z and 0.07 about x were found on one nectarine
-(field_spreads.py --pits), 0.03 about z on another; assumed half as much again, for pads that meet other sides
-of it."""
+"""Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (field_spreads.py --pits,
+two nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
 MOVED_SD = 5.0
 """Grasps that put a given pit this many of the prior's standard deviations from where it was given; assumed
 as FAR_SD, for no sound recording's pit is given with an error to measure it by."""
