@@ -16,6 +16,8 @@ import numpy as np
 from recon.hull import ball
 from recon.mat import mat_mapping, standard_mat
 from recon.mesh_file import mesh_bytes
+from recon.pit import place_pit
+from recon.priors import load_prior
 from tactile.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -89,8 +91,9 @@ def write_sound(root: Path) -> None:
     (batch / "mat.json").write_text(json.dumps(mat_mapping(standard_mat()), indent=1))
     (batch / "mine.toml").write_bytes((ROOT / "recon" / "priors" / "nectarine.toml").read_bytes())
     (batch / "model.onnx").write_bytes(_small_onnx())
-    (first / "fruit.ply").write_bytes(mesh_bytes(28 * directions, faces))
-    (first / "pit.ply").write_bytes(mesh_bytes(10 * directions, faces))
+    fruit = (28 * directions, faces)
+    (first / "fruit.ply").write_bytes(mesh_bytes(*fruit))
+    (first / "pit.ply").write_bytes(mesh_bytes(*place_pit(*fruit, load_prior("nectarine"))))
     write_recording(first / "grasps" / "grasp-1.h5", recording())
     rng = np.random.default_rng(5)
     for k, suffix in enumerate((".jpg", ".jpg", ".png")):
