@@ -39,8 +39,8 @@ def anchored(
     exact: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
     far: float = FAR,
 ) -> list[list[np.ndarray]]:
-    """The quantities at theta (in spreads); `exact` is called where no anchor lies near enough."""
-    known: list[Anchored] = ground.kept(("anchored", key), list)
+    """The quantities at theta (in spreads); `exact` is called where none of the search's anchors lies near."""
+    known: tuple[Anchored, ...] = ground.found_before(("anchored", key))
     size = float(np.linalg.norm(theta))
     if size < NEAR:
         return [list(own) for own in first_order(theta)]
@@ -48,7 +48,7 @@ def anchored(
     if nearest is None or np.linalg.norm(theta - nearest.anchor) > far * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
         nearest = Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
-        known.append(nearest)
+        ground.keep_found(("anchored", key), (*known, nearest))
     share = nearest.share(theta)
     return [
         [q + share * more for q, more in zip(own, beyond, strict=True)]

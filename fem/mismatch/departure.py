@@ -11,13 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from fem.failure import FemFailure, FemProblem
 from fem.mismatch.case import MismatchCase
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.explain import plain_ground
 from fem.mismatch.ground import Ground, over_all_frames
 from fem.mismatch.modulus_with import modulus_of
 
-MOST_ROUNDS, STILL = 6, 1e-3
+MOST_ROUNDS, STILL = 12, 1e-3
 """Rounds end where 1/E changes by a smaller share than this."""
 
 
@@ -32,7 +33,7 @@ class KnownEffect:
 def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "t n 3"]]:
     """d(t) of every recording, mm MPa, all frames: zero in the air.
 
-    Raises FemFailure where the recordings or an effect's model cannot be computed.
+    Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
     ground, _ = plain_ground(case)
     for _ in range(MOST_ROUNDS):
@@ -42,10 +43,16 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
         ]
         compliance = 1 / modulus_of(ground, Response(unit=whole)).value
         moved = abs(compliance / ground.compliance - 1)
-        # What the ground remembers goes on: of s it holds at most the weights of a fit.
         ground = replace(ground, compliance=compliance)
         if moved < STILL:
             break
+    else:
+        names = ", ".join(known.effect.name for known in effects)
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"E with {names} still changes by {moved:.2%} after {MOST_ROUNDS} rounds, "
+            f"expected {STILL:.1%} at most",
+        )
     return [over_all_frames(seen, own) for seen, own in zip(ground.base.grasps, beyond, strict=True)]
 
 

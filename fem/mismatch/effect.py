@@ -57,12 +57,14 @@ class Signature:
     """One way in which an effect can show, linear in the amounts of its columns.
 
     `label` tells alternatives apart ("tau 1 s", "left"); an effect that has one way only has an empty one.
-    `apart`: what it gains on sound recordings is its own, not that of the effect's other ways.
+    `apart`: what it gains on sound recordings is its own, not that of the effect's other ways. `untried`: why
+    it could not be computed, a sentence without a full stop; it has no columns then.
     """
 
     label: str
     columns: tuple[Column, ...]
     apart: bool = False
+    untried: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -91,16 +91,22 @@ def explain(
         checks=checks(foretold, ground.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
         notes=(
-            *(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
+            *(
+                f"{name} could not be tried: {why}."
+                for name, why in {**linear.without, **found.without}.items()
+            ),
             *([] if best is None else _remarks(best, ranking[0].parameters)),
         ),
         seconds=seconds,
     )
 
 
+NOT_SETTLED = "the search for the parameters of {name} has not settled; they may lie beyond their error bars."
+
+
 def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     """What the effects themselves have to say of the parameters found."""
-    said = []
+    said = [] if best.settled else [NOT_SETTLED.format(name=best.name)]
     for effect in best.effects:
         if isinstance(effect, Remarked):
             own = f"{effect.name}." if len(best.effects) > 1 else ""

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from fem.mismatch.baseline import Baseline, Seen
 from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.sight import Sight
+from fem.mismatch.warm_start import WarmStarts
 from fem.side_by_side import side_by_side
 
 T = TypeVar("T")
@@ -44,13 +45,24 @@ class Memory:
 class Ground:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once.
 
-    `workers`: how many threads may work on it at once.
+    `workers`: how many threads may work on it at once. `warm_starts`: of the search that this ground is used
+    in, None outside of one.
     """
 
     base: Baseline
     compliance: float
     workers: int = 1
     memory: Memory = field(default_factory=Memory, repr=False, compare=False)
+    warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
+
+    def found_before(self, key: object) -> tuple[Any, ...]:
+        """What the search has found under a key, newest first; nothing outside of a search."""
+        return () if self.warm_starts is None else self.warm_starts.found.get(key, ())
+
+    def keep_found(self, key: object, found: tuple[Any, ...]) -> None:
+        """For the search's next calls, in the place of what was there; forgotten outside of a search."""
+        if self.warm_starts is not None:
+            self.warm_starts.found[key] = found
 
     def kept(self, key: object, compute: Callable[[], T]) -> T:
         """What `compute` gives, computed once for each key, whichever thread asks first."""

@@ -1,4 +1,4 @@
-"""A recording's equations at the plain model's compliance, made once for all that fit with them."""
+"""A recording's equations at the ground's compliance, made once for all that fit with them."""
 
 from fem.mismatch.baseline import Seen
 from fem.mismatch.ground import Ground
@@ -15,7 +15,7 @@ def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
         gel_scale_sd = ground.base.case.budget.gel_scale_sd
         return MarkerEquations.of(seen, compliance=ground.compliance, gel_scale_sd=gel_scale_sd)
 
-    return ground.kept(("marker equations", seen.case.name), compute)
+    return ground.kept(("marker equations", seen.case.name, ground.compliance), compute)
 
 
 def balance_equations(ground: Ground, seen: Seen) -> BalanceEquations | None:

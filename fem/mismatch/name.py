@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fem.failure import FemFailure
 from fem.mismatch.added import added
 from fem.mismatch.detect import of_sound, usual_gain, usual_in_full
 from fem.mismatch.effect import Witnessed
@@ -65,10 +66,14 @@ class Ranked:
 
 @dataclass(frozen=True, kw_only=True)
 class Named:
-    """The ranking, best first (none is one of them), and the verdict."""
+    """The ranking, best first (none is one of them), and the verdict.
+
+    `without`: explanations whose model could not be computed, and why.
+    """
 
     ranking: tuple[Ranked, ...]
     verdict: str | tuple[str, ...]
+    without: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,7 @@ class _Tried:
     gain: float
     shown: tuple[Shown, ...] = ()
     refit: Refit | None = None
+    failed: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,14 +117,16 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
     for one in sorted(linear.shown, key=sound.beyond, reverse=True):
         best.setdefault(one.effect.name, one)
     found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
-    polished = None
+    polished, failed = None, list[_Tried]()
     if detected:
         found = _singles(ground, linear, found, sound)
         if found and found[0].refit is not None:
             # first: a second effect must not stand for what more rounds would still gain
             found[0] = polished = _polished(ground, linear, found[0], found[0].refit, sound)
         if found and found[0].refit is not None:
-            found += _pairs(ground, linear, found[0], found[0].refit, sound)
+            pairs = _pairs(ground, linear, found[0], found[0].refit, sound)
+            found += [one for one in pairs if one.refit is not None]
+            failed = [one for one in pairs if one.refit is None]
     none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None and found[0] is not polished:
@@ -130,7 +138,8 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
         for one, p in zip(found, weight, strict=True)
     )
     verdict = _verdict(linear, ranking, sound) if detected else NONE
-    return Named(ranking=ranking, verdict=verdict)
+    without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
+    return Named(ranking=ranking, verdict=verdict, without=without)
 
 
 def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound: Sound) -> list[_Tried]:
@@ -154,14 +163,17 @@ def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound
 
 def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
     """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
-    found = []
+    found, failed = [], ""
     for shown in _pads_that_may_be(ground, [(own.gain, own) for own in linear.shown], *one.shown):
-        again = refit(ground, linear, (shown,), beat=best)
-        if again is not None:
-            gain = _gain(linear, again, sound)
-            found.append(replace(one, gain=gain, shown=(shown,), refit=again))
-            best = max(best, gain)
-    return max(found, key=lambda tried: tried.gain, default=one)
+        try:
+            again = refit(ground, linear, (shown,), beat=best)
+        except FemFailure as failure:
+            failed = failure.detail
+            continue
+        gain = _gain(linear, again, sound)
+        found.append(replace(one, gain=gain, shown=(shown,), refit=again))
+        best = max(best, gain)
+    return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
 
 
 def _pads_that_may_be(ground: Ground, gains: Sequence[tuple[float, Shown]], one: Shown) -> list[Shown]:
@@ -198,7 +210,9 @@ def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
 
 
 def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
-    """Pairs of the best single with what adds most to it, refitted, that earn their place."""
+    """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
+    no model could be computed, without a refit.
+    """
     found = []
     least = max(PAIR_GAIN, sound.least)
     if single.fit.chi2 <= sound.most_chi2:
@@ -215,13 +229,19 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     for gain, other in list(best_of.values())[:PAIRS]:
         if gain < least:
             continue
-        tried = []
+        tried, failed = [], ""
         for second in _pads_that_may_be(ground, gains, other):
             both = (*best.shown, second)
-            again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
-            if again is not None and not again.at_an_end[-1]:
+            try:
+                again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
+            except FemFailure as failure:
+                failed = failure.detail
+                continue
+            if not again.at_an_end[-1]:
                 tried.append((_gain(linear, again, sound), again, both))
         if not tried:
+            if failed:
+                found.append(_Tried(f"{best.name}+{other.effect.name}", -np.inf, failed=failed))
             continue
         gained, again, both = max(tried, key=lambda pair: pair[0])
         if gained > best.gain + least and again.fit.chi2 < may_leave:
@@ -231,9 +251,12 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
 
 def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit, sound: Sound) -> _Tried:
     """The refit carried on for as long as it gains."""
-    again = refit(ground, linear, one.shown, known=first)
-    if again is None or again.log_evidence <= first.log_evidence:
+    try:
+        again = refit(ground, linear, one.shown, known=first)
+    except FemFailure:
         return one
+    if again.log_evidence <= first.log_evidence:
+        return replace(one, refit=replace(first, last_gain=again.last_gain))
     if again.at_an_end[-1] and not first.at_an_end[-1]:
         return one
     return replace(one, gain=_gain(linear, again, sound), refit=again)

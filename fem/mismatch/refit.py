@@ -20,6 +20,7 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.ground import Ground
 from fem.mismatch.lookalikes import beside
 from fem.mismatch.singles import LinearRound, Shown
+from fem.mismatch.warm_start import WarmStarts
 
 ROUNDS, POLISH = 3, 6
 """Rounds at most: of the short list, of the winner."""
@@ -48,8 +49,9 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `ground`: with this model's own 1/E, from which `fit`'s first amount counts. `at_an_end`: of each effect,
-    whether a parameter is at the end of its bounds, where it stands for something else.
+    `ground`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
+    from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
+    bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
     """
 
     effects: tuple[Effect, ...]
@@ -65,6 +67,12 @@ class Refit:
     log_evidence: float
     ground: Ground
     at_an_end: tuple[bool, ...]
+    last_gain: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the search reached its tolerance."""
+        return self.last_gain < LEAST_GAIN
 
     def near(self) -> Products:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
@@ -93,41 +101,43 @@ def refit(
     starts: Sequence[dict[str, float] | None] = (),
     near: Ground | None = None,
     beat: float = 0.0,
-) -> Refit | None:
-    """The effects of these signatures, refitted; None where a model cannot be computed from any start.
+) -> Refit:
+    """The effects of these signatures, refitted.
+
+    Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
 
     `known`: a first refit of the same, to be carried on for as long as it gains. `starts`: parameters to
     start from where they are known, `near` the ground that they were found on; else the amounts say. `beat`:
     what another explanation gains; one that cannot come near it is not followed to its end.
     """
     specs = [spec for one in shown for spec in one.effect.parameters]
-    try:
-        if known is not None:
-            starts, near = known.parameters, known.ground
-        search = _Search(ground if near is None else near, linear, tuple(shown), specs)
-        now, _ = search.followed(search.begun(ground, starts or [None] * len(shown)))
-        for _ in range(ROUNDS if known is None else POLISH):
-            if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
-                break
-            step = now.fit.amounts[-len(specs) :]
-            step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
-            ahead = next(
-                (
-                    tried
-                    for share in (1.0, 0.3)
-                    if search.merit(tried := search.bounded(now.at + share * step)) > now.merit
-                ),
-                None,
-            )
-            gained = 0.0
-            if ahead is not None:
-                gained = search.merit(ahead) - now.merit
-                now = search.linearised(ahead)
-            now, again = search.followed(now)
-            if not again and gained < LEAST_GAIN:
-                break
-    except FemFailure:
-        return None
+    if known is not None:
+        starts, near = known.parameters, known.ground
+    search = _Search(ground if near is None else near, linear, tuple(shown), specs)
+    now, _ = search.followed(search.begun(ground, starts or [None] * len(shown)))
+    gained = float("inf")
+    for _ in range(ROUNDS if known is None else POLISH):
+        if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
+            break
+        step = now.fit.amounts[-len(specs) :]
+        step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
+        ahead = next(
+            (
+                tried
+                for share in (1.0, 0.3)
+                if search.merit(tried := search.bounded(now.at + share * step)) > now.merit
+            ),
+            None,
+        )
+        gained = 0.0
+        if ahead is not None:
+            gained = search.merit(ahead) - now.merit
+            now = search.linearised(ahead)
+        now, again = search.followed(now)
+        if again:
+            gained = float("inf")
+        elif gained < LEAST_GAIN:
+            break
     parameters, first = [], 0
     values = search.plain(now.at)
     for one in shown:
@@ -152,6 +162,7 @@ def refit(
         log_evidence=now.log_evidence,
         ground=search.ground,
         at_an_end=search.at_an_end(now.at),
+        last_gain=gained,
     )
 
 
@@ -175,7 +186,9 @@ class _Search:
     def __init__(
         self, ground: Ground, linear: LinearRound, shown: tuple[Shown, ...], specs: Sequence[ParameterSpec]
     ) -> None:
-        self.ground, self.linear, self.shown = ground, linear, shown
+        found_before = ground.warm_starts or WarmStarts()
+        self.ground = replace(ground, warm_starts=found_before.copy())
+        self.linear, self.shown = linear, shown
         effects = [one.effect for one in shown]
         self.nuisances = beside(effects, linear.products.columns, linear.nuisances)
         self.log = np.array([spec.log for spec in specs])

@@ -42,7 +42,8 @@ class Shown:
 class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
 
-    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects that could not be computed.
+    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, or one way of theirs to
+    show, that could not be computed, and why.
     """
 
     products: Products
@@ -72,7 +73,8 @@ def linear_round(
         if isinstance(answer, FemFailure):
             without[effect.name] = answer.detail
         else:
-            seen += [(effect, signature) for signature in answer]
+            seen += [(effect, signature) for signature in answer if not signature.untried]
+            without |= {f"{effect.name} ({s.label})": s.untried for s in answer if s.untried}
     known = [*common_nuisances(ground), *lookalikes(ground, seen, seeming)]
     columns: list[Column] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []

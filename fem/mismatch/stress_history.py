@@ -22,11 +22,13 @@ from jaxtyping import Float, Int
 
 from fem.failure import FemFailure, FemProblem
 from fem.mismatch.baseline import Baseline, Seen
+from fem.mismatch.ground import Ground
 from fem.mismatch.path_frames import PathFrames, path_frames
 
-ROUNDS, MEMORY = 14, 4
+MOST_ROUNDS, MEMORY = 40, 4
+"""Searches of cases with these effects end after 1 to 10 rounds."""
 CLOSE_MM = 6e-4
-"""Rounds end when no node of the skin moves more than this from one to the next."""
+"""Rounds end when none asks a node of the skin to move more than this: a tenth of a marker's noise."""
 
 RUN_AWAY = 1e6
 """N per MPa of the modulus: forces on a node that no flesh makes."""
@@ -98,40 +100,49 @@ def settled(
     stiffer: Float[np.ndarray, " f"],
     start: Float[np.ndarray, "f n 3"],
     together: bool,
-    rounds: int = ROUNDS,
-    may_be_left: float | None = None,
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess.
 
-    `together`: see `_mixed`. Raises FemFailure where rounds run away, or where the last of them still asks
-    for more than `may_be_left` of the field, at the skin (None: however much it asks for).
+    `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where rounds run away, or where the last of
+    MOST_ROUNDS still asks the skin to move by more than CLOSE_MM.
     """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
     more = start
     tried: list[Float[np.ndarray, "f n 3"]] = []
     steps: list[Float[np.ndarray, "f n 3"]] = []
-    for _ in range(rounds):
-        force = departure(compliance * (state.linear + more))
-        if not np.abs(force).max() < RUN_AWAY:
-            raise FemFailure(
-                FemProblem.NOT_CONVERGED,
-                f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
-            )
-        answer = -state.response(force) / compliance
-        step = (answer - more) / slower
-        if compliance * np.abs((step * slower)[:, skin]).max() < CLOSE_MM:
+    for _ in range(MOST_ROUNDS):
+        step = (first_round(state, departure, compliance=compliance, start=more) - more) / slower
+        left_mm = compliance * float(np.abs((step * slower)[:, skin]).max())
+        if left_mm < CLOSE_MM:
             return np.asarray(more + step)
         tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
         more = _mixed(tried, steps, skin, together=together)
-    left, size = (np.abs(field[:, skin]).max() for field in (steps[-1] * slower, more))
-    if may_be_left is not None and left > may_be_left * size:
+    raise FemFailure(
+        FemProblem.NOT_CONVERGED,
+        f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law still moves the skin by "
+        f"{1e3 * left_mm:.2g} µm after {MOST_ROUNDS} rounds, expected {1e3 * CLOSE_MM:.2g} µm at most",
+    )
+
+
+def first_round(
+    state: PathState,
+    departure: Departure,
+    *,
+    compliance: float,
+    start: Float[np.ndarray, "f n 3"] | None = None,
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 that the law's stress in the field v0 + start (None: v0) brings: to first order in the law.
+
+    Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
+    """
+    force = departure(compliance * (state.linear if start is None else state.linear + start))
+    if not np.abs(force).max() < RUN_AWAY:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law has {left / size:.0%} "
-            f"to go after {rounds} rounds, expected {may_be_left:.0%} at most",
+            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
         )
-    return more
+    return -state.response(force) / compliance
 
 
 def _mixed(
@@ -165,37 +176,48 @@ NEAR, FARTHEST = 1e-2, 20.0
 """A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
 
 
-class LastRuns:
-    """The frames of the recordings last asked for, and how their flesh moved: where the next run starts."""
+def path_state(ground: Ground, *, frames: int, remembers: bool) -> PathState:
+    """The ground's recordings by about so many frames, chosen once."""
 
-    def __init__(self, *, frames: int, remembers: bool) -> None:
-        self.frames, self.remembers = frames, remembers
-        self._state: PathState | None = None
-        self._runs: list[tuple[Float[np.ndarray, " p"], Float[np.ndarray, "f n 3"]]] = []
+    def compute() -> PathState:
+        return PathState.of(ground.base, path_frames(ground.base.grasps, frames, remembers=remembers))
 
-    def state(self, base: Baseline) -> PathState:
-        """Of these recordings; forgets others."""
-        if self._state is None or self._state.base is not base:
-            frames = path_frames(base.grasps, self.frames, remembers=self.remembers)
-            self._state, self._runs = PathState.of(base, frames), []
-        return self._state
+    return ground.kept(("path", frames, remembers), compute)
 
-    def guess(self, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
-        """v - v0 for the law of these parameters: a mean of the last runs, with weights that add up to one.
 
-        The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs,
-        and their mean far from all of them. None without runs.
-        """
-        if not self._runs:
-            return None
-        away = np.stack([own - law for own, _ in self._runs])
-        near, weight = NEAR, np.full(len(away), np.inf)
-        while np.abs(weight).sum() > FARTHEST:
-            weight = np.linalg.solve(away @ away.T + near**2 * np.eye(len(away)), np.ones(len(away)))
-            weight /= weight.sum()
-            near *= 3
-        return np.asarray(sum(w * more for w, (_, more) in zip(weight, self._runs, strict=True)))
+@dataclass(frozen=True)
+class Run:
+    """A law by its parameters, in units in which they are far or near, and v - v0 of it."""
 
-    def keep(self, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]) -> None:
-        """One more run, in the place of the oldest."""
-        self._runs = [(law, more.astype(np.float32)), *self._runs][:MOST_RUNS]
+    law: Float[np.ndarray, " p"]
+    more: Float[np.ndarray, "f n 3"]
+
+
+def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+    """v - v0 for the law of these parameters: a mean of other runs, with weights that add up to one.
+
+    The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs,
+    and their mean far from all of them. None without runs.
+    """
+    if not runs:
+        return None
+    away = np.stack([run.law - law for run in runs])
+    near, weight = NEAR, np.full(len(away), np.inf)
+    while np.abs(weight).sum() > FARTHEST:
+        weight = np.linalg.solve(away @ away.T + near**2 * np.eye(len(away)), np.ones(len(away)))
+        weight /= weight.sum()
+        near *= 3
+    return np.asarray(sum(w * run.more for w, run in zip(weight, runs, strict=True)))
+
+
+def keep_run(
+    ground: Ground, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
+) -> None:
+    """One more run of the search, the newest first, in the place of the oldest."""
+    run = Run(law, more.astype(np.float32))
+    ground.keep_found(("runs", name), (run, *ground.found_before(("runs", name)))[:MOST_RUNS])
+
+
+def first_guess(ground: Ground, name: str, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+    """`guess` from the search's own runs with a law of this name."""
+    return guess(ground.found_before(("runs", name)), law)

@@ -285,10 +285,8 @@ def test_each_signature_is_the_slope_of_its_own_model(sound, effect, choice, nul
     signature = next(one for one in effect.signatures(sound) if one.label == choice)
     names = [spec.name for spec in effect.parameters]
     for k, step in enumerate(steps):
-        sound.memory.values.pop(("anchored", (effect.name, choice, sound.compliance)), None)
         values = np.array(null)
         here = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
-        sound.memory.values.pop(("anchored", (effect.name, choice, sound.compliance)), None)
         values[k] += step
         ahead = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
         for number, field in enumerate(signature.columns[k].fields):

@@ -17,7 +17,8 @@ from fem.mismatch.flesh_strain import FleshStrain
 from fem.mismatch.ground import Ground
 from fem.mismatch.path_frames import path_frames
 from fem.mismatch.small_strain import linear_stress
-from fem.mismatch.stress_history import LastRuns, settled
+from fem.mismatch.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
+from fem.mismatch.warm_start import WarmStarts
 
 MU, LAME = unit_lame_constants(NU)
 
@@ -25,17 +26,6 @@ MU, LAME = unit_lame_constants(NU)
 def tensors(*frames: np.ndarray) -> np.ndarray:
     """One point in four copies, frame by frame; [i, j] = du_i/dX_j is handed over as [j, i]."""
     return np.broadcast_to(np.stack([f.T for f in frames], axis=-1), (1, 4, 3, 3, len(frames))).copy()
-
-
-def forgetful(effect_module: object) -> None:
-    """No run before this one."""
-    effect_module._LAST._runs.clear()
-
-
-@pytest.fixture(autouse=True)
-def first_runs():
-    for module in (damage, plastic_set, stiffening):
-        forgetful(module)
 
 
 def stress_at(H: np.ndarray, b: float) -> np.ndarray:
@@ -107,7 +97,7 @@ def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
 @pytest.mark.parametrize("together", [True, False])
 def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, together):
     ground = ground_of()
-    state = LastRuns(frames=4, remembers=True).state(ground.base)
+    state = path_state(ground, frames=4, remembers=True)
     solid = ground.base.solid_of(ground.base.grasps[0])
 
     def departure(moved: np.ndarray) -> np.ndarray:
@@ -161,9 +151,7 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
     plain = firm.base.grasps[0].tracks.unit_displacement
     alike = {spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.parameters}
     more = module.EFFECT.respond(firm, parameters, "").unit[0] - plain
-    forgetful(module)
     found = module.EFFECT.respond(soft, alike, "").unit[0] - plain
-    forgetful(module)
     other = module.EFFECT.respond(soft, parameters, "").unit[0] - plain
     size = np.linalg.norm(more)
     assert np.linalg.norm(found - more) < 2e-3 * size
@@ -171,26 +159,27 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
 
 
 def test_a_run_starts_on_the_plane_through_the_last_ones_and_not_far_beyond_them():
-    runs = LastRuns(frames=4, remembers=True)
-    assert runs.guess(np.zeros(2)) is None
+    search = replace(ground_of(), warm_starts=WarmStarts())
+    assert first_guess(search, "law", np.zeros(2)) is None
     field = np.random.default_rng(6).normal(size=(3, 2, 5, 3))
 
     def answer(law):
         return field[0] + law[0] * field[1] + law[1] * field[2]
 
     for law in ([0.0, 0.0], [0.3, 0.0], [0.0, 0.3]):
-        runs.keep(np.array(law), answer(law))
-    np.testing.assert_allclose(runs.guess(np.array([0.1, 0.2])), answer([0.1, 0.2]), atol=0.01)
-    far = runs.guess(np.array([40.0, 0.0]))
+        keep_run(search, "law", np.array(law), answer(law))
+    near = first_guess(search, "law", np.array([0.1, 0.2]))
+    np.testing.assert_allclose(near, answer([0.1, 0.2]), atol=0.01)
+    far = first_guess(search, "law", np.array([40.0, 0.0]))
     assert np.abs(far).max() < 0.2 * np.abs(answer([40.0, 0.0])).max()
 
 
 def test_only_the_last_runs_are_kept():
-    runs = LastRuns(frames=4, remembers=True)
+    search = replace(ground_of(), warm_starts=WarmStarts())
     for k in range(30):
-        runs.keep(np.array([float(k)]), np.full((1, 1, 3), float(k)))
-    assert len(runs._runs) == stress_history.MOST_RUNS
-    assert runs.guess(np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
+        keep_run(search, "law", np.array([float(k)]), np.full((1, 1, 3), float(k)))
+    assert len(search.found_before(("runs", "law"))) == MOST_RUNS
+    assert first_guess(search, "law", np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
 
 
 def difference(module: object, ground: Ground, parameters: dict[str, float], base: dict[str, float]):
@@ -227,7 +216,6 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
 
 def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
     monkeypatch.setattr(plastic_set, "RELATIVE", (relative,))
-    forgetful(plastic_set)
     ground = ground_of()
     signature = plastic_set.EFFECT.signatures(ground)[0]
     Y = plastic_set.EFFECT.start(ground, signature, np.ones(1))["yield_over_E"]
@@ -238,7 +226,8 @@ def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, floa
 
 def test_plastic_signature_is_the_start_of_its_response_where_flesh_hardly_yields(monkeypatch):
     ground = ground_of()
-    stress, level = plastic_set._stress_seen(ground, plastic_set._LAST.state(ground.base))
+    state = path_state(ground, frames=plastic_set.FRAMES, remembers=True)
+    stress, level = plastic_set._stress_seen(ground, state)
     hardly = 0.99 * stress.max() / level
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-8)
     cosine, ratio = plastic_against_signature(monkeypatch, hardly)

@@ -20,11 +20,9 @@ TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
 @cache
 def planted():
     """Flesh that is damaged, and softer than the plain model's by SOFTER."""
-    damage._LAST._runs.clear()
     ground = ground_of()
     truly = replace(ground, compliance=SOFTER * COMPLIANCE)
     moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, "").unit[0]
-    damage._LAST._runs.clear()
     return ground_of(moved - COMPLIANCE * ground.base.grasps[0].tracks.unit_displacement)
 
 

@@ -21,7 +21,7 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import linear_stress, strain_energy
-from fem.mismatch.stress_history import LastRuns, PathState, settled
+from fem.mismatch.stress_history import PathState, first_guess, keep_run, path_state, settled
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3
@@ -47,7 +47,7 @@ class Damage:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=True)
         nu, s = ground.poisson_ratio, ground.compliance
         pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
@@ -75,21 +75,21 @@ class Damage:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=True)
         pieces = FleshPieces.whole(ground.points, workers=ground.workers)
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
         seen_W0 = np.log(parameters[W0] / ground.compliance**2)
         place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
-        guess = _LAST.guess(place)
+        start = first_guess(ground, self.name, place)
         more = settled(
             state,
             lambda moved: pieces.forces(moved, law),
             compliance=ground.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear) if guess is None else guess,
+            start=np.zeros_like(state.linear) if start is None else start,
             together=True,
         )
-        _LAST.keep(place, more)
+        keep_run(ground, self.name, place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -123,5 +123,4 @@ def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_
     return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
 
 
-_LAST = LastRuns(frames=FRAMES, remembers=True)
 EFFECT = Damage()

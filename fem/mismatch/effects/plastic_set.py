@@ -19,10 +19,18 @@ from jaxtyping import Float
 from fem.assembly import unit_lame_constants
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
-from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
+from fem.mismatch.flesh_pieces import FleshPieces, Tensors, exceeded_by
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import deviator, von_mises
-from fem.mismatch.stress_history import ROUNDS, LastRuns, PathState, settled
+from fem.mismatch.stress_history import (
+    Departure,
+    PathState,
+    first_guess,
+    first_round,
+    keep_run,
+    path_state,
+    settled,
+)
 
 YIELD = "yield_over_E"
 HARDENING = 0.05
@@ -49,13 +57,13 @@ class PlasticSet:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """One for each Y, its amount 1 to 3 where the law holds."""
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=True)
         stress, level = _stress_seen(ground, state)
         found = []
         for relative in RELATIVE:
             Y = relative * level
             pieces = FleshPieces.of(ground.points, stress > MARGIN * Y, workers=ground.workers)
-            more = _settled(ground, state, pieces, Y, start=np.zeros_like(state.linear), rounds=1)
+            more = first_round(state, _set(ground, pieces, Y), compliance=ground.compliance)
             fields = [Field(markers=ground.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(
@@ -76,16 +84,22 @@ class PlasticSet:
 
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=True)
         Y = parameters[YIELD]
         pieces = FleshPieces.of(
             ground.points, _stress_seen(ground, state)[0] > MARGIN * Y, workers=ground.workers
         )
         place = np.array([np.log(Y / ground.compliance)])
-        guess = _LAST.guess(place)
-        start = np.zeros_like(state.linear) if guess is None else guess
-        more = _settled(ground, state, pieces, Y, start=start, rounds=ROUNDS)
-        _LAST.keep(place, more)
+        start = first_guess(ground, self.name, place)
+        more = settled(
+            state,
+            _set(ground, pieces, Y),
+            compliance=ground.compliance,
+            stiffer=np.ones(len(state.linear)),
+            start=np.zeros_like(state.linear) if start is None else start,
+            together=True,
+        )
+        keep_run(ground, self.name, place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -110,31 +124,15 @@ def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: flo
     return shear
 
 
-def _set(yield_over_E: float, nu: float) -> PieceLaw:
-    """-C eps_p."""
+def _set(ground: Ground, pieces: FleshPieces, yield_over_E: float) -> Departure:
+    """Forces of -C eps_p."""
+    nu = ground.poisson_ratio
     mu = unit_lame_constants(nu)[0]
-    return lambda gradient: -2 * mu * plastic_strain(gradient, yield_over_E, poisson_ratio=nu)
 
+    def law(gradient: Tensors) -> Tensors:
+        return np.asarray(-2 * mu * plastic_strain(gradient, yield_over_E, poisson_ratio=nu))
 
-def _settled(
-    ground: Ground,
-    state: PathState,
-    pieces: FleshPieces,
-    yield_over_E: float,
-    *,
-    start: Float[np.ndarray, "f n 3"],
-    rounds: int,
-) -> Float[np.ndarray, "f n 3"]:
-    law = _set(yield_over_E, ground.poisson_ratio)
-    return settled(
-        state,
-        lambda moved: pieces.forces(moved, law),
-        compliance=ground.compliance,
-        stiffer=np.ones(len(state.linear)),
-        start=start,
-        together=True,
-        rounds=rounds,
-    )
+    return lambda moved: pieces.forces(moved, law)
 
 
 def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
@@ -147,5 +145,4 @@ def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " 
     return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
 
 
-_LAST = LastRuns(frames=FRAMES, remembers=True)
 EFFECT = PlasticSet()

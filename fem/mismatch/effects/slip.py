@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fem.failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.fields import Column, Field
 from fem.mismatch.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
@@ -47,11 +48,16 @@ class Slip:
         least = least_mu(_ratios(ground))
         found = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
-            paths = _paths(ground, mu)
+            label = f"mu {mu:.4f}"
+            try:
+                paths = _paths(ground, mu)
+            except FemFailure as failure:
+                found.append(Signature(label=label, columns=(), untried=failure.detail))
+                continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
                 fields = [Field(markers=-path) for path in paths]
                 column = Column(name="path", sd=1.0, fields=fields, positive=True)
-                found.append(Signature(label=f"mu {mu:.4f}", columns=(column,)))
+                found.append(Signature(label=label, columns=(column,)))
         return found
 
     def start(

@@ -28,15 +28,13 @@ from fem.mismatch.fields import Column, Field
 from fem.mismatch.flesh_pieces import FleshPieces, Tensors
 from fem.mismatch.ground import Ground
 from fem.mismatch.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
-from fem.mismatch.stress_history import LastRuns, PathState, settled
+from fem.mismatch.stress_history import PathState, first_guess, keep_run, path_state, settled
 
 B = "b"
 PRIOR_SD = 30.0
 NEO_HOOKEAN = "neo-hookean"
 HARDLY = 1.0
 """b from which flesh that is Neo-Hookean at most is searched."""
-SETTLED = 0.03
-"""Share of the Neo-Hookean departure that its search may leave."""
 DOUBTFUL = 0.5
 """Relative standard deviation from which b cannot be told from nothing: then half of it does as well, and the
 less there is of it the less it changes."""
@@ -69,7 +67,7 @@ class Stiffening:
 
     def signatures(self, ground: Ground) -> Sequence[Signature]:
         """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=False)
         nu, s = ground.poisson_ratio, ground.compliance
         mu = unit_lame_constants(nu)[0]
 
@@ -83,10 +81,9 @@ class Stiffening:
         fields = [Field(markers=own) for own in state.at_markers(more)]
         found = [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
         try:
-            # not kept: next to nothing is no start for flesh that stiffens
-            moved = _beyond_linear(ground, self.parameters[0].low, guess=None, may_be_left=SETTLED)
-        except FemFailure:  # flesh so soft that its large deformation is not found from the linear answer
-            return found
+            moved = _beyond_linear(ground, self.parameters[0].low, guess=None)
+        except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
+            return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(), untried=failure.detail)]
         large = state.at_markers(moved)
         beyond = [Field(markers=s * own) for own in large]
         column = Column(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
@@ -116,10 +113,10 @@ class Stiffening:
     def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, s = parameters[B], ground.compliance
-        state = _LAST.state(ground.base)
+        state = path_state(ground, frames=FRAMES, remembers=False)
         place = np.log([b * s**2, s])
-        more = _beyond_linear(ground, b, guess=_LAST.guess(place))
-        _LAST.keep(place, more)
+        more = _beyond_linear(ground, b, guess=first_guess(ground, self.name, place))
+        keep_run(ground, self.name, place, more)
         return Response(
             unit=[
                 seen.tracks.unit_displacement + own
@@ -129,11 +126,11 @@ class Stiffening:
 
 
 def _beyond_linear(
-    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None, may_be_left: float | None = None
+    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0 (fem.mismatch.stress_history), from a guess of it."""
     nu, s = ground.poisson_ratio, ground.compliance
-    state = _LAST.state(ground.base)
+    state = path_state(ground, frames=FRAMES, remembers=False)
     pieces = FleshPieces.whole(ground.points, workers=ground.workers)
     shrunk, steepest = _shrunk(pieces, state, b, s, nu)
 
@@ -149,7 +146,6 @@ def _beyond_linear(
         stiffer=steepest,
         start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
         together=False,
-        may_be_left=may_be_left,
     )
 
 
@@ -212,5 +208,4 @@ def _shrunk(
     return a, _exponential(top) * (1 + 2 * top)
 
 
-_LAST = LastRuns(frames=FRAMES, remembers=False)
 EFFECT = Stiffening()

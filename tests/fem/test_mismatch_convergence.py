@@ -1,0 +1,88 @@
+"""Searches of the finder: each reaches its tolerance or says so, and none depends on what was asked before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pinched_ground import ground_of
+
+from fem.failure import FemFailure, FemProblem
+from fem.mismatch import name, stress_history
+from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, stiffening
+from fem.mismatch.evidence import Recorded
+from fem.mismatch.kept_equations import marker_equations
+from fem.mismatch.normal import MarkerEquations
+from fem.mismatch.singles import linear_round
+
+LAWS = [
+    (damage.EFFECT, {"dmax": 0.35, "W0_over_E": 0.004}, {"dmax": 0.3, "W0_over_E": 0.003}),
+    (plastic_set.EFFECT, {"yield_over_E": 0.05}, {"yield_over_E": 0.06}),
+    (stiffening.EFFECT, {"b": 30.0}, {"b": 25.0}),
+]
+
+
+@pytest.mark.parametrize(("effect", "values", "_"), LAWS, ids=lambda x: getattr(x, "name", ""))
+def test_a_law_that_is_not_solved_in_its_rounds_says_so(monkeypatch, effect, values, _):
+    monkeypatch.setattr(stress_history, "MOST_ROUNDS", 2)
+    with pytest.raises(FemFailure, match="after 2 rounds") as failure:
+        effect.respond(ground_of(), values, "")
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "others", "choice"),
+    [
+        *((effect, values, others, "") for effect, values, others in LAWS),
+        (pit_size.EFFECT, {"scale": 0.8}, {"scale": 0.75}, ""),
+        (
+            pose_error.EFFECT,
+            {"dx_mm": 1.5, "dy_mm": 1.0, "tilt_deg": 2.0},
+            {"dx_mm": 1.8, "dy_mm": 1.2, "tilt_deg": 2.2},
+            "left",
+        ),
+    ],
+    ids=lambda x: getattr(x, "name", ""),
+)
+def test_the_same_call_gives_the_same_answer_whatever_was_asked_before(effect, values, others, choice):
+    ground = ground_of()
+    names = dict(zip([spec.name for spec in effect.parameters], values.values(), strict=True))
+    before = effect.respond(ground, names, choice).unit[0]
+    effect.respond(ground, dict(zip(names, others.values(), strict=True)), choice)
+    np.testing.assert_array_equal(effect.respond(ground, names, choice).unit[0], before)
+
+
+def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
+    ground = ground_of()
+    seen = ground.base.grasps[0]
+    marker_equations(ground, seen)
+    softer = replace(ground, compliance=3 * ground.compliance)
+    scale_sd = ground.base.case.budget.gel_scale_sd
+    own = MarkerEquations.of(seen, compliance=softer.compliance, gel_scale_sd=scale_sd)
+    field = np.random.default_rng(3).normal(size=seen.tracks.position_mm.shape)
+    np.testing.assert_array_equal(marker_equations(softer, seen).left(field), own.left(field))
+
+
+def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
+    ground = ground_of()
+    linear = linear_round(ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], [damage.EFFECT])
+    monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
+    monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
+    sound = name.Sound(chi2=1.0, most_chi2=1.0, softness=1.0)
+    found = name.named(ground, linear, detected=True, sound=sound)
+    assert "after 1 rounds" in found.without["damage"]
+
+
+def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_that_is(monkeypatch):
+    monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
+    ground = ground_of()
+    recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
+    linear = linear_round(ground, recorded, [stiffening.EFFECT])
+    assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
+    assert [one.signature.label for one in linear.shown] == [""]
+
+
+def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):
+    monkeypatch.setattr(loose_pit, "STILL", 0.0)
+    with pytest.raises(FemFailure, match="gap") as failure:
+        loose_pit.EFFECT.respond(ground_of(), {"gap_mm": 0.1}, "")
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
