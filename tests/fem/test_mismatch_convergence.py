@@ -1,4 +1,4 @@
-"""Searches of the finder: each reaches its tolerance or says so, and none depends on what was asked before."""
+"""The finder's searches: each reaches its tolerance or says so; none depends on what was asked before."""
 
 from dataclasses import replace
 
