@@ -39,7 +39,7 @@ def anchored(
     exact: Callable[[Float[np.ndarray, " p"]], Sequence[Sequence[np.ndarray]]],
     far: float = FAR,
 ) -> list[list[np.ndarray]]:
-    """The quantities at theta (in spreads); `exact` is called where no anchor of the search is near enough."""
+    """The quantities at theta (in spreads); `exact` is called where no anchor of the search lies near."""
     known: tuple[Anchored, ...] = ground.found_before(("anchored", key))
     size = float(np.linalg.norm(theta))
     if size < NEAR:
