@@ -26,7 +26,7 @@ UNFORETOLD = 0.005
 """Frames are computed until what is left to foretell is below this share of the largest departure."""
 AGREED = 1e-3
 """Relative change of the modulus below which it is taken as found."""
-ROUNDS = 4
+ROUNDS, REPETITIONS = 4, 40
 TOLERANCE = 1e-5
 """Forces out of balance, as a share of the load: a departure of a tenth is then exact to a few 1e-4 of it."""
 
@@ -146,9 +146,9 @@ def _settled(
     unit_displacement: Float[np.ndarray, "t m 3"],
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
 ) -> float:
-    """E = 1 / refit(c + departure (E0 / E)), by repetition."""
+    """E = 1 / refit(c + departure (E0 / E)), by repetition. Raises NOT_CONVERGED where E goes on changing."""
     modulus = found.modulus_MPa
-    for _ in range(20):
+    for _ in range(REPETITIONS):
         before = modulus
         compliance = refit(unit_displacement + found.departure * (found.modulus_MPa / modulus))
         if not (np.isfinite(compliance) and compliance > 0):
@@ -159,8 +159,12 @@ def _settled(
             )
         modulus = 1 / compliance
         if abs(modulus / before - 1) < AGREED / 100:
-            break
-    return modulus
+            return modulus
+    raise FemFailure(
+        FemProblem.NOT_CONVERGED,
+        f"E with large deformation still changes from {before:.4f} to {modulus:.4f} MPa after {REPETITIONS} "
+        "repetitions; use the linear model, and check the forces",
+    )
 
 
 def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:

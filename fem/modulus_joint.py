@@ -17,6 +17,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fem.failure import FemFailure, FemProblem
 from fem.grasp_sensitivity import PIT, POISSON_RATIO
 from fem.modulus_budget import DISCRETISATION, MODEL, SCATTER, TACTILE, ErrorBudget, part_of
 from fem.modulus_information import FORCE_SCALE, GraspInformation
@@ -24,8 +25,9 @@ from fem.modulus_inputs import GraspHistory
 
 NOTICED = 0.03
 """Relative scatter between grasps, beyond their errors, that is worth a sentence."""
-ROUNDS = 3
-"""Amounts are s p: the fields are scaled by the s found before."""
+MOST_ROUNDS, STILL = 50, 1e-5
+"""Amounts are s p: the fields are scaled by the s found before, until ln E changes by less than STILL (a
+hundredth of a per cent is a hundredth of the least error bar)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +95,8 @@ def joint_modulus(
     infer_pit: bool,
     pit_at: Float[np.ndarray, "4"] | None = None,
 ) -> FruitModulus:
-    """The inference above. Raises ValueError without a grasp.
+    """The inference above. Raises ValueError without a grasp, FemFailure (NOT_CONVERGED) where ln E does not
+    settle.
 
     `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts what their spread does to
     E. `pit_at`: offset (mm) and ln size, against the prior, of the pit the information was computed with.
@@ -103,11 +106,20 @@ def joint_modulus(
         raise ValueError("joint_modulus needs at least one grasp, found none")
     at = np.zeros(4) if pit_at is None else pit_at
     ln_s, between = -float(np.mean([np.log(grasp.E_MPa) for grasp in grasps])), 0.0
-    for _ in range(ROUNDS):
+    for _ in range(MOST_ROUNDS):
         unknowns = _unknowns(grasps, between, budget=budget, pit_at=at)
         found = _solve(grasps, unknowns, float(np.exp(ln_s)), infer_pit=infer_pit)
-        ln_s += float(found.mean[0])
+        step = float(found.mean[0])
+        ln_s += step
         between = _between(*_one_by_one(grasps, found, float(np.exp(ln_s))))
+        if abs(step) < STILL:
+            break
+    else:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"ln E of all grasps together still changes by {abs(step):.2g} after {MOST_ROUNDS} rounds, "
+            f"expected {STILL:.0e} at most: the grasps contradict each other; grade them one by one",
+        )
     modulus = float(np.exp(-ln_s))
     parts = found.parts()
     pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in unknowns) else None

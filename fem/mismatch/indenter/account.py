@@ -75,7 +75,12 @@ def account_for(
     found = detect(fits[0], trace, air, log_odds=log_odds, rng=rng)
     verdict = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
     named = fits[0] if verdict == NONE else best[candidates[0].effect]
-    end, blocks = foretell(fits[0], named, trace, air)
+    notes = _notes(trace, named, thickness_mm)
+    try:
+        end, blocks = foretell(fits[0], named, trace, air)
+    except FemFailure as failure:
+        end, blocks = foretell(fits[0], fits[0], trace, air)
+        notes = (*notes, f"No prediction with {candidates[0].effect}: {failure.detail}.")
     rms = end.rms(trace.force_N)
     out = np.isfinite(end.before_N)
     noise = air.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
@@ -95,7 +100,7 @@ def account_for(
         next_grasp=next_press(remaining, trace, air),
         cells=_cells(trace, fits[0], air),
         checks=checks(trace, fits[0], named, rng=rng),
-        notes=_notes(trace, named, thickness_mm),
+        notes=notes,
     )
     return Account(
         explanation=explanation,
@@ -165,6 +170,8 @@ def _notes(trace: IndenterTrace, named: Fit, thickness_mm: float | None) -> tupl
             f"The ball went {depth / trace.radius_mm:.1f} of its radii deep, where small strain has ended: "
             "stiffening may be the geometry's in part."
         )
+    if not named.settled:
+        notes.append(f"The search for the parameters of {named.law.name} has not settled; do not trust them.")
     if thickness_mm is None:
         notes.append("No thickness was given: a half-space was assumed, and a thin specimen looks stiffer.")
     return tuple(notes)

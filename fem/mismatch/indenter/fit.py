@@ -28,6 +28,7 @@ class Fit:
     """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained.
 
     `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
+    `settled`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
     """
 
     law: Law
@@ -39,6 +40,7 @@ class Fit:
     jacobian: Float[np.ndarray, "t k"]
     log_evidence: float
     chi_square: float
+    settled: bool
 
     @property
     def sd(self) -> Float[np.ndarray, " k"]:
@@ -127,7 +129,7 @@ def fit(
     if follow > 1:
         scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda one: one[0])[1]
     for _ in range(ROUNDS):
-        _, scaled, force, slope = _descend(target, scaled, steps=STEPS)
+        _, scaled, force, slope, settled = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]
         scores = [noise_with(air, trace, one, frames).log_likelihood(gap) for one in shares]
         before, share = share, float(shares[int(np.argmax(scores))])
@@ -147,20 +149,22 @@ def fit(
         jacobian=slope,
         log_evidence=float(target.noise.log_likelihood(gap) + prior - 0.5 * np.linalg.slogdet(matrix)[1]),
         chi_square=float(gap @ gap / air.white_N**2),
+        settled=settled,
     )
 
 
 def _descend(
     target: Posterior, scaled: Float[np.ndarray, " k"], *, steps: int
-) -> tuple[float, Float[np.ndarray, " k"], Float[np.ndarray, " t"], Float[np.ndarray, "t k"]]:
-    """Levenberg-Marquardt. Three dampings are tried at once, as rows of one run.
+) -> tuple[float, Float[np.ndarray, " k"], Float[np.ndarray, " t"], Float[np.ndarray, "t k"], bool]:
+    """Levenberg-Marquardt: misfit, unknowns, force, slopes, and whether it settled within the steps.
 
-    The middle one's slopes come in the same run; another is taken only where it is clearly better.
+    Three dampings are tried at once, as rows of one run. The middle one's slopes come in the same run;
+    another is taken only where it is clearly better.
     """
     law, trace = target.law, target.trace
     damping = 1e-2
     force, slope = jacobian_N(law, trace, scaled)
-    now = float(target.misfit(scaled[None], force[None])[0])
+    now, settled = float(target.misfit(scaled[None], force[None])[0]), False
     for _ in range(steps):
         matrix, downhill = target.newton(scaled, force, slope)
         tries = damping * np.array([0.03, 1.0, 100.0])
@@ -172,7 +176,8 @@ def _descend(
         values = np.where(np.isfinite(values), values, np.inf)
         best = int(np.argmin(values))
         if not values[best] < now:
-            if damping > 1e6:
+            settled = damping > 1e6  # not even the shortest step gains anything
+            if settled:
                 break
             damping *= 1e3
             continue
@@ -184,6 +189,7 @@ def _descend(
             force, slope = run[1], (run[3:] - run[1]).T / NUDGE
         else:
             force, slope = jacobian_N(law, trace, scaled)
-        if fall < ENOUGH:
+        settled = fall < ENOUGH
+        if settled:
             break
-    return now, scaled, force, slope
+    return now, scaled, force, slope, settled

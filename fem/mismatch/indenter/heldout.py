@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fem.failure import FemFailure, FemProblem
 from fem.mismatch.indenter.fit import Fit, fit
 from fem.mismatch.indenter.law import Law
 from fem.mismatch.indenter.noise import AirNoise
@@ -12,8 +13,10 @@ from fem.mismatch.indenter.trace import IndenterTrace
 
 #: blocks into which the whole trace is cut, every second one left out in turn
 BLOCKS = 10
-#: rounds in which a compliant machine's force and the law's settle
-SETTLE = 8
+#: a compliant machine's force and the law's have settled where they change by so small a share of the peak
+MOST_ROUNDS, STILL = 60, 1e-3
+#: of each round's change: less than all of it, so that a machine softer than the specimen settles as well
+TAKEN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,10 +80,21 @@ def _left_out(
 def _without_measured(
     law: Law, scaled: Float[np.ndarray, " k"], trace: IndenterTrace, mask: Bool[np.ndarray, " t"]
 ) -> Float[np.ndarray, " t"]:
-    """The law's force where a compliant machine gives way under that force itself, not the measured one."""
+    """The law's force where a compliant machine gives way under that force itself, not the measured one.
+
+    Raises FemFailure (NOT_CONVERGED) where force and travel do not agree within STILL after MOST_ROUNDS.
+    """
     blind = trace.force_N.copy()
     blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
-    for _ in range(SETTLE if any(u.name == "mm_per_N" for u in law.unknowns) else 1):
+    gives_way = any(u.name == "mm_per_N" for u in law.unknowns)
+    for _ in range(MOST_ROUNDS):
         force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]
-        blind[mask] = force[mask]
-    return np.asarray(force)
+        changed = float(np.abs(force[mask] - blind[mask]).max(initial=0.0) / np.abs(trace.force_N).max())
+        if changed < STILL or not gives_way:
+            return np.asarray(force)
+        blind[mask] += TAKEN * (force - blind)[mask]
+    raise FemFailure(
+        FemProblem.NOT_CONVERGED,
+        f"the force on a machine that gives way still changes by {changed:.2%} of its peak after "
+        f"{MOST_ROUNDS} rounds, expected {STILL:.1%} at most",
+    )
