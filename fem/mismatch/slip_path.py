@@ -22,8 +22,8 @@ from fem.mismatch.normal import MarkerEquations
 LEVEL_MM = 0.016
 """Twice the spread of D's level at the touch on sound recordings (7-9 um)."""
 WHOLE_STEPS, HALF_STEPS, STILL_MM = 8, 100, 5e-4
-"""Rounds end when no path asks to change by more than this: it shows in no marker. Half steps follow the whole
-ones where a marker goes to and fro between touching and not (open-04 of the mismatch cases: for ever)."""
+"""Rounds end when no path asks to change by more than this: it shows in no marker. Half steps follow the
+whole ones: a marker may go to and fro between touching and not (as on open-04 of the mismatch cases)."""
 FIRM = 4.0
 """A marker touches where it is pressed in by so many standard deviations of its noise."""
 FAR_OFF = 2.0

@@ -7,8 +7,8 @@ import pytest
 from pinched_ground import ground_of
 
 from fem.failure import FemFailure, FemProblem
-from fem.mismatch import name, stress_history
-from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, stiffening
+from fem.mismatch import name, slip_path, stress_history
+from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
 from fem.mismatch.evidence import Recorded
 from fem.mismatch.kept_equations import marker_equations
 from fem.mismatch.normal import MarkerEquations
@@ -79,6 +79,15 @@ def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_th
     linear = linear_round(ground, recorded, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
     assert [one.signature.label for one in linear.shown] == [""]
+
+
+def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):
+    monkeypatch.setattr(slip_path, "WHOLE_STEPS", 1)
+    monkeypatch.setattr(slip_path, "HALF_STEPS", 0)
+    monkeypatch.setattr(slip_path, "STILL_MM", -1.0)
+    found = slip.EFFECT.signatures(ground_of())
+    assert found
+    assert all("slid path" in one.untried and not one.columns for one in found)
 
 
 def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):
