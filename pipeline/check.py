@@ -139,10 +139,11 @@ def _recording_problems(
 def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> list[Finding]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
-    recording = corrected(read_recording(path), faults(effects))
+    of_the_gripper = faults(effects)
+    recording = corrected(read_recording(path), of_the_gripper)
     vertices, faces = (None, None) if mesh is None else mesh
     found = recording_findings(recording, vertices, faces, E_range_MPa=kind.ranges.E_MPa)
-    if said := refusal(found):
+    if said := refusal(found, corrected_for=len(of_the_gripper)):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{path.name}: {said}.")
     return found
 

@@ -77,7 +77,7 @@ def place_grasp(
     source = path.name if path.stem == name else name
     recording = corrected(read_recording(path), faults)
     _refuse_no_pose(recording, source)
-    findings = _findings(recording, vertices, faces, source, checked)
+    findings = _findings(recording, vertices, faces, source, checked, corrected_for=len(faults))
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     placed = PlacedGrasp(
@@ -99,6 +99,8 @@ def _findings(
     faces: Int[np.ndarray, "f 3"],
     source: str,
     checked: Checked | None,
+    *,
+    corrected_for: int,
 ) -> tuple[Finding, ...]:
     """What the checks find; raises where that leaves no use for the recording."""
     if checked is None:
@@ -110,14 +112,20 @@ def _findings(
         E_range_MPa=checked.E_range_MPa,
         surface_sd_mm=checked.surface_sd_mm,
     )
-    if said := refusal(found):
+    if said := refusal(found, corrected_for=corrected_for):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
     return tuple(found)
 
 
-def refusal(found: Sequence[Finding]) -> str:
-    """Why a recording with these findings is of no use, without a full stop; empty where it is."""
-    return "; ".join(one.sentence for one in found if one.refused)
+def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
+    """Why a recording with these findings is of no use, without a full stop; empty where it is.
+
+    `corrected_for`: how many confirmed faults of the gripper were taken out of it: they may be the mistake.
+    """
+    said = "; ".join(one.sentence for one in found if one.refused)
+    if said and corrected_for:
+        said += "; it was corrected before as [[mismatch]] in batch.toml says: check those numbers too"
+    return said
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:

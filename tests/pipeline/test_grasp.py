@@ -15,8 +15,9 @@ from fem.mesh import tetrahedralise
 from fem.modulus import estimate_modulus
 from fem.modulus_budget import ErrorBudget
 from fem.pad_link import contact_nodes
-from pipeline.grasp import grasp_record, history, place_grasp
+from pipeline.grasp import grasp_record, history, place_grasp, refusal
 from recon.mesh_file import read_mesh
+from tactile.checks.finding import Finding, Kind, Rank
 from tactile.failure import TactileFailure
 from tactile.recording import read_recording, write_recording
 
@@ -98,3 +99,10 @@ def test_the_record_says_what_was_found_in_the_units_it_names(graded):
     assert record.peak_force_N == pytest.approx(max(f.force_N for f in found.frames), rel=0.1)
     assert set(record.contact_mm) == {pad.name for pad in grasp.pads}
     assert type(record).model_validate_json(record.model_dump_json()) == record
+
+
+def test_a_refusal_names_the_corrections_that_were_made_before():
+    finding = Finding(kind=Kind.GAIN, rank=Rank.RELATION, says="forces are 9.8 times too large", refused=True)
+    assert refusal([finding], corrected_for=0) == "forces are 9.8 times too large"
+    assert "[[mismatch]] in batch.toml" in refusal([finding], corrected_for=1)
+    assert refusal([replace(finding, refused=False)], corrected_for=1) == ""
