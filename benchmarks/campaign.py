@@ -31,7 +31,8 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from campaign_inputs import Broken, cases, write_sound
+from campaign_inputs import Broken, cases
+from campaign_sound import write_sound
 
 from pipeline.batch import survey
 from pipeline.case import open_case

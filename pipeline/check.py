@@ -11,7 +11,7 @@ from pipeline.batch import Batch, Survey, survey
 from pipeline.confirmed import effects_on, faults, pit_found
 from pipeline.doubts import Doubt, of_a_given_pit
 from pipeline.fruits_table import SAFE_ID, FruitRow
-from pipeline.grasp import refusal
+from pipeline.grasp import Checked, findings_of
 from pipeline.layout import FruitFolder
 from pipeline.outcome import Outcome
 from pipeline.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
@@ -23,9 +23,8 @@ from recon.photos import SUFFIXES, read_photo, require_enough
 from recon.pit import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain
 from tactile.checks.finding import Finding
-from tactile.checks.of_recording import recording_findings
 from tactile.correction import corrected
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.failure import TactileFailure
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
 from tactile.recording_fields import first_line
@@ -136,16 +135,14 @@ def _recording_problems(
             yield _doubted(row, path, f"{path.name}: {one.sentence}.")
 
 
-def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> list[Finding]:
+def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> tuple[Finding, ...]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
     of_the_gripper = faults(effects)
     recording = corrected(read_recording(path), of_the_gripper)
     vertices, faces = (None, None) if mesh is None else mesh
-    found = recording_findings(recording, vertices, faces, E_range_MPa=kind.ranges.E_MPa)
-    if said := refusal(found, corrected_for=len(of_the_gripper)):
-        raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{path.name}: {said}.")
-    return found
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa)
+    return findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
 
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
@@ -156,9 +153,9 @@ def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
         for path in sorted(place.iterdir()) if place.is_dir() else ():
             if path.suffix.lower() not in suffixes or path.name.startswith("."):
                 continue
-            if named_in_utf8(path) and (
-                wrong := not_plain(path)
-            ):  # its reader says what is wrong with a name
+            if not named_in_utf8(path):
+                continue  # its reader says so
+            if wrong := not_plain(path):
                 yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 

@@ -77,7 +77,9 @@ def place_grasp(
     source = path.name if path.stem == name else name
     recording = corrected(read_recording(path), faults)
     _refuse_no_pose(recording, source)
-    findings = _findings(recording, vertices, faces, source, checked, corrected_for=len(faults))
+    findings: tuple[Finding, ...] = ()
+    if checked is not None:
+        findings = findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     placed = PlacedGrasp(
@@ -93,18 +95,20 @@ def place_grasp(
     return replace(placed, surface_sd_mm=known)
 
 
-def _findings(
+def findings_of(
     recording: Recording,
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
+    vertices: Float[np.ndarray, "v 3"] | None,
+    faces: Int[np.ndarray, "f 3"] | None,
     source: str,
-    checked: Checked | None,
+    checked: Checked,
     *,
     corrected_for: int,
 ) -> tuple[Finding, ...]:
-    """What the checks find; raises where that leaves no use for the recording."""
-    if checked is None:
-        return ()
+    """What the checks find; without a mesh (None), of the recording itself. Raises TactileFailure
+    (implausible-recording) where that leaves no use for the recording.
+
+    `corrected_for`: how many confirmed faults of the gripper were taken out of it before.
+    """
     found = recording_findings(
         recording,
         vertices,

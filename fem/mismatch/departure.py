@@ -36,6 +36,13 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
     ground, _ = plain_ground(case)
+    if not ground.compliance > 0:
+        raise FemFailure(
+            FemProblem.NO_MODULUS,
+            "the forces do not move the fruit along themselves (1/E is "
+            f"{ground.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
+            "record the grasp again",
+        )
     for _ in range(MOST_ROUNDS):
         beyond = _beyond(ground, effects)
         whole = [

@@ -98,17 +98,18 @@ def settled(
     *,
     compliance: float,
     stiffer: Float[np.ndarray, " f"],
-    start: Float[np.ndarray, "f n 3"],
+    start: Float[np.ndarray, "f n 3"] | None,
     together: bool,
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess.
+    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess,
+    None for zero.
 
     `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where rounds run away, or where the last of
     MOST_ROUNDS still asks the skin to move by more than CLOSE_MM.
     """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
-    more = start
+    more = np.zeros_like(state.linear) if start is None else start
     tried: list[Float[np.ndarray, "f n 3"]] = []
     steps: list[Float[np.ndarray, "f n 3"]] = []
     for _ in range(MOST_ROUNDS):

@@ -30,8 +30,8 @@ SAID, REFUSED = 4.5, 14.0
 """In such spreads, widths from two pads: 0.8 mm and 2.6 mm. Sound recordings' reach 0.48 mm on the even half
 and 0.77 mm on fruit drawn without a solver (benchmarks/field_spreads.py)."""
 TILT_SAID = 5.5
-"""Root of the sum of squares of a recording's tilts, two a pad, in their spreads. Sound
-recordings have up to 3.4 on the even half, 4.7 on fruit drawn without a solver (field_spreads.py)."""
+"""Root of the sum of squares of a recording's tilts, two a pad, in their spreads. Sound recordings have up to
+3.4 on the even half, 4.7 on fruit drawn without a solver, 5.0 on 100 by a solver (field_spreads.py)."""
 TILT_FITS = 4.8
 """The same of prints that fit."""
 OTHERWISE = 16.0

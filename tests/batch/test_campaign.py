@@ -7,7 +7,8 @@ import pytest
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from campaign import run, sound_digests
-from campaign_inputs import cases, write_sound
+from campaign_inputs import cases
+from campaign_sound import write_sound
 
 CHOSEN = cases()[7::15]
 

@@ -2,8 +2,12 @@ import numpy as np
 import pytest
 from planted_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, planted
 
+from fem.failure import FemFailure, FemProblem
+from fem.mismatch.indenter import fit as indenter_fit
+from fem.mismatch.indenter import heldout
 from fem.mismatch.indenter.air import air_noise, first_touch
 from fem.mismatch.indenter.baseline import linear_law
+from fem.mismatch.indenter.effects.gripper_compliance import gripper_compliance
 from fem.mismatch.indenter.effects.viscoelastic import viscoelastic
 from fem.mismatch.indenter.fit import fit
 from fem.mismatch.indenter.heldout import foretell, future_frames
@@ -111,6 +115,27 @@ def test_recovery_after_unloading_is_foretold_from_the_hold():
     for told in (end, blocks):
         before, after = told.rms(trace.force_N)
         assert before > 5 * after
+
+
+def test_a_machine_whose_force_does_not_settle_is_not_foretold(monkeypatch):
+    monkeypatch.setattr(heldout, "MOST_ROUNDS", 1)
+    rng = np.random.default_rng(8)
+    trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
+    air = AirNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    travel = float(np.ptp(trace.travel_mm)) / float(np.abs(trace.force_N).max())
+    named = fitted(trace, gripper_compliance(specimen_mm_per_N=travel), rng=rng)
+    with pytest.raises(FemFailure, match="gives way still changes") as failure:
+        foretell(fitted(trace, rng=rng), named, trace, air)
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
+
+
+def test_a_fit_says_whether_its_search_has_settled(monkeypatch):
+    rng = np.random.default_rng(4)
+    trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,)))
+    assert fitted(trace, viscoelastic(1), rng=rng).settled
+    monkeypatch.setattr(indenter_fit, "STEPS", 1)
+    monkeypatch.setattr(indenter_fit, "ENOUGH", -1.0)
+    assert not fitted(trace, viscoelastic(1), rng=rng).settled
 
 
 def test_the_past_does_not_know_the_future():

@@ -9,8 +9,10 @@ from fem_shapes import ball
 from pinched_ground import as_case, ground_of, long_pinch
 from planted_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
 
+from fem.failure import FemFailure, FemProblem
 from fem.grasp_model import grasp_model
 from fem.mesh import tetrahedralise
+from fem.mismatch import departure
 from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.departure import KnownEffect, departures
 from fem.mismatch.effects import skin, viscoelastic
@@ -120,3 +122,18 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
     (beyond,) = departures(as_case(replace(history, pads=pads)), [known])
     wanted = stiff - seen.tracks.unit_displacement
     assert np.abs(beyond - wanted).max() < 0.01 * np.abs(wanted).max()
+
+
+def test_known_effects_whose_modulus_does_not_settle_say_so(monkeypatch):
+    monkeypatch.setattr(departure, "STILL", -1.0)
+    known = KnownEffect(effect=viscoelastic.EFFECT, parameters=lambda E: {"g": G, "tau_s": TAU_S})
+    with pytest.raises(FemFailure, match="E with viscoelastic still changes") as failure:
+        departures(case_of(creeping_grasp()), [known])
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
+
+
+def test_known_effects_of_a_fruit_that_does_not_move_have_no_modulus():
+    known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": 1.5 / E})
+    with pytest.raises(FemFailure, match="do not move the fruit") as failure:
+        departures(as_case(long_pinch()), [known])
+    assert failure.value.problem is FemProblem.NO_MODULUS

@@ -12,7 +12,7 @@ from fem.forward import UnitModulusSolid
 from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh import tetrahedralise
-from fem.modulus_finite import MarkerContact, finite_departure, finite_modulus
+from fem.modulus_finite import MarkerContact, _settled, finite_departure, finite_modulus
 from fem.modulus_fit import MarkerTracks, fit_compliance
 from fem.modulus_inputs import GraspHistory, PadHistory
 from fem.pad_link import contact_nodes
@@ -129,6 +129,14 @@ def test_large_deformation_is_taken_out_of_the_modulus(found):
     assert abs(linear_MPa / E_MPA - 1) > 0.008
     assert modulus_MPa == pytest.approx(E_MPA, rel=0.003)
     assert departure.modulus_MPa == pytest.approx(modulus_MPa, rel=0.01)
+
+
+def test_a_refit_that_does_not_settle_is_refused(grasp, found):
+    _, modulus_MPa, departure = found
+    guesses = iter(np.tile([1.0, 2.0], 100))
+    with pytest.raises(FemFailure, match="still changes") as failure:
+        _settled(departure, grasp.unit, lambda _: float(next(guesses)) / modulus_MPa)
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 def test_few_frames_are_computed_and_foretell_the_others(grasp, found):

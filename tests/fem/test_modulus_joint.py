@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fem import modulus_joint
+from fem.failure import FemFailure, FemProblem
 from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO, SURFACE
 from fem.modulus_budget import (
     DISCRETISATION,
@@ -47,6 +49,14 @@ def planted(slopes, place, **options):
 def test_without_a_grasp_it_is_refused():
     with pytest.raises(ValueError, match="at least one grasp"):
         joint_modulus([], budget=WIDE, infer_pit=True)
+
+
+def test_a_modulus_that_does_not_settle_is_refused(monkeypatch):
+    monkeypatch.setattr(modulus_joint, "STILL", -1.0)
+    grasp = planted(np.full((2, 4), 0.1), np.zeros(4))
+    with pytest.raises(FemFailure, match="still changes") as failure:
+        joint_modulus([grasp], budget=WIDE, infer_pit=False)
+    assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 @pytest.mark.parametrize("infer_pit", [False, True])

@@ -80,13 +80,12 @@ class Damage:
         law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
         seen_W0 = np.log(parameters[W0] / ground.compliance**2)
         place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
-        start = first_guess(ground, self.name, place)
         more = settled(
             state,
             lambda moved: pieces.forces(moved, law),
             compliance=ground.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear) if start is None else start,
+            start=first_guess(ground, self.name, place),
             together=True,
         )
         keep_run(ground, self.name, place, more)

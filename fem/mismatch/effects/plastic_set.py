@@ -90,13 +90,12 @@ class PlasticSet:
             ground.points, _stress_seen(ground, state)[0] > MARGIN * Y, workers=ground.workers
         )
         place = np.array([np.log(Y / ground.compliance)])
-        start = first_guess(ground, self.name, place)
         more = settled(
             state,
             _set(ground, pieces, Y),
             compliance=ground.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=np.zeros_like(state.linear) if start is None else start,
+            start=first_guess(ground, self.name, place),
             together=True,
         )
         keep_run(ground, self.name, place, more)
