@@ -18,6 +18,7 @@ from pipeline.case import Case, open_case
 from pipeline.diary import Diary
 from pipeline.explain_notes import require_one_fruit
 from pipeline.finding import finding
+from pipeline.former_results import former_batch, identity, require_same_batch
 from pipeline.grade import read_files
 from pipeline.layout import CaseFolder, Results, write_whole
 from pipeline.manifest import MANIFEST, MOST_BYTES, json_in
@@ -32,7 +33,7 @@ from pipeline.places import (
     require_work_apart,
 )
 from pipeline.problem import BatchRefused, Problem
-from pipeline.provenance import versions
+from pipeline.provenance import input_hashes, versions
 from pipeline.scratch import scratch, temporary_files_in
 from pipeline.whole_file import put
 from recon.failure import ReconFailure
@@ -171,6 +172,8 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: Wanted) -> Path:
     require_results_apart(results, batch.folder, inputs, "--out")
     if not is_held(root):
         require_free(results, [fruit], "--out")
+    if former_batch(results) is not None:
+        require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
     own = (*results.files, results.lock, results.root / MANIFEST, *fruit.files, fruit.root / MANIFEST)
     for target in (wanted.json, wanted.html):
         if target is not None:

@@ -21,6 +21,7 @@ from pipeline.control_chart import (
     update_chart,
     with_points,
 )
+from pipeline.former_results import batch_folder, identity, require_same_batch
 from pipeline.layout import FruitResults, Results, write_whole
 from pipeline.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.outcome import Outcome, ending_of
@@ -75,8 +76,8 @@ def grade(
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
     it; with `force` it is graded, and that is one of its doubts. Raises BatchRefused where the batch as a
-    whole cannot be graded, or `out` is no place for results, before anything is written, and NotWritten where
-    the batch's own files cannot be.
+    whole cannot be graded, or `out` is no place for results or holds another batch's, before anything is
+    written, and NotWritten where the batch's own files cannot be.
     """
     started, since_s = now(), time.monotonic()
 
@@ -92,10 +93,16 @@ def grade(
     chart_at = None if named is None else chart_path(batch.folder, named)
     if chart_at is not None:
         require_chart_place(chart_at, batch.folder, results, read_files(batch))
+    inputs = input_hashes(batch.folder.root, _inputs(batch))
+
+    def require_ours() -> None:
+        require_free(results, fruits, "--out")
+        require_same_batch(results, identity(batch, inputs), "--out")
+
     if not is_held(results.root):
-        require_free(results, fruits, "--out")
+        require_ours()
     with alone(results.root):
-        require_free(results, fruits, "--out")
+        require_ours()
         _begun(results, fruits)
         tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
         doubted_inputs = implausible_fruit(batch)
@@ -112,21 +119,23 @@ def grade(
             )
         for fruit_id, sentence in doubted_inputs.items():
             records[fruit_id] = _refused(tasks[fruit_id], sentence)
-        inputs = input_hashes(batch.folder.root, _inputs(batch))
 
-        def provenance(status: int, finding: ReferenceFinding | None = None) -> None:
+        def provenance(status: int | None, finding: ReferenceFinding | None = None) -> None:
             write_provenance(
                 results.provenance,
+                batch=batch_folder(batch),
                 settings=batch.settings.model_dump(mode="json"),
                 inputs=inputs,
                 started=started,
-                finished=until_now(),
+                finished=None if status is None else until_now(),
                 exit_status=status,
                 outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
                 reference=None if finding is None else asdict(finding),
                 force=force,
             )
 
+        with suppress(NotWritten):
+            provenance(None)
         try:
             jobs = _jobs([task for _, task in todo], jobs, console)
             _work(todo, records, jobs=jobs, time_limit_s=time_limit_s, console=console)

@@ -36,26 +36,29 @@ def _inside(path: Path, root: Path) -> str:
 def write_provenance(
     path: Path,
     *,
+    batch: str,
     settings: Mapping[str, Any],
     inputs: Mapping[str, str],
     started: datetime,
-    finished: datetime,
-    exit_status: int,
+    finished: datetime | None,
+    exit_status: int | None,
     outcomes: Mapping[str, str],
     reference: Mapping[str, Any] | None = None,
     force: bool = False,
 ) -> None:
-    """Writes batch.json; times are UTC in ISO 8601. `reference`: what the reference bodies say, if any;
-    `force`: whether numbers that no fruit has were graded all the same.
+    """Writes batch.json; times are UTC in ISO 8601. `batch`: its folder; `finished` and `exit_status` are
+    None while the run goes on; `reference`: what the reference bodies say, if any; `force`: whether numbers
+    that no fruit has were graded all the same.
     """
     content = {
         "format": "drupe-batch-result",
         "version": 1,
+        "batch": batch,
         "versions": versions(),
         "settings": settings,
         "inputs": inputs,
         "started_utc": _utc(started),
-        "finished_utc": _utc(finished),
+        "finished_utc": None if finished is None else _utc(finished),
         "exit_status": exit_status,
         "force": force,
         "outcomes": outcomes,
