@@ -25,13 +25,18 @@ MOST_S = 900
 
 
 def write_batch(root: Path) -> None:
-    """Fruit A and B, the same ready mesh and grasps; nothing is wrong."""
+    """Fruit A and B, the same ready mesh and grasps but for forces 0.2 % greater; nothing is wrong."""
     root.mkdir(parents=True)
     text = (SAMPLE / "batch.toml").read_text()
     (root / "batch.toml").write_text(text)
     (root / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,57.6,122\nB,57.6,122\n")
     for name in ("A", "B"):
         shutil.copytree(SAMPLE / "fruits" / "N01", root / "fruits" / name)
+        for path in (root / "fruits" / name / "grasps").glob("*.h5"):
+            with h5py.File(path, "r+") as file:
+                file.attrs["fruit_id"] = name
+                for pad in ("left", "right"):
+                    file[f"pads/{pad}/force_N"][...] *= 1.002 if name == "B" else 1.0
 
 
 def _text(name: str, old: str, new: str) -> Callable[[Path], None]:

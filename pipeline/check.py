@@ -17,6 +17,7 @@ from pipeline.outcome import Outcome
 from pipeline.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.problem import Problem
 from pipeline.reference import category_of
+from pipeline.whose import Owner, owner_findings
 from recon.failure import ReconFailure, ReconProblem
 from recon.mesh_file import read_mesh
 from recon.photos import SUFFIXES, read_photo, require_enough
@@ -107,7 +108,7 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
     for path in grasps:
         yield from _recording_problems(path, batch, row, mesh, kind)
     for path in raw:
-        yield from _tried(row, path, partial(read_raw_grasp, path))
+        yield from _raw_grasp_problems(path, batch, row)
 
 
 def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]:
@@ -139,10 +140,38 @@ def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
     of_the_gripper = faults(effects)
-    recording = corrected(read_recording(path), of_the_gripper)
+    recorded = read_recording(path)
+    said = recorded.fruit_id, recorded.category
+    found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
+    recording = corrected(recorded, of_the_gripper)
     vertices, faces = (None, None) if mesh is None else mesh
     checked = Checked(E_range_MPa=kind.ranges.E_MPa)
-    return findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+    own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+    return (*found, *own)
+
+
+def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:
+    """Why a raw grasp is of no use, or whose it may be."""
+    found: list[Finding] = []
+
+    def read() -> None:
+        raw = read_raw_grasp(path)
+        field = "fruit_id in grasp.toml"
+        found.extend(
+            owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)
+        )
+
+    yield from _tried(row, path, read)
+    yield from (_doubted(row, path, f"{path.name}: {one.sentence}.") for one in found)
+
+
+def _owner(batch: Survey, row: FruitRow) -> Owner:
+    """What the recordings of this row should name, as grading has it (pipeline.grasped.owner_of)."""
+    category = None
+    if batch.settings is not None and not row.reference:
+        category = batch.settings.category if batch.category is None else batch.category.category
+    known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
+    return Owner(fruit_id=row.fruit_id, category=category, batch_fruits=frozenset(known))
 
 
 def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:

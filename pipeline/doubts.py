@@ -75,6 +75,8 @@ EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
     Kind.PRINT_ASIDE: _ELSEWHERE,
     Kind.PADS_EXCHANGED: _ELSEWHERE,
     Kind.MESH_TURNED: _ELSEWHERE,
+    Kind.OTHER_FRUIT: _ELSEWHERE,
+    Kind.OTHER_CATEGORY: _ELSEWHERE,
     # E does not depend on these
     Kind.TIME_UNIT: frozenset(),
     Kind.APERTURE_UNIT: frozenset(),

@@ -2,17 +2,19 @@
 
 from collections.abc import Sequence
 from itertools import combinations
+from pathlib import Path
 
 import numpy as np
 
 from fem.mismatch.explanation import Explanation
 from pipeline.case import Case
 from pipeline.grasp import PlacedGrasp
-from pipeline.grasped import GraspedFruit
+from pipeline.grasped import GraspedFruit, owner_of
 from pipeline.problem import BatchRefused, Problem
+from pipeline.whose import owner_findings
 from tactile.failure import TactileFailure
 from tactile.noise import FEWEST_AIR_FRAMES
-from tactile.recording import GelPad, read_recording
+from tactile.recording import GelPad, IndenterPad, Recording, read_recording
 
 ONE_RECORDING = (
     "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "
@@ -34,9 +36,11 @@ CATEGORY_PIT = (
 
 
 def require_one_fruit(case: Case) -> None:
-    """Recordings that name different fruit are no case; raises BatchRefused that names both.
+    """Recordings that name different fruit are no case, nor is a bare indenter's trace of another fruit of
+    the batch; raises BatchRefused that names both.
 
-    A recording that cannot be read is left to the stage that reads it.
+    A recording that cannot be read is left to the stage that reads it, as pads' recordings of a batch's fruit
+    are: that one knows whose they may be.
     """
     first: tuple[str, str] | None = None
     files = case.task.folder.grasp_files()
@@ -47,8 +51,13 @@ def require_one_fruit(case: Case) -> None:
         )
     for path in files:
         try:
-            named = read_recording(path).fruit_id
+            recording = read_recording(path)
         except TactileFailure:
+            continue
+        named = recording.fruit_id
+        if case.batch is not None:
+            if any(isinstance(pad, IndenterPad) for pad in recording.pads):
+                _require_own(case, path, recording)
             continue
         if first is not None and named != first[1]:
             raise BatchRefused(
@@ -63,12 +72,19 @@ def require_one_fruit(case: Case) -> None:
         first = first or (path.name, named)
 
 
+def _require_own(case: Case, path: Path, recording: Recording) -> None:
+    """Raises BatchRefused where a recording names another fruit of the batch."""
+    said = recording.fruit_id, recording.category
+    try:
+        owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
+    except TactileFailure as failure:
+        raise BatchRefused([Problem(str(path), failure.detail)]) from None
+
+
 def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:
     """Notes of the pipeline: what was left aside, what the noise was taken from, pads that swapped names."""
-    # A case's folder is named as its owner likes: only a batch knows what its fruit is called.
-    foreign = [] if case.batch is not None else [w for w in warnings if ': its fruit_id is "' in w]
     return [
-        *(warning for warning in warnings if warning not in foreign),
+        *warnings,
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
         *([FEW_RECORDINGS.format(count=len(fruit.placed))] if 1 < len(fruit.placed) <= FEW else []),
         *([CATEGORY_PIT] if fruit.pit.record and not case.task.folder.pit_ply.is_file() else []),

@@ -353,6 +353,8 @@ def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
         record = _taken_up(kept)
         if record.outcome in RETRIED:
             continue
+        if any((name in tasks) != was for name, was in record.strangers.items()):
+            continue
         if record.graded and not task.results.fruit_ply.is_file():
             continue
         record = record.model_copy(update={"given": task.given})

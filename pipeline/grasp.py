@@ -1,6 +1,6 @@
 """One recording on one fruit: where tactile's contact meets fem's flesh."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.recording import GelPad, Recording, read_recording
+from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
 
 
@@ -28,7 +29,7 @@ class PlacedGrasp:
 
     `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
     where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
-    and yet leaves it of use.
+    and yet leaves it of use. `digest`: of its fields as they are in the file (tactile.recording_digest).
     """
 
     name: str
@@ -38,6 +39,7 @@ class PlacedGrasp:
     pads: tuple[PadRegistration, ...]
     surface_sd_mm: Mapping[str, float] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    digest: str = ""
 
     @property
     def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
@@ -65,25 +67,34 @@ def place_grasp(
     faults: Sequence[Fault] = (),
     sd_mm: Float[np.ndarray, " v"] | None = None,
     checked: Checked | None = None,
+    admit: Callable[[Recording], Sequence[Finding]] | None = None,
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
     `name` is what people know it by; None: the file's. `sd_mm`: the mesh's error at each vertex, where it is
     known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
-    `checked`: whether its fields are held against each other and the mesh, and with what.
+    `checked`: whether its fields are held against each other and the mesh, and with what. `admit` is asked
+    first whether the recording is this fruit's (pipeline.whose), and raises where it is not.
     Raises TactileFailure; implausible-recording where the checks refuse it.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
-    recording = corrected(read_recording(path), faults)
+    recorded = read_recording(path)
+    findings = () if admit is None else tuple(admit(recorded))
+    recording = corrected(recorded, faults)
     _refuse_no_pose(recording, source)
-    findings: tuple[Finding, ...] = ()
     if checked is not None:
-        findings = findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
+        findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
     contact = find_contact(recording, source=source)
     pads = register(contact, vertices, faces, source=source)
     placed = PlacedGrasp(
-        name=name, path=path, recording=recording, contact=contact, pads=pads, findings=findings
+        name=name,
+        path=path,
+        recording=recording,
+        contact=contact,
+        pads=pads,
+        findings=findings,
+        digest=recording_digest(recorded),
     )
     if sd_mm is None:
         return placed
@@ -141,19 +152,6 @@ def _refuse_no_pose(recording: Recording, source: str) -> None:
                 f"{source}: pads/{pad.name}/pose: found no pose (the identity in every frame), expected "
                 "where the pad was on the fruit in each; write the gripper's poses into the recording.",
             )
-
-
-def foreign(grasp: PlacedGrasp, fruit_id: str, category: str) -> list[str]:
-    """Warnings where a recording says that it belongs to another fruit, or to another kind of fruit."""
-    said = {
-        "fruit_id": (grasp.recording.fruit_id, fruit_id),
-        "category": (grasp.recording.category, category),
-    }
-    return [
-        f'{grasp.name}: its {name} is "{theirs}", this fruit\'s is "{ours}"; is it in the right folder?'
-        for name, (theirs, ours) in said.items()
-        if theirs and theirs != ours
-    ]
 
 
 def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray, "p 3"]]:
@@ -216,6 +214,7 @@ def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> Gra
     energy = found.energy
     return GraspRecord(
         grasp=grasp.name,
+        digest=grasp.digest,
         E_MPa=found.E_MPa,
         E_sd_MPa=found.E_sd_MPa,
         parts_sd_MPa=found.parts_sd_MPa,

@@ -1,6 +1,7 @@
 """A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,19 +14,22 @@ from pipeline.confirmed import faults
 from pipeline.diary import Diary
 from pipeline.doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.flesh import error_budget, flesh_mesh, poisson_ratio
-from pipeline.grasp import Checked, PlacedGrasp, foreign, place_grasp
+from pipeline.grasp import Checked, PlacedGrasp, place_grasp
 from pipeline.layout import in_order, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.raw_grasps import kept_recording
 from pipeline.records import FleshRecord, GraspRecord
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
+from pipeline.whose import Owner, owner_findings, owner_remarks, stranger
 from recon.coverage import SEEN_BY
 from recon.plain_file import printable
 from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
 from reports.surface_sd_map import surface_sd_map
+from tactile.checks.finding import Finding
 from tactile.failure import TactileFailure
+from tactile.recording import Recording
 
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
@@ -123,14 +127,18 @@ def _placed(
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed, failures = [], {}
-    folder = task.folder
+    folder, owner = task.folder, owner_of(task)
+    strangers: dict[str, bool] = {}
+    diary.known["strangers"] = strangers
     recordings = {path.stem: path for path in folder.grasp_files()}
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with diary.stage("contact"):
         for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
             name = printable(named)
+            field = "attribute fruit_id"
             try:
                 if path.is_dir():
+                    field = "fruit_id in grasp.toml"
                     kept = kept_recording(path, task.results.cache, diary.report)
                     diary.warnings += kept.notes
                     path = kept.path
@@ -142,18 +150,40 @@ def _placed(
                     faults=faults(task.settings.mismatch),
                     sd_mm=shape.sd_mm,
                     checked=_checked(task, shape),
+                    admit=partial(_admitted, owner, diary, strangers, name=name, field=field),
                 )
                 placed.append(grasp)
-                diary.warnings += foreign(grasp, task.fruit_id, _kind(task, grasp))
             except TactileFailure as failure:
                 failures[name] = failure
                 diary.warnings.append(f"not used: {failure.detail}")
     return placed, failures
 
 
-def _kind(task: FruitTask, grasp: PlacedGrasp) -> str:
-    """The category a recording should name; that of a reference body may name the batch's."""
-    return grasp.recording.category if task.given.reference else task.category
+def owner_of(task: FruitTask) -> Owner:
+    """What a recording in the fruit's folder should name; that of a reference body may name any category."""
+    category = None if task.given.reference else task.category
+    return Owner(fruit_id=task.fruit_id, category=category, batch_fruits=task.batch_fruits)
+
+
+def _admitted(
+    owner: Owner,
+    diary: Diary,
+    strangers: dict[str, bool],
+    recording: Recording,
+    *,
+    name: str,
+    field: str,
+) -> list[Finding]:
+    """What is doubted of a recording's being its owner's; raises TactileFailure where it is another's.
+
+    Whom it names instead is kept in `strangers`, with whether the batch has that fruit.
+    """
+    named = recording.fruit_id
+    if (other := stranger(named, owner)) is not None:
+        strangers[other] = other in (owner.batch_fruits or ())
+    found = owner_findings(named, recording.category, owner, source=name, field=field)
+    diary.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
+    return found
 
 
 def _checked(task: FruitTask, shape: Shape) -> Checked:

@@ -80,6 +80,8 @@ class GraspRecord(_Record):
 
     grasp: str
     failure: str | None = None
+    digest: str = ""
+    """Of the displacements and forces that it was made of (tactile.recording_digest)."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
     parts_sd_MPa: dict[str, float] = {}
@@ -175,6 +177,9 @@ class FruitRecord(_Record):
     not by what is `forced`."""
     forced: tuple[str, ...] = ()
     """Of the doubts, those on numbers that no fruit has, in spite of which `--force` graded it."""
+    strangers: dict[str, bool] = {}
+    """Other fruit that recordings of this one name, and whether the batch had them then: what is used, and
+    what is doubted, depends on it."""
     graded_before: bool = False
     """Whether a run refused the fruit's numbers that an earlier one had graded: `modulus` and files are that
     one's, and hold again when the numbers are right or forced."""

@@ -21,7 +21,8 @@ IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "r
 class FruitTask:
     """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone.
 
-    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like.
+    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like;
+    `batch_fruits`: every fruit_id of its batch, None of a case of its own.
     """
 
     fruit_id: str
@@ -35,6 +36,7 @@ class FruitTask:
     prior: PitPrior | None
     given: Given
     key: str
+    batch_fruits: frozenset[str] | None = None
 
 
 def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
@@ -85,4 +87,5 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
         prior=prior,
         given=given,
         key=key,
+        batch_fruits=frozenset(one.fruit_id for one in batch.rows),
     )

@@ -29,6 +29,7 @@ _ADVICE = {
     "never-touches": "Check that the gripper closed on the fruit, then record the grasp again.",
     "pads-off-fruit": "Check the gripper's calibration, and that stem and suture lay as agreed.",
     "implausible-recording": "Correct what is named above in the recording, or record the grasp again.",
+    "foreign-recording": "Move the recording to the fruit that it names, or correct its fruit_id.",
     "implausible-pit": "Put the pit of this fruit into pit.ply, or remove it: the category's is then used.",
     "implausible-modulus": "Look for a wrong unit or factor in forces, displacements and meshes.",
     "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",

@@ -18,6 +18,7 @@ class TactileProblem(StrEnum):
     SATURATED = "gel-saturated"
     MARKERS_LOST = "markers-lost"
     IMPLAUSIBLE_RECORDING = "implausible-recording"
+    FOREIGN_RECORDING = "foreign-recording"
 
 
 class TactileFailure(Exception):

@@ -79,6 +79,9 @@ class Kind(StrEnum):
     PRINT_ASIDE = "print-aside"
     PADS_EXCHANGED = "pads-exchanged"
     MESH_TURNED = "mesh-turned"
+    # what the recording says of itself
+    OTHER_FRUIT = "other-fruit"
+    OTHER_CATEGORY = "other-category"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -22,12 +22,16 @@ DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 
 @pytest.fixture
 def batch(tmp_path):
-    """Two fruit, the same nectarine with its recording each."""
+    """Two fruit, the same nectarine with its recording each, the second's forces a little greater."""
     for name in ("A", "B"):
         folder = tmp_path / "fruits" / name
         (folder / "grasps").mkdir(parents=True)
         shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")
         shutil.copyfile(DATA / "grasp.h5", folder / "grasps" / "grasp-1.h5")
+        with h5py.File(folder / "grasps" / "grasp-1.h5", "r+") as file:
+            file.attrs["fruit_id"] = name
+            for pad in ("left", "right"):
+                file[f"pads/{pad}/force_N"][...] *= 1.0 if name == "A" else 1.002
     (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
     (tmp_path / "fruits.csv").write_text("fruit_id\nA\nB\n")
     return tmp_path

@@ -1,0 +1,96 @@
+"""Whose recording it is: the fruit and the category that a recording names, against those it lies with."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+from recon.priors import known_categories
+from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
+from tactile.failure import TactileFailure, TactileProblem
+
+NOT_SAID = frozenset({"", "unknown"})
+"""What a recording says that names no fruit and no category; `drupe convert` writes "unknown" where it is
+told neither."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Owner:
+    """The fruit in whose folder a recording lies.
+
+    `batch_fruits`: every fruit_id of its batch; None where there is no batch, so that ids cannot be compared.
+    `category`: None where recordings may name any, as those of a reference body may.
+    """
+
+    fruit_id: str
+    category: str | None = None
+    batch_fruits: Collection[str] | None = None
+
+
+def stranger(named: str, owner: Owner) -> str | None:
+    """The fruit that a recording names, where it is not its owner; None where it is, or names none.
+
+    An id of the batch counts letter by letter; else case and blanks around it make no other fruit.
+
+    >>> owner = Owner(fruit_id="N02", batch_fruits=("N02", "N04"))
+    >>> stranger("N04", owner), stranger("n02 ", owner), stranger("", owner)
+    ('N04', None, None)
+    """
+    if owner.batch_fruits is None or named == owner.fruit_id or _plain(named) in NOT_SAID:
+        return None
+    same = _plain(named) == _plain(owner.fruit_id)
+    return None if same and named not in owner.batch_fruits else named
+
+
+def owner_findings(named: str, category: str, owner: Owner, *, source: str, field: str) -> list[Finding]:
+    """What puts in doubt that a recording is its owner's: an id that the batch does not have, a category that
+    is another known one.
+
+    `named`, `category`: what the recording says; `source`: its name; `field`: where its id stands in it.
+    Raises TactileFailure (foreign-recording) where it names another fruit of the batch.
+    """
+    other, found = stranger(named, owner), []
+    if other is not None:
+        differs = f'{field}: found "{other}", expected "{owner.fruit_id}"'
+        if other in (owner.batch_fruits or ()):
+            raise TactileFailure(
+                TactileProblem.FOREIGN_RECORDING,
+                f"{source}: {differs}: it is the recording of another fruit of this batch. Move the file to "
+                f"fruits/{other}/grasps, or correct the {field} if it is of {owner.fruit_id}.",
+            )
+        says = (
+            f'{differs}, and fruits.csv has no "{other}": the recording may be another fruit\'s; correct the '
+            f"{field} if it is of {owner.fruit_id}, else take the recording away"
+        )
+        found.append(_doubted(Kind.OTHER_FRUIT, says, detail=other))
+    if owner.category is not None and _both_known(category, owner.category):
+        says = (
+            f'category: found "{category}", expected "{owner.category}" as in batch.toml: the recording may '
+            "be another fruit's, or one of the two is wrong; correct it, or take the recording away"
+        )
+        found.append(_doubted(Kind.OTHER_CATEGORY, says, detail=category))
+    return found
+
+
+def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
+    """Warnings where the two are left open ("unknown"), or the category is one of the user's own."""
+    said = []
+    if owner.batch_fruits is not None and named and _plain(named) in NOT_SAID and named != owner.fruit_id:
+        said.append(f'its fruit_id is "{named}", this fruit\'s is "{owner.fruit_id}"')
+    differs = owner.category is not None and category and _plain(category) != _plain(owner.category)
+    if differs and not _both_known(category, owner.category or ""):
+        said.append(f'its category is "{category}", this fruit\'s is "{owner.category}"')
+    return [f"{one}; is it in the right folder?" for one in said]
+
+
+def _doubted(kind: Kind, says: str, *, detail: str) -> Finding:
+    return Finding(kind=kind, rank=Rank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT)
+
+
+def _both_known(one: str, other: str) -> bool:
+    """Whether two categories differ that drupe ships: names of the user's own may be of the same fruit."""
+    names = {_plain(one), _plain(other)}
+    return len(names) == 2 and names <= set(known_categories())
+
+
+def _plain(text: str) -> str:
+    return text.strip().casefold()

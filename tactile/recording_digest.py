@@ -1,0 +1,24 @@
+"""What tells that two recordings are one: the same displacements and forces, whatever file they are in."""
+
+import hashlib
+
+import numpy as np
+
+from tactile.recording import GelPad, Recording
+
+
+def recording_digest(recording: Recording) -> str:
+    """SHA-256 of what all pads felt; of two recordings the same only where every value is.
+
+    Values count in single precision, as `write_recording` keeps them, and pads in any order: a file that was
+    written again, with other attributes or with its pads' names exchanged, has the same.
+    """
+    pads = []
+    for pad in recording.pads:
+        felt = (pad.displacement_mm, pad.force_N) if isinstance(pad, GelPad) else (pad.force_z_N,)
+        digest = hashlib.sha256()
+        for values in felt:
+            digest.update(repr(values.shape).encode())
+            digest.update((np.ascontiguousarray(values, dtype=np.float32) + np.float32(0)).tobytes())
+        pads.append(digest.digest())
+    return hashlib.sha256(b"".join(sorted(pads))).hexdigest()
