@@ -24,6 +24,12 @@ WITHIN_SD = 2.0
 batches (normal error of ln r)."""
 DISAGREE_P = 0.01
 """Bodies whose chi-square is rarer than this by chance are said to disagree: one sound batch in a hundred."""
+MOST_RATIO = 1.5
+"""A ratio beyond this, either way, is no gain of a gripper, and nothing is divided by it. What a gripper may
+get wrong (assumed): calibrated force and displacement by 10 % each, and a gel that wear, warmth or creep made
+softer by 30 %, together 1.1 * 1.1 * 1.3 = 1.57 in force over displacement, which is 1.57**0.7 = 1.37 in E
+(E_PER_GAIN, tactile/checks/relation_findings.py; more is refused there: GAIN_REFUSED). Slips of the pen are
+larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of Shore A 10 (Gent 1958)."""
 PART = "reference body"
 """The part of a corrected error bar that comes from the ratio's own."""
 _SCALED = (
@@ -60,6 +66,11 @@ class Ratio:
     def apart(self) -> bool:
         """Whether the gripper does not read the reference's modulus."""
         return self.from_one_sd > WITHIN_SD
+
+    @property
+    def implausible(self) -> bool:
+        """Whether it is not 1 and no gripper's gain either: a number or a body is wrong."""
+        return self.apart and abs(math.log(self.ratio)) > math.log(MOST_RATIO)
 
     @property
     def disagree(self) -> bool:
@@ -138,7 +149,8 @@ def against_references(
 
     The bodies' own records stay. A ratio within 2 standard deviations of 1 changes no fruit; beyond it every
     graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|. Where the
-    bodies contradict each other nothing is divided, and every E is in doubt by the largest body's |ln r|.
+    bodies contradict each other nothing is divided, and every E is in doubt by the largest body's |ln r|; nor
+    is it by a ratio that no gripper has (`implausible`), whatever is asked for.
     """
     asked = [record for record in records if record.given.reference]
     if not asked:
@@ -147,7 +159,8 @@ def against_references(
     ratio = (
         _of(bodies, [r.modulus.common_sd_MPa for r in asked if r.graded and r.modulus]) if bodies else None
     )
-    corrected = correct and ratio is not None and ratio.apart and not ratio.disagree
+    usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
+    corrected = correct and usable
     finding = ReferenceFinding(
         bodies=bodies,
         ratio=ratio,
@@ -197,6 +210,10 @@ def _sentences(
             f"No reference body was graded ({why}), so that a gain which both pads share is not checked; "
             "correct what stopped it and run the batch again."
         ]
+    if ratio.implausible and not ratio.disagree:
+        return [
+            f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and none is corrected by it."
+        ]
     said = [f"{_reads(ratio, bodies)}: {_verdict(ratio, corrected=corrected)}"]
     if ratio.disagree:
         each = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
@@ -211,8 +228,22 @@ def _sentences(
 
 def _reads(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
     names = ", ".join(one.fruit_id for one in bodies)
-    whose = "the reference's modulus" if len(bodies) == 1 else f"{len(bodies)} references' moduli"
-    return f"The gripper reads {_with_sd(ratio)} of {whose} ({names})"
+    whose = "the reference body" if len(bodies) == 1 else f"{len(bodies)} reference bodies"
+    return f"The gripper reads {_with_sd(ratio)} times the known modulus of {whose} ({names})"
+
+
+def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
+    """What is likelier than such a gain, the number that was typed first."""
+    typed = ", ".join(
+        f"reference_E_MPa = {one.E_known_MPa:g} MPa of {one.fruit_id}"
+        for one in bodies
+        if one.own.implausible
+    )
+    return (
+        f"{_reads(ratio, bodies)}, and no sound gripper is off by more than a factor of {MOST_RATIO:g}: check "
+        f"that {typed} is not mistyped, that the recordings are of that body, and that gels and units are "
+        "those stated."
+    )
 
 
 def _verdict(ratio: Ratio, *, corrected: bool) -> str:
@@ -274,6 +305,10 @@ def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
             sentence=f"the gripper cannot be judged: the reference bodies contradict each other ({names}).",
             relative_sd=max(abs(math.log(one.own.ratio)) for one in bodies),
         )
+    if ratio.implausible:
+        said = _implausible(ratio, bodies)
+        sentence = f"{said[:1].lower()}{said[1:]} E is not corrected for it."
+        return Doubt(sentence=sentence, relative_sd=abs(math.log(ratio.ratio)))
     return Doubt(
         sentence=f"{said[:1].lower()}{said[1:]}, and E is not corrected for it.",
         relative_sd=abs(math.log(ratio.ratio)),

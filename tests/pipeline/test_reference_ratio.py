@@ -113,7 +113,8 @@ def test_a_sound_gripper_changes_nothing(correct):
     assert finding is not None
     assert not finding.alarm
     assert (
-        "1.01 ± 0.02 of the reference's modulus (ball): within 2 standard deviations" in finding.sentences[0]
+        "1.01 ± 0.02 times the known modulus of the reference body (ball): within 2 standard deviations"
+        in finding.sentences[0]
     )
     assert [(one.modulus, one.doubts, one.grasps) for one in told] == [
         (one.modulus, one.doubts, one.grasps) for one in records
@@ -125,7 +126,10 @@ def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
     told, finding = against_references(records, correct=False)
     assert finding is not None
     assert finding.alarm
-    assert "The gripper reads 1.12 ± 0.03 of the reference's modulus (ball)" in finding.sentences[0]
+    assert (
+        "The gripper reads 1.12 ± 0.03 times the known modulus of the reference body (ball)"
+        in finding.sentences[0]
+    )
     for before, after in zip(records[:2], told[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
@@ -137,7 +141,7 @@ def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
     assert (told[2].modulus, told[2].doubts) == (records[2].modulus, ())
 
 
-@pytest.mark.parametrize("gain", [0.7, 1.12, 2.0])
+@pytest.mark.parametrize("gain", [0.7, 1.12, 1.4])
 def test_a_correction_gives_the_true_moduli_and_carries_the_ratios_error(gain):
     """The fruit are of 0.4 and 0.8 MPa whatever the gripper's gain."""
     told, finding = against_references(batch_read_with(gain), correct=True)
@@ -153,6 +157,36 @@ def test_a_correction_gives_the_true_moduli_and_carries_the_ratios_error(gain):
         assert one.grasps[0].E_energy_MPa == pytest.approx(1.01 * truth)
         assert one.doubts == ()
     assert told[2].modulus.E_MPa == 0.5 * gain
+
+
+@pytest.mark.parametrize("gain", [12.7, 1.6, 1 / 12.7])
+@pytest.mark.parametrize("correct", [False, True])
+def test_a_ratio_that_no_gripper_has_corrects_nothing_and_names_the_number_that_was_typed(gain, correct):
+    records = batch_read_with(gain)
+    told, finding = against_references(records, correct=correct)
+    assert finding is not None
+    assert finding.alarm
+    assert not finding.corrected
+    assert "check that reference_E_MPa = 0.5 MPa of ball is not mistyped" in finding.sentences[0]
+    assert "none is corrected" in finding.sentences[0]
+    for before, after in zip(records[:2], told[:2], strict=True):
+        E = before.modulus.E_MPa
+        assert after.modulus.E_MPa == E
+        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
+        (doubt,) = after.doubts
+        assert "reference_E_MPa = 0.5 MPa of ball is not mistyped" in doubt
+        assert after.grasps == before.grasps
+    assert _status(told, finding) == 4
+
+
+def test_a_ratio_that_its_own_error_explains_is_not_called_a_slip():
+    """1.6 of a body that is known to 40 %: nothing is said of it but that it is within its error."""
+    wide = record("ball", 0.8, known=0.5)
+    wide = wide.model_copy(update={"given": wide.given.model_copy(update={"reference_E_sd_MPa": 0.2})})
+    told, finding = against_references([record("soft", 0.4), wide], correct=True)
+    assert finding is not None
+    assert not finding.alarm
+    assert told[0].doubts == ()
 
 
 def test_what_is_kept_stays_as_measured_so_that_a_second_run_corrects_once():
@@ -259,7 +293,7 @@ def test_ranking_page_and_terminal_say_it(root, correct):
     text = console.file.getvalue()
     assert "2 of 2 fruit graded" in text
     assert ("warning: The gripper reads 1.12" in text) != correct
-    assert "The gripper reads 1.12 ± 0.03 of the reference's modulus (ball)" in text
+    assert "The gripper reads 1.12 ± 0.03 times the known modulus of the reference body (ball)" in text
     assert ("E corrected by the reference body" in text) == correct
 
 
