@@ -240,9 +240,9 @@ def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
         if one.own.implausible
     )
     return (
-        f"{_reads(ratio, bodies)}, and no sound gripper is off by more than a factor of {MOST_RATIO:g}: check "
-        f"that {typed} is not mistyped, that the recordings are of that body, and that gels and units are "
-        "those stated."
+        f"{_reads(ratio, bodies)}, and no sound gripper is off by more than a factor of {MOST_RATIO:g}: "
+        f"check that {typed} is not mistyped, that the recordings are of that body, and that gels and units "
+        "are those stated."
     )
 
 

@@ -36,7 +36,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
             escape(fruit.fruit_id),
             f"{fruit.E_MPa:.{decimals(fruit.E_sd_MPa)}f}",
             f"{fruit.E_sd_MPa:.{decimals(fruit.E_sd_MPa)}f}",
-            escape(f"{fruit.maturity or ''}{sure}"),
+            "withheld" if fruit.class_withheld else escape(f"{fruit.maturity or ''}{sure}"),
             escape(remarks(fruit)),
         )
     if table.row_count:

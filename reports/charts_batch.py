@@ -88,6 +88,8 @@ def _ranking_row(
     words = f"{fruit.fruit_id}: {value} MPa"
     if fruit.maturity:
         words += f", {fruit.maturity} ({percent(fruit.maturity_probability)})"
+    elif fruit.class_withheld:
+        words += ", class withheld: E is in doubt"
     row = [
         element("title", words),
         element("text", shortened(fruit.fruit_id, px=gutter - 12), x=0.0, y=y + 4.5, class_="label"),

@@ -86,6 +86,8 @@ class FruitEntry:
     E_sd_MPa: float | None = None
     maturity: str | None = None
     maturity_probability: float | None = None
+    class_withheld: bool = False
+    """Whether it has no class because its E is in doubt."""
     p_softer_than_next: float | None = None
     height_mm: float | None = None
     volume_mm3: float | None = None

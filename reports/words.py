@@ -57,7 +57,7 @@ def remarks(fruit: FruitEntry) -> str:
     if fruit.E_uncorrected_MPa is not None:
         found.append("E corrected by the reference body")
     if fruit.doubts:
-        found.append("E is in doubt")
+        found.append("E is in doubt" + (", so no class" if fruit.class_withheld else ""))
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)
@@ -160,4 +160,6 @@ def _fruits(count: int) -> str:
 
 def _modulus(fruit: FruitEntry) -> str:
     words = f"{with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa".replace(" ", NO_BREAK)
+    if fruit.doubts:
+        return f"{words}, in doubt"
     return f"{words}, {fruit.maturity}" if fruit.maturity else words

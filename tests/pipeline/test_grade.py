@@ -107,6 +107,26 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
     assert "--force" not in (batch / "results" / "report.html").read_text()
 
 
+CLASSES = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.9\n[[grading.classes]]\nname = "firm"\n'
+
+
+def test_a_fruit_whose_E_is_in_doubt_has_no_class_and_the_others_have(batch, run):
+    """0.5 of 0.02 MPa below a limit of 0.9: sure by its error bar, which does not cover what is doubted."""
+    status, _, rows = run(SOUND, CLASSES)
+    assert status == 4
+    assert (rows["A"]["maturity"], float(rows["A"]["maturity_probability"])) == ("soft", pytest.approx(1.0))
+    assert [rows["B"][name] for name in ("maturity", "maturity_probability", "doubts")] == ["", "", "a pit"]
+    assert (rows["B"]["E_MPa"], rows["B"]["rank"]) == ("0.5", "2")
+    page = (batch / "results" / "report.html").read_text()
+    assert 'withheld <span class="soft">E in doubt</span>' in page
+    assert page.count("class withheld because E is in doubt") == 1
+
+
+def test_a_fruit_in_doubt_of_a_batch_without_classes_has_none_withheld(batch, run):
+    run(SOUND)
+    assert "withheld" not in (batch / "results" / "report.html").read_text()
+
+
 def test_a_run_that_refuses_a_fruit_keeps_what_a_forced_one_made_of_it(batch, run):
     status, worked, rows = run(ONE_IN_KG, force=True)
     assert (status, worked, rows["A"]["outcome"]) == (4, "AB", "graded")

@@ -1,12 +1,13 @@
 import doctest
 import importlib
+from dataclasses import replace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from reports.entries import FruitEntry
-from reports.words import number, percent, remarks, with_sd
+from reports.words import number, percent, remarks, verdict, with_sd
 
 
 @pytest.mark.parametrize("name", ["charts_batch", "entries", "palette", "svg", "tables", "words"])
@@ -43,3 +44,7 @@ def test_a_doubt_about_E_stands_before_the_warnings():
         fruit_id="a", ok=True, outcome="graded", E_MPa=0.4, doubts=("grasp-1: a gain.",), warnings=("dim",)
     )
     assert remarks(doubted) == "E is in doubt, 1 warning"
+    assert remarks(replace(doubted, class_withheld=True)) == "E is in doubt, so no class, 1 warning"
+    assert verdict((doubted,)) == "The one fruit is graded: a has E = 0.400 MPa, in doubt.".replace(
+        "0.400 MPa", "0.400\u00a0MPa"
+    )
