@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import wait
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -81,8 +82,8 @@ def run_fruits(
     one numerical thread, in an empty folder: nothing of the caller's current folder is imported or read, and
     paths in tasks must be absolute. It shares no queue and no lock with the others, and tells its stages in a
     file of its own: one that is killed, at whatever moment, costs its fruit and holds up nobody. The time
-    limit goes by a clock that nobody sets. Leaving the iterator early stops what is running; a killed caller
-    takes its processes along.
+    limit goes by a clock that nobody sets. Leaving the iterator early kills what is running; a killed caller
+    takes its processes along. Ctrl-C is the caller's alone: a terminal sends it to the processes too.
     """
     with (
         scratch() as folder,
@@ -98,7 +99,8 @@ def run_fruits(
     ):
         empty = _made(folder / "empty")
         waiting = [
-            (_Running(fruit_id, folder / f"diary-{i}"), task) for i, (fruit_id, task) in enumerate(tasks)
+            (_Running(fruit_id, folder / f"diary-{i}", f"{PROCESS} {i}"), task)
+            for i, (fruit_id, task) in enumerate(tasks)
         ][::-1]
         pending: dict[Any, _Running] = {}
         try:
@@ -106,7 +108,7 @@ def run_fruits(
                 while waiting and len(pending) < jobs:
                     one, task = waiting.pop()
                     try:
-                        pending[_started(work, one.diary, task, empty)] = one
+                        pending[_started(work, one, task, empty)] = one
                     except OSError:  # killed before it had been told its task, or no process can be made
                         yield Died(one.fruit_id, None)
                 done, _ = wait(pending, timeout=0.1, return_when="FIRST_COMPLETED")
@@ -116,28 +118,49 @@ def run_fruits(
                     one = pending.pop(future)
                     yield _ending(one.fruit_id, future)
                 for future in [f for f, one in pending.items() if one.out_of_time(time_limit_s)]:
-                    future.cancel()  # its process is stopped; the future itself never counts as done
-                    yield TimedOut(pending.pop(future).fruit_id)
+                    one = pending.pop(future)
+                    _kill(one)
+                    yield TimedOut(one.fruit_id)
         finally:
-            for future in pending:
-                future.cancel()
-            for child in multiprocessing.active_children():
-                if child.name == PROCESS:
-                    child.join()
+            for one in pending.values():
+                _kill(one)
 
 
-def _started(work: Callable[[Any, Report], Any], diary: Path, task: Any, folder: Path) -> Any:
+def _started(work: Callable[[Any, Report], Any], one: "_Running", task: Any, folder: Path) -> Any:
     """The future of a fruit's process, which is running."""
-    run = process(name=PROCESS, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
-    return run(os.getpid(), folder, diary, pickle.dumps((work, task)))
+    run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
+    with _deaf_to_ctrl_c():
+        return run(os.getpid(), folder, one.diary, pickle.dumps((work, task)))
+
+
+def _kill(one: "_Running") -> None:
+    """Ends the process of a fruit. Asking (SIGTERM) is not enough: METIS takes that for a failure of its own
+    (`signal(SIGTERM, gk_sigthrow)` in GKlib's error.c), and the work would go on and write a false record.
+    """
+    for child in multiprocessing.active_children():
+        if child.name == one.process:
+            child.kill()
+            child.join()
+
+
+@contextmanager
+def _deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes started inside the block never get SIGINT; one that comes meanwhile is ours after it."""
+    resource_tracker.ensure_running()  # started with the first process it would lift the block
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @dataclass
 class _Running:
-    """A fruit's process, and how much of its diary has been told."""
+    """A fruit's process by its name, and how much of its diary has been told."""
 
     fruit_id: str
     diary: Path
+    process: str
     told: int = 0
     since_s: float | None = None
 

@@ -93,3 +93,31 @@ def test_interrupting_ends_with_status_130_and_keeps_what_is_done(batch, number)
     assert "interrupted; finished fruit are kept" in err
     assert "Traceback" not in err
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 130
+
+
+def test_stages_that_an_interrupted_fruit_had_finished_are_not_done_again(batch):
+    """As Ctrl-C in a terminal does, all processes get the signal."""
+    (batch / "fruits.csv").write_text(f"fruit_id\n{first_fruit(batch).name}\n")
+    start = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from pipeline.cli import main; main()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", start, "grade", str(batch), "--jobs", "1"],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True,
+    ) as run:  # fmt: skip
+        assert run.stderr is not None
+        for line in run.stderr:
+            if line.rstrip().endswith(": modulus"):
+                break
+        time.sleep(0.3)
+        os.killpg(run.pid, signal.SIGINT)
+        run.communicate(timeout=60)
+    assert run.returncode == 130
+    results = batch / "results" / "fruits" / first_fruit(batch).name
+    assert not (results / "record.json").exists()  # nothing is said of work that was stopped
+    assert not (results / "traceback.txt").exists()
+    elements = results / ".cache" / "flesh.npz"
+    kept = elements.stat().st_mtime_ns
+    assert drupe("grade", batch).status == 0
+    assert elements.stat().st_mtime_ns == kept

@@ -154,3 +154,51 @@ def wait_until(happened, seconds=60):
     while not happened():
         assert time.monotonic() < end
         time.sleep(0.05)
+
+
+def like_metis(mark, report):
+    """The signal to end is taken for a failure while unknowns are ordered, and the work goes on."""
+
+    def go_on(*_):
+        Path(mark).write_text("a false record")
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, go_on)
+    report("ordering")
+    for _ in range(600):
+        time.sleep(0.1)
+
+
+@pytest.mark.parametrize("limit_s", [1, 600], ids=["out of time", "left early"])
+def test_work_that_was_stopped_writes_nothing_more(tmp_path, limit_s):
+    mark = tmp_path / "mark"
+    events = run_fruits(like_metis, [("a", str(mark))], jobs=1, time_limit_s=limit_s)
+    assert next(events) == Progressed("a", "ordering")
+    if limit_s == 1:
+        assert list(events) == [TimedOut("a")]
+    events.close()
+    assert not multiprocessing.active_children()
+    assert not mark.exists()
+
+
+def soon_done(mark, report):
+    Path(mark).write_text("begun")
+    report("working")
+    time.sleep(2)
+    Path(mark).write_text("done")
+
+
+def test_ctrl_c_is_for_the_run_and_not_for_the_work_on_a_fruit(tmp_path):
+    script, mark = tmp_path / "parent.py", tmp_path / "mark"
+    parent = PARENT.format(work="soon_done", tests=str(Path(__file__).parent), mark=str(mark))
+    script.write_text(f"import signal\nsignal.signal(signal.SIGINT, lambda *_: None)\n{parent}")
+    with subprocess.Popen(
+        [sys.executable, str(script)], start_new_session=True, stderr=subprocess.PIPE, text=True
+    ) as run:
+        wait_until(lambda: psutil.Process(run.pid).children())
+        for _ in range(20):  # the process of the fruit is still importing when they begin
+            os.killpg(run.pid, signal.SIGINT)
+            time.sleep(0.05)
+        _, said = run.communicate(timeout=60)
+    assert said == ""
+    assert mark.read_text() == "done"
