@@ -34,7 +34,7 @@ from pipeline.reference_ratio import ReferenceFinding, against_references, as_me
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.stages import grade_fruit
-from pipeline.summary import decimals
+from pipeline.summary import cause, decimals
 from pipeline.task import FruitTask, fruit_task
 from pipeline.whole_file import NotWritten, sweep
 from reports.entries import BatchEntry
@@ -232,7 +232,7 @@ def _work(
 ) -> None:
     tasks = dict(todo)
     with (
-        BatchProgress(console, total=len(todo)) as progress,
+        BatchProgress(console, total=len(todo), jobs=jobs) as progress,
         closing(run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s)) as events,
     ):
         for event in events:
@@ -241,7 +241,7 @@ def _work(
                 continue
             record = _record_of(event, tasks[event.fruit_id], time_limit_s)
             records[event.fruit_id] = record
-            progress.done(event.fruit_id, _in_a_line(record))
+            progress.done(event.fruit_id, _in_a_line(record), whole=record.graded)
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:
@@ -337,11 +337,12 @@ def _way_of_dying(exit_code: int | None) -> str:
 
 
 def _in_a_line(record: FruitRecord) -> str:
-    """What the progress line says of a fruit: its E, or why it has none that counts."""
+    """What the progress line says of a fruit: its E and why that is in doubt, or why it has none."""
     if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
-    return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa"
+    doubt = f", in doubt: {cause(record.doubts)}" if record.doubts else ""
+    return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
 
 
 def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:

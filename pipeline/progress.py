@@ -1,20 +1,27 @@
 """Progress for people: a live bar with the time left on a terminal, plain lines in a log."""
 
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from pipeline.time_left import TimeLeft
+
 
 class BatchProgress:
     """Shows which fruit is at which stage, how many are done, and when the rest will be."""
 
-    def __init__(self, console: Console, *, total: int) -> None:
+    def __init__(
+        self, console: Console, *, total: int, jobs: int, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._console = console
         self._total = total
-        self._started = time.monotonic()
+        self._clock = clock
+        self._started = clock()
+        self._time_left = TimeLeft(total=total, jobs=jobs, clock=clock)
         self._done = 0
         self._stage: dict[str, str] = {}
         self._bar = Progress(
@@ -43,15 +50,17 @@ class BatchProgress:
     def stage(self, fruit_id: str, stage: str) -> None:
         """A fruit begins a stage."""
         self._stage[fruit_id] = stage
+        self._time_left.stage(fruit_id, stage)
         if self._console.is_terminal:
             running = ", ".join(f"{name}: {at}" for name, at in self._stage.items())
-            self._bar.update(self._task, description=running)
+            self._bar.update(self._task, description=running, left=self._left())
         else:
             self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
 
-    def done(self, fruit_id: str, sentence: str) -> None:
-        """A fruit has ended."""
+    def done(self, fruit_id: str, sentence: str, *, whole: bool) -> None:
+        """A fruit has ended, after its last stage (`whole`) or in the middle of one."""
         self._stage.pop(fruit_id, None)
+        self._time_left.done(fruit_id, whole=whole)
         self._done += 1
         left = self._left()
         self._bar.update(self._task, completed=self._done, left=left)
@@ -61,14 +70,11 @@ class BatchProgress:
         )
 
     def _elapsed(self) -> str:
-        return _clock_face(time.monotonic() - self._started)
+        return _clock_face(self._clock() - self._started)
 
     def _left(self) -> str:
-        remaining = self._total - self._done
-        if not remaining:
-            return ""
-        per_fruit = (time.monotonic() - self._started) / self._done
-        return f"about {_clock_face(per_fruit * remaining)} left"
+        seconds = self._time_left.seconds()
+        return "" if seconds is None or self._done == self._total else f"about {_clock_face(seconds)} left"
 
 
 class StageLines:

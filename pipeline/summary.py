@@ -1,14 +1,20 @@
 """What a run says on the terminal when it ends."""
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from reports.entries import BatchEntry, ranked, without_references
+from reports.entries import BatchEntry, FruitEntry, ranked, without_references
 from reports.words import remarks
+
+MOST_CHARACTERS = 160
+"""Of a cause on the terminal; the whole sentence stands in the report."""
+MOST_IDS = 5
+"""That a line names of the fruit that share a cause."""
 
 
 def decimals(sd_MPa: float) -> int:
@@ -20,8 +26,34 @@ def decimals(sd_MPa: float) -> int:
     return max(3, math.ceil(-math.log10(sd_MPa))) if 0 < sd_MPa < 1 else 3
 
 
+def cause(doubts: Sequence[str]) -> str:
+    """The first of a fruit's doubts, not too long for a line, and how many more there are.
+
+    >>> cause(["grasp-1: forces look like grams.", "pit.ply is turned."])
+    'grasp-1: forces look like grams (and 1 more)'
+    """
+    said = doubts[0].rstrip(".")
+    if len(said) > MOST_CHARACTERS:
+        said = f"{said[:MOST_CHARACTERS].rsplit(' ', 1)[0].rstrip(',;:')} ..."
+    return said if len(doubts) == 1 else f"{said} (and {len(doubts) - 1} more)"
+
+
+def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
+    """A line for each fruit whose E is in doubt, or for all that share their doubts: ids and cause."""
+    alike: dict[tuple[str, ...], list[str]] = {}
+    for fruit in fruits:
+        if fruit.ok and fruit.doubts:
+            alike.setdefault(fruit.doubts, []).append(fruit.fruit_id)
+    return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in alike.items()]
+
+
+def _ids(ids: Sequence[str]) -> str:
+    more = f" and {len(ids) - MOST_IDS} more" if len(ids) > MOST_IDS else ""
+    return f"{', '.join(ids[:MOST_IDS])}{more}"
+
+
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
-    """The ranking as a table, failures with their reasons, and where the files are."""
+    """The ranking as a table, failures with their reasons, doubts with their causes, where the files are."""
     table = Table(box=None, pad_edge=False)
     for name in ("rank", "fruit", "E (MPa)", "±"):
         table.add_column(name, justify="left" if name == "fruit" else "right")
@@ -49,6 +81,8 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
                 markup=False,
                 soft_wrap=True,
             )
+    for line in doubted(batch.fruits):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     fruits = without_references(batch.fruits)
     graded = sum(fruit.ok for fruit in fruits)
     console.print(f"{graded} of {len(fruits)} fruit graded", highlight=False)

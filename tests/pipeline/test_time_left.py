@@ -1,0 +1,122 @@
+"""The time left is steady: it falls as time goes by, whatever order fruit end in."""
+
+import io
+import itertools
+import random
+
+import pytest
+from rich.console import Console
+
+from pipeline.progress import BatchProgress
+from pipeline.time_left import TimeLeft
+
+STAGES = {"mesh": 22.0, "flesh": 4.0, "modulus": 10.0, "picture": 1.0}
+WHOLE_S = sum(STAGES.values())
+
+
+class Clock:
+    """A clock that a test sets."""
+
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def course(total, jobs, *, scatter=0.0, refused=()):
+    """What `jobs` processes tell of `total` fruit: (moment, fruit, stage or None at the end, whole).
+
+    Stages scatter by a share; a fruit of `refused` ends a second into its first stage.
+    """
+    rng = random.Random(1)
+    free, told = [0.0] * jobs, []
+    for fruit in range(total):
+        slot = free.index(min(free))
+        now = free[slot]
+        for stage, takes in STAGES.items():
+            told.append((now, str(fruit), stage, True))
+            now += 1.0 if fruit in refused else takes * (1 + scatter * rng.uniform(-1, 1))
+            if fruit in refused:
+                break
+        told.append((now, str(fruit), None, fruit not in refused))
+        free[slot] = now
+    return sorted(told, key=lambda one: one[0]), max(free)
+
+
+def said(total, jobs, **options):
+    """(moment, time left that is said), after every event from the first that it is known; and the end."""
+    events, end_s = course(total, jobs, **options)
+    clock = Clock()
+    left, found = TimeLeft(total=total, jobs=jobs, clock=clock), []
+    start_s = clock.now_s
+    for moment_s, fruit, stage, whole in events:
+        clock.now_s = start_s + moment_s
+        if stage is None:
+            left.done(fruit, whole=whole)
+        else:
+            left.stage(fruit, stage)
+        if left.seconds() is not None:
+            found.append((moment_s, left.seconds()))
+    return found, end_s
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 3])
+def test_fruit_that_take_alike_are_foretold_exactly(jobs):
+    found, end_s = said(7, jobs)
+    assert found[0][0] == WHOLE_S
+    for moment_s, left_s in found:
+        assert left_s == pytest.approx(end_s - moment_s)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_the_end_that_is_foretold_moves_little_where_stages_scatter(jobs):
+    found, end_s = said(30, jobs, scatter=0.2)
+    ends = [moment_s + left_s for moment_s, left_s in found]
+    steps = [abs(b - a) for a, b in itertools.pairwise(ends)]
+    assert max(abs(end - end_s) for end in ends) < 0.2 * end_s
+    assert max(steps) < 0.06 * end_s
+
+
+def test_a_fruit_refused_at_once_does_not_make_the_others_look_short():
+    found, _ = said(10, 1, refused={0, 2})
+    at = dict(found)
+    assert at[1.0 + WHOLE_S] == pytest.approx(8 * WHOLE_S)  # the first whole fruit has ended
+    assert at[2.0 + WHOLE_S] == pytest.approx(7 * WHOLE_S)  # and then a refused one
+
+
+def test_nothing_is_said_before_a_fruit_has_ended_and_nothing_is_left_at_the_end():
+    left = TimeLeft(total=1, jobs=2, clock=Clock())
+    left.stage("a", "mesh")
+    assert left.seconds() is None
+    left.done("a", whole=True)
+    assert left.seconds() == 0.0
+
+
+def test_a_log_says_the_time_left_after_each_fruit_but_the_last():
+    clock, text = Clock(), io.StringIO()
+    progress = BatchProgress(Console(file=text, width=200), total=4, jobs=2, clock=clock)
+    course = [
+        (0, "a", "mesh"), (0, "b", "mesh"), (40, "a", ""), (40, "c", "mesh"), (42, "b", ""),
+        (42, "d", "mesh"), (80, "c", ""), (82, "d", ""),
+    ]  # fmt: skip
+    with progress:
+        for moment_s, fruit, stage in course:
+            clock.now_s = 1000.0 + moment_s
+            if stage:
+                progress.stage(fruit, stage)
+            else:
+                progress.done(fruit, "E = 1", whole=True)
+    ends = [line.split("E = 1 ")[1] for line in text.getvalue().splitlines() if "E = 1" in line]
+    assert ends == [
+        "(1 of 4, about 00:40 left)",  # c and d, side by side
+        "(2 of 4, about 00:41 left)",  # d; a fruit takes 41 s on average
+        "(3 of 4, about 00:03 left)",
+        "(4 of 4)",
+    ]
+
+
+def test_a_fruit_that_dies_before_its_first_stage_tells_nothing():
+    left = TimeLeft(total=3, jobs=1, clock=Clock())
+    left.done("a", whole=False)
+    assert left.seconds() is None
