@@ -17,6 +17,7 @@ from pipeline.outcome import Outcome
 from pipeline.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.problem import Problem
 from pipeline.reference import category_of
+from pipeline.same_recording import in_two_fruit, refuse_copy
 from pipeline.whose import Owner, owner_findings
 from recon.failure import ReconFailure, ReconProblem
 from recon.mesh_file import read_mesh
@@ -28,12 +29,15 @@ from tactile.correction import corrected
 from tactile.failure import TactileFailure
 from tactile.raw_grasp import read_raw_grasp
 from tactile.recording import read_recording
+from tactile.recording_digest import recording_digest
 from tactile.recording_fields import first_line
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
 1.45 times as long as wide (recon.priors). It chooses the sentence for a mesh of no fruit's size, no more."""
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+Read = dict[str, list[tuple[FruitRow, Path]]]
+"""Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
 
 
 def check(root: Path) -> tuple[Problem, ...]:
@@ -45,9 +49,10 @@ def check(root: Path) -> tuple[Problem, ...]:
         rows: tuple[FruitRow, ...] = tuple(
             FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found)
         )
-        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row)))
-    fruit = (p for row in found.rows for p in fruit_problems(found, row))
-    return (*found.problems, *_strays(found), *fruit)
+        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {})))
+    read: Read = {}
+    fruit = [p for row in found.rows for p in fruit_problems(found, row, read)]
+    return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
 
 
 def implausible_fruit(batch: Batch) -> dict[str, str]:
@@ -81,8 +86,11 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     }
 
 
-def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
-    """What stands in the way of grading one fruit, and what puts its E in doubt."""
+def fruit_problems(batch: Survey, row: FruitRow, read: Read) -> Iterator[Problem]:
+    """What stands in the way of grading one fruit, and what puts its E in doubt.
+
+    Its recordings that can be used are added to `read`.
+    """
     kind = kind_of(category_of(row, batch.category))
     for sentence in row_doubts(row, batch.rows or (), kind):
         named = f"{row.fruit_id}: {sentence}"
@@ -106,7 +114,7 @@ def fruit_problems(batch: Survey, row: FruitRow) -> Iterator[Problem]:
             "needs at least one .h5 recording or folder of gel frames, found none.",
         )
     for path in grasps:
-        yield from _recording_problems(path, batch, row, mesh, kind)
+        yield from _recording_problems(path, batch, row, mesh, kind, read)
     for path in raw:
         yield from _raw_grasp_problems(path, batch, row)
 
@@ -126,17 +134,19 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
 
 
 def _recording_problems(
-    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
 ) -> Iterator[Problem]:
     """Why a recording is of no use, or what in it will put E in doubt."""
     found: list[Finding] = []
-    yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind)))
+    yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind, read)))
     for one in found:
         if not one.remark:
             yield _doubted(row, path, f"{path.name}: {one.sentence}.")
 
 
-def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind) -> tuple[Finding, ...]:
+def _findings(
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
+) -> tuple[Finding, ...]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
     of_the_gripper = faults(effects)
@@ -147,7 +157,18 @@ def _findings(path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind:
     vertices, faces = (None, None) if mesh is None else mesh
     checked = Checked(E_range_MPa=kind.ranges.E_MPa)
     own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+    same = read.setdefault(recording_digest(recorded), [])
+    refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
+    same.append((row, path))
     return (*found, *own)
+
+
+def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
+    """Recordings that several fruit have, each named at all of them."""
+    for same in read.values():
+        for row, path in same if len(same) > 1 else ():
+            others = (other.relative_to(batch.folder.root) for one, other in same if one != row)
+            yield _doubted(row, path, in_two_fruit(path.name, map(str, others)))
 
 
 def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:

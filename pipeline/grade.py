@@ -33,6 +33,7 @@ from pipeline.records import FruitRecord, read_record, write_record
 from pipeline.reference_ratio import ReferenceFinding, against_references, as_measured, drift, own_points
 from pipeline.report import batch_entry
 from pipeline.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
+from pipeline.same_recording import copies_doubted
 from pipeline.stages import grade_fruit
 from pipeline.summary import cause, decimals
 from pipeline.task import FruitTask, fruit_task
@@ -146,7 +147,8 @@ def grade(
         for fruit_id, record in records.items():
             records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), results)
         measured = [records[row.fruit_id] for row in batch.rows]
-        in_order, finding = against_references(measured, correct=batch.settings.reference.correct)
+        told = copies_doubted(measured, batch.folder)
+        in_order, finding = against_references(told, correct=batch.settings.reference.correct)
         _keep_what_is_told(measured, in_order, results)
         chart, own = ControlChart(), []
         if chart_at is not None and finding is not None:

@@ -19,6 +19,7 @@ from pipeline.layout import in_order, write_whole
 from pipeline.outcome import FruitEnded, Outcome
 from pipeline.raw_grasps import kept_recording
 from pipeline.records import FleshRecord, GraspRecord
+from pipeline.same_recording import refuse_copy
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
 from pipeline.whose import Owner, owner_findings, owner_remarks, stranger
@@ -126,7 +127,8 @@ def _placed(
     task: FruitTask, shape: Shape, diary: Diary
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
-    placed, failures = [], {}
+    placed: list[PlacedGrasp] = []
+    failures: dict[str, TactileFailure] = {}
     folder, owner = task.folder, owner_of(task)
     strangers: dict[str, bool] = {}
     diary.known["strangers"] = strangers
@@ -152,6 +154,7 @@ def _placed(
                     checked=_checked(task, shape),
                     admit=partial(_admitted, owner, diary, strangers, name=name, field=field),
                 )
+                refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))
                 placed.append(grasp)
             except TactileFailure as failure:
                 failures[name] = failure

@@ -30,6 +30,7 @@ _ADVICE = {
     "pads-off-fruit": "Check the gripper's calibration, and that stem and suture lay as agreed.",
     "implausible-recording": "Correct what is named above in the recording, or record the grasp again.",
     "foreign-recording": "Move the recording to the fruit that it names, or correct its fruit_id.",
+    "repeated-recording": "Take one of the two files away, or put the grasp that was meant in its place.",
     "implausible-pit": "Put the pit of this fruit into pit.ply, or remove it: the category's is then used.",
     "implausible-modulus": "Look for a wrong unit or factor in forces, displacements and meshes.",
     "timed-out": "Run the batch again with a longer time limit; finished fruits are kept.",

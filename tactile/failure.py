@@ -19,6 +19,7 @@ class TactileProblem(StrEnum):
     MARKERS_LOST = "markers-lost"
     IMPLAUSIBLE_RECORDING = "implausible-recording"
     FOREIGN_RECORDING = "foreign-recording"
+    REPEATED_RECORDING = "repeated-recording"
 
 
 class TactileFailure(Exception):

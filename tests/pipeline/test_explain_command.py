@@ -90,6 +90,7 @@ def case(tmp_path):
         shutil.copy(DATA / name, folder)
     for k in (1, 2):
         shutil.copy(DATA / "grasp.h5", folder / f"grasp-{k}.h5")
+    change(folder / "grasp-2.h5", stronger)
     (folder / "case.toml").write_text(SETTINGS)
     return folder
 
@@ -97,6 +98,12 @@ def case(tmp_path):
 def change(path, edit):
     with h5py.File(path, "r+") as file:
         edit(file)
+
+
+def stronger(file):
+    """Another grasp than the first, by a little."""
+    for pad in ("left", "right"):
+        file[f"pads/{pad}/force_N"][...] *= 1.002
 
 
 def finite(value):
@@ -323,6 +330,8 @@ def batch(tmp_path):
         shutil.copy(DATA / name, grasps.parent)
     for k in (1, 2):
         shutil.copy(DATA / "grasp.h5", grasps / f"grasp-{k}.h5")
+        change(grasps / f"grasp-{k}.h5", lambda file: file.attrs.modify("fruit_id", "N01"))
+    change(grasps / "grasp-2.h5", stronger)
     (root / "batch.toml").write_text('# ours\ncategory = "nectarine"\npoisson_ratio = 0.45\n')
     (root / "fruits.csv").write_text("fruit_id\nN01\n")
     return root

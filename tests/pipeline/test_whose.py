@@ -1,7 +1,9 @@
 """A recording of another fruit is no recording of this one: refused, or its E is in doubt."""
 
+import math
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -16,11 +18,14 @@ from pipeline.cli import app
 from pipeline.diary import Diary
 from pipeline.grade import _kept
 from pipeline.grasped import grasped_fruit
-from pipeline.layout import Results
-from pipeline.records import FruitRecord, Given, ModulusRecord, write_record
+from pipeline.layout import BatchFolder, Results
+from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord, write_record
+from pipeline.same_recording import copies_doubted
 from pipeline.task import fruit_task
 from pipeline.whose import Owner, owner_findings
 from tactile.failure import TactileFailure, TactileProblem
+from tactile.recording import read_recording
+from tactile.recording_digest import recording_digest
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 
@@ -171,3 +176,80 @@ def test_check_says_it_of_a_raw_grasp(batch):
     status, said = checked(batch)
     assert status == 4
     assert 'raw-1: fruit_id in grasp.toml: found "f1", expected "N02", and fruits.csv has no "f1"' in said
+
+
+def test_a_copy_within_a_fruit_counts_once(batch):
+    """Written again in double precision, with another attribute: other bytes, and the same grasp."""
+    copy = recording(batch).with_name("grasp-2.h5")
+    shutil.copyfile(recording(batch), copy)
+    with h5py.File(copy, "r+") as file:
+        file.attrs["sensor"] = "of another name"
+        force = file["pads/left/force_N"][()].astype(float)
+        del file["pads/left/force_N"]
+        file["pads/left/force_N"] = force
+    assert copy.read_bytes() != recording(batch).read_bytes()
+    said = "grasp-2.h5: holds the same displacements and forces as grasp-1.h5: one grasp, counted once"
+    status, text = checked(batch)
+    assert status == 2
+    assert f"fruits/N02/grasps/grasp-2.h5: {said}" in text
+    fruit, diary = prepared(batch)
+    assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
+    assert any(
+        one.startswith("not used: grasp-2: holds the same displacements and forces as grasp-1")
+        for one in diary.warnings
+    )
+
+
+def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
+    shutil.copyfile(recording(batch, "N04"), recording(batch))
+    relabel(recording(batch), fruit_id="N02")
+    status, text = checked(batch)
+    assert status == 4
+    first, second, _ = text.splitlines()
+    words = "grasp-1.h5: holds the same displacements and forces as fruits/{}/grasps/grasp-1.h5: at least one"
+    assert first.startswith(f"fruits/N02/grasps/grasp-1.h5: {words.format('N04')}")
+    assert second.startswith(f"fruits/N04/grasps/grasp-1.h5: {words.format('N02')}")
+
+
+def graded(name, *digests, outcome="graded"):
+    grasps = tuple(GraspRecord(grasp=f"grasp-{k}", digest=one) for k, one in enumerate(digests, 1))
+    modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.03, common_sd_MPa=0.01, parts_sd_MPa={"noise": 0.03})
+    return FruitRecord(
+        fruit_id=name,
+        outcome=outcome,
+        key="k",
+        given=Given(),
+        grasps=grasps,
+        modulus=modulus,
+        warnings=("w",),
+    )
+
+
+def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
+    """One of two recordings is shared: half of E's 35 % is in doubt."""
+    sound, refused = graded("N05", "c"), graded("N06", "a", outcome="no-shape")
+    one, other, *rest = copies_doubted(
+        [graded("N02", "a", "b"), graded("N04", "a"), sound, refused], BatchFolder(batch)
+    )
+    assert rest == [sound, refused]
+    for record, there, sd in ((one, "N04", 0.5 * 0.35), (other, "N02", 0.35)):
+        (doubt,) = record.doubts
+        expected = f"grasp-1: holds the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
+        assert doubt.startswith(expected)
+        assert record.warnings == (doubt, "w")
+        assert record.modulus.E_MPa == 0.5
+        assert record.modulus.E_sd_MPa == pytest.approx(math.hypot(0.03, 0.5 * sd))
+        assert math.hypot(*record.modulus.parts_sd_MPa.values()) == pytest.approx(record.modulus.E_sd_MPa)
+        assert record.modulus.common_sd_MPa == 0.01
+
+
+def test_two_recordings_are_one_only_where_every_value_is(batch):
+    one, other = read_recording(recording(batch)), read_recording(recording(batch, "N04"))
+    assert recording_digest(one) != recording_digest(other)
+    left, right = one.pads
+    exchanged = (replace(right, name="left"), replace(left, name="right"))
+    assert recording_digest(replace(one, fruit_id="x", pads=exchanged)) == recording_digest(one)
+    felt = left.displacement_mm.copy()
+    felt[-1, -1, 0] += 1e-4
+    moved = replace(one, pads=(replace(left, displacement_mm=felt), right))
+    assert recording_digest(moved) != recording_digest(one)
