@@ -4,6 +4,7 @@ import datetime
 import difflib
 import itertools
 import math
+import re
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
@@ -24,6 +25,7 @@ from recon.coin import Coin, coin_named
 from recon.failure import ReconFailure
 from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.priors import LEAST_POISSON_RATIO
+from tactile.decimal_number import meant
 
 MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
@@ -35,6 +37,9 @@ standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
 Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Model = TypeVar("Model", bound=BaseModel)
+_AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
+_DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
+"""A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
 
 
 class Strict(BaseModel):
@@ -224,11 +229,13 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
     """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
     if not path.is_symlink() and not path.exists():
         raise BatchRefused([Problem(str(path), missing)])
+    text = ""
     try:
-        return model.model_validate(toml_of(read_text(path, most_bytes=MOST_BYTES)))
+        text = read_text(path, most_bytes=MOST_BYTES)
+        return model.model_validate(toml_of(text))
     except NotReadable as error:
-        hint = "" if not_plain(path) else "; correct it there, or save it again as UTF-8 text"
-        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+        fault = _decimal_comma(text, str(error)) or f"{error}{_mend(path, text)}"
+        raise BatchRefused([Problem(str(path), f"{fault}.")]) from None
     except ValidationError as error:
         said = dict.fromkeys(_sentence(e, model) for e in error.errors())
         raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
@@ -239,6 +246,20 @@ _MISSING = (
     'category = "nectarine", or make an example with `drupe sample DIR`.'
 )
 _A_CASE = "there is no batch.toml but a case.toml: this is a case of its own, which `drupe explain` takes."
+
+
+def _decimal_comma(text: str, fault: str) -> str:
+    """The fault in words, where the line that it names has a decimal comma; empty where it has none."""
+    at = _AT_LINE.search(fault)
+    comma = at and _DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
+    return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
+
+
+def _mend(path: Path, text: str) -> str:
+    """What to do about a file whose bytes are no text, or whose `text` is no TOML."""
+    if not_plain(path):
+        return ""
+    return "; correct it there" if text else "; save it again as UTF-8 text"
 
 
 def _sentence(error: Any, model: type[BaseModel]) -> str:
@@ -291,6 +312,8 @@ def _expected(error: Any) -> str:
     if kind in words:
         plain = {name: f"{v:g}" if isinstance(v, float) else v for name, v in limits.items()}
         return f"found {found}; {words[kind].format(**plain)}"
+    if kind.startswith("float") and isinstance(error["input"], str):
+        return f"found {found}; expected a number, without quotes{meant(error['input'])}"
     for part, expected in (
         ("float", "a number (with a decimal point)"),
         ("int", "a whole number"),

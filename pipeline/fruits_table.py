@@ -25,6 +25,7 @@ REFERENCE_SD = (1e-4, 0.5)
 than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "notes", "reference", *REFERENCE_MEASURES)
+NUMBERS = frozenset((*MEASURES, *REFERENCE_MEASURES))
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
 
@@ -117,7 +118,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     first, separator = text.partition("\n")[0], ","
     for other, name in ((";", "semicolons"), ("\t", "tabs")):
         if other in first and first.count(other) >= first.count(","):
-            problems.append(Problem(str(path), f"separates cells by {name}; save it with commas."))
+            points = _decimal_commas(text, other)
+            problems.append(Problem(str(path), f"separates cells by {name}; save it with commas{points}."))
             separator = other
     if separator != ",":
         text = _with_commas(text, separator)
@@ -133,15 +135,30 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     names = [name.strip() for name in rows[0][1]]
     for line, cells in rows[1:]:
         if any(cell.strip() for cell in cells[len(names) :]):
-            found = (
-                f"line {line} has more cells than the header; separate cells by a comma and write numbers "
-                "with a decimal point."
+            comma = _torn_number(names, cells)
+            found = f"line {line} has more cells than the header; " + (
+                f"{comma}." if comma else "put a text that holds commas in quotation marks."
             )
             raise BatchRefused([*problems, Problem(str(path), found)])
     if len(rows) - 1 > MOST_FRUIT:
         found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
         raise BatchRefused([Problem(str(path), found)])
     return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
+
+
+def _torn_number(names: list[str], cells: list[str]) -> str:
+    """What to write, where a decimal comma has torn a number into two cells; empty where none can have."""
+    for name, whole, part in zip(names, cells, cells[1:], strict=False):
+        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part):
+            pointed = f"{whole.strip()}.{part.strip()}"
+            return f"if {name} has a decimal comma, write {pointed} for {whole.strip()},{part.strip()}"
+    return ""
+
+
+def _decimal_commas(text: str, separator: str) -> str:
+    """What else to change in a table whose numbers have decimal commas, by the first of them."""
+    found = re.search(rf"{separator}[ ]*(-?\d+),(\d+)[ ]*(?={separator}|\n|\Z)", text)
+    return f" and with decimal points ({found[1]},{found[2]}: write {found[1]}.{found[2]})" if found else ""
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:

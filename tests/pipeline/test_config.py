@@ -72,6 +72,36 @@ def test_bad_values_are_said_with_key_and_expectation(tmp_path, text, says):
     assert any(says in line for line in refusals(tmp_path, text))
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("poisson_ratio = 0,45  # assumed\n", "line 2 has a decimal comma: write 0.45."),
+        ("poisson_ratio = ,45\n", "line 2 has a decimal comma: write 0.45."),
+        ("[photos]\ncoin_mm=23,25", "line 3 has a decimal comma: write 23.25."),
+        (
+            '[grading]\nclasses = [{name = "ripe", E_max_MPa = 0,4}, {name = "firm"}]\n',
+            "line 3 has a decimal comma: write 0.4.",
+        ),
+        (
+            'poisson_ratio = "0,45"\n',
+            "\"poisson_ratio\": found '0,45'; expected a number, without quotes; it has a decimal comma; "
+            "write 0.45.",
+        ),
+    ],
+)
+def test_a_decimal_comma_is_called_one(tmp_path, text, says):
+    (line,) = refusals(tmp_path, f'category = "plum"\n{text}')
+    assert line.endswith(f"batch.toml: {says}")
+
+
+def test_only_a_text_in_another_encoding_is_told_to_be_saved_as_utf_8(tmp_path):
+    (line,) = refusals(tmp_path, 'category = "plum\nlot = "0,45"\n')
+    assert line.endswith("(at line 1, column 17); correct it there.")
+    (tmp_path / "batch.toml").write_bytes('category = "plum"\nlot = "Müller"\n'.encode("latin-1"))
+    with pytest.raises(BatchRefused, match=r"line 2\); save it again as UTF-8 text"):
+        read_settings(tmp_path / "batch.toml")
+
+
 def test_a_coin_is_known_by_name_or_given_by_its_diameter(tmp_path):
     path = tmp_path / "batch.toml"
     path.write_text('category = "plum"\n[photos]\ncoin = "1 euro"\n')

@@ -109,7 +109,16 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("fruit_id,notes\nB," + "y" * 140_000 + "\n", "line 2 has a cell of more than 10000 characters"),
         ("fruit_id\n", "holds no fruit"),
         ("fruit_id;height_mm\nA;57,8\n", "semicolons"),
-        ("fruit_id,height_mm,mass_g\nA,57,8,120\n", "line 2 has more cells than the header"),
+        (
+            "fruit_id;height_mm;notes\nA;;x\nB;57,8;x\n",
+            "save it with commas and with decimal points (57,8: write 57.8).",
+        ),
+        ("fruit_id;notes\nA;late, 3,4 days\n", "semicolons; save it with commas."),
+        (
+            "fruit_id,height_mm,mass_g\nA,57,8,120\n",
+            "line 2 has more cells than the header; if height_mm has a decimal comma, write 57.8 for 57,8.",
+        ),
+        ("fruit_id,notes\nA,late,hard\n", "put a text that holds commas in quotation marks."),
     ],
 )
 def test_a_broken_table_is_said(tmp_path, text, says):
