@@ -72,6 +72,12 @@ def is_ours(path: Path) -> bool:
     return bool(listed) and _is_plain(path) and _hash(path) in listed
 
 
+def was_ours(path: Path) -> bool:
+    """Whether drupe wrote a plain file there that somebody has changed since."""
+    listed = (_read(path.parent) or {}).get(path.name, [])
+    return bool(listed) and _is_plain(path) and _hash(path) not in listed
+
+
 def enter(path: Path, data: bytes) -> None:
     """Lists `data` as what is about to be written to `path`; raises NotOurs where a stranger's file is."""
     listed = _read(path.parent)

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.layout import BatchFolder, CaseFolder, FruitFolder, FruitResults, Results
+from pipeline.manifest import was_ours
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import not_plain
 
@@ -123,6 +124,13 @@ def _in_the_way(path: Path, option: str) -> Problem:
         return Problem(
             str(path), f"is a link, and is not written through; remove it, or {MOVE} with {option}."
         )
+    if was_ours(path):
+        sentence = (
+            "was changed since drupe wrote it (opening it in a spreadsheet and saving is enough), so it is "
+            "not overwritten; rename it or move it away, which keeps your changes, and run the same command "
+            f"again: it writes a new {path.name}. Or {MOVE} with {option}."
+        )
+        return Problem(str(path), sentence)
     sentence = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
     return Problem(str(path), f"{sentence} {MOVE} with {option}.")
 

@@ -1,5 +1,7 @@
 """fruits.csv: every fault of every row is named."""
 
+from pathlib import Path
+
 import pytest
 
 from pipeline.fruits_table import read_fruits
@@ -140,3 +142,16 @@ def test_lines_may_end_as_old_spreadsheets_end_them(tmp_path):
 def test_missing_table_is_said(tmp_path):
     with pytest.raises(BatchRefused, match=r"fruits\.csv: is missing"):
         read_fruits(tmp_path / "fruits.csv")
+
+
+def test_the_reference_body_of_the_documentation_is_read_as_it_says(tmp_path):
+    said = (Path(__file__).parents[2] / "docs" / "formats.md").read_text()
+    (tmp_path / "fruits.csv").write_text(next(t for t in said.split("```\n") if "ball-1,50" in t))
+    rows, problems = read_fruits(tmp_path / "fruits.csv")
+    assert not problems
+    fruit, ball = rows
+    assert (fruit.reference, ball.reference) == (False, True)
+    assert (ball.fruit_id, ball.height_mm, ball.reference_E_MPa, ball.reference_E_sd_MPa) == (
+        "ball-1", 50.0, 0.62, 0.03,
+    )  # fmt: skip
+    assert ball.reference_poisson_ratio == 0.48

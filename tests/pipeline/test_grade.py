@@ -9,6 +9,7 @@ from rich.console import Console
 from pipeline import grade as grading
 from pipeline.layout import write_whole
 from pipeline.outcome import Outcome
+from pipeline.problem import BatchRefused
 from pipeline.records import FruitRecord, Given, ModulusRecord, read_record, write_record
 from recon.hull import ball
 from recon.mesh_file import write_mesh
@@ -163,3 +164,20 @@ def test_results_of_other_inputs_do_not_stay_beside_a_refused_fruit(batch, run):
     assert files == []
     assert record.modulus is None
     assert run()[1] == "A"
+
+
+def test_a_ranking_saved_by_a_spreadsheet_is_kept_and_one_step_gives_a_new_one(batch, run):
+    _, _, rows = run()
+    ranking, edited = batch / "results" / "ranking.csv", batch / "results" / "ranking, ours.csv"
+    ranking.write_bytes(ranking.read_bytes().replace(b",", b";"))
+    with pytest.raises(BatchRefused) as refused:
+        run()
+    assert str(refused.value) == (
+        f"{ranking}: was changed since drupe wrote it (opening it in a spreadsheet and saving is enough), so "
+        "it is not overwritten; rename it or move it away, which keeps your changes, and run the same "
+        "command again: it writes a new ranking.csv. Or choose another place with --out."
+    )
+    ranking.rename(edited)
+    _, worked, again = run()
+    assert (worked, again) == ("", rows)  # nothing is computed anew
+    assert b";" in edited.read_bytes()
