@@ -6,7 +6,7 @@ from typing import Any
 
 import h5py
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from tactile.failure import TactileFailure, TactileProblem
 from tactile.plain_file import printable
@@ -18,6 +18,9 @@ MOST_VALUES = 40_000_000
 MOST_IMAGE_VALUES = 2_000_000_000
 MOST_CHUNK_BYTES = 256_000_000
 """The library unpacks a whole chunk to read one value of it."""
+MOST_DROPPED = 0.1
+"""Share of the frames that may be dropped for their missing values, at most; a third left out is a finding of
+its own (tactile/checks/time_order.py). It chooses the advice, no more."""
 MOST_CHARACTERS = 200
 MOST_ATTRIBUTE_BYTES = 65_536
 FARTHEST_MM = 1e5
@@ -137,9 +140,7 @@ class GroupReader:
         values = np.asarray(self._values(name, data), dtype=np.float64)
         bad = ~np.isfinite(values)
         if bad.any():
-            where = tuple(int(i) for i in np.argwhere(bad)[0])
-            found = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
-            raise self._refuse(name, found, "finite numbers", "repair or drop those frames in the recorder")
+            raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
         beyond = np.abs(values) > limit.largest
         if beyond.any():
             where = tuple(int(i) for i in np.argwhere(beyond)[0])
@@ -279,6 +280,32 @@ class GroupReader:
         inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
         where = field + inside if attribute else self.prefix + field
         return unreadable(self.path, where, found, expected, advice)
+
+
+def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str, str, str]:
+    """What was found, expected and is to be done where values are NaN or infinite: lost markers, or frames.
+
+    `of_markers`: the last axis are x, y, z of a marker, and the one before it the markers.
+    """
+    where = tuple(int(i) for i in np.argwhere(bad)[0])
+    count = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
+    if of_markers and bad.ndim > 1:
+        lost = bad.any(axis=-1).reshape(-1, bad.shape[-2])  # frames (one, of places at rest), markers
+        never, ever = int(lost.all(axis=0).sum()), int(lost.any(axis=0).sum())
+        markers, frames = lost.shape[1], lost.shape[0]
+        if never:
+            within = "" if frames == 1 else " in any frame"
+            found = f"{never} of {markers} markers have no values{within} ({count})"
+            advice = (
+                "track those markers in the recorder, or take them out of rest_mm and of both fields alike"
+            )
+            return found, "a finite number for each marker", advice
+        spoilt = int(lost.any(axis=1).sum())
+        if spoilt > MOST_DROPPED * frames:
+            found = f"{ever} of {markers} markers have no values in some of the frames ({count})"
+            advice = f"track them throughout: {spoilt} of {frames} frames lack some, too many to drop them"
+            return found, "a finite number for each marker and frame", advice
+    return count, "finite numbers", "repair or drop those frames in the recorder"
 
 
 def _said(value: object) -> str:

@@ -9,6 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
+from tactile.recording import marker_area_mm2
 
 REGULAR = 0.75
 """Share of the vectors between nearest markers that must be one of two steps for markers to be a grid: square
@@ -45,6 +46,9 @@ INSIDE = 0.02
 """Of the spacing: a site beyond the outline of the markers by more is not inside it; rounding makes 1e-6."""
 EMPTY = 0.45
 """Of the spacing: no marker is so near to a site without one; at half a marker is as near to the next."""
+UNEVEN, DIAGONAL = 1.3, 0.8
+"""A marker's area over its squared spacing, between a square grid's 1 and the 1.5 of every third marker of
+one; least step along x or y over the other, between 0.58 of a hexagonal grid and the 1 of a diagonal."""
 ROUNDS = 4
 """Rounds in which missing sites are found from sites beside them: a hole of eight by eight markers is found
 whole, from both sides, of ten by ten 96; assumed to do, since LOST_REFUSED is passed long before."""
@@ -134,6 +138,22 @@ def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]
         missing = np.vstack([missing, *kept])
         filled = np.vstack([filled, *kept])
     return missing
+
+
+def is_thinned(rest_mm: Float[np.ndarray, "n 2"]) -> bool:
+    """Whether markers may be every second, third or fourth one of a grid: their spacing is not the same both
+    ways, or they stand along the diagonals.
+
+    Of a square grid the area of a marker is the square of its spacing, of a hexagonal one 0.87 of it; where
+    rows are left out it is two or more, and where every second marker is, in turns, neighbours are diagonal.
+    """
+    area_mm2 = marker_area_mm2(np.column_stack([rest_mm, np.zeros(len(rest_mm))]))
+    if area_mm2 is None:
+        return False
+    away, nearest = cKDTree(rest_mm).query(rest_mm, k=[2])
+    step = np.abs(rest_mm[np.asarray(nearest)[:, 0]] - rest_mm)
+    diagonal = float((step.min(axis=1) > DIAGONAL * step.max(axis=1)).mean())
+    return bool(area_mm2 > UNEVEN * np.median(away) ** 2 or diagonal > REGULAR)
 
 
 def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray, "2 2"] | None:

@@ -48,7 +48,8 @@ def recording_findings(
 
     What a refused finding explains is left out: nothing of a lower rank is looked for. `E_range_MPa`: moduli
     that the category can have, `surface_sd_mm`: the mesh's error. A bare indenter's trace is not checked.
-    Without a mesh (None) only what the recording says of itself is: its fields pad by pad.
+    Without a mesh (None) only what the recording says of itself is: its fields pad by pad, and whether the
+    contact runs over the edge of the markers.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):
@@ -77,6 +78,8 @@ def recording_findings(
             lambda: [] if touch_hidden() else edge_findings(pressings),
             lambda: [] if touch_hidden() else _on_the_fruit(pressings, vertices, faces, surface_sd_mm),
         ]
+    else:
+        stages.append(lambda: [] if touch_hidden() else edge_findings(pressings))
     for stage in stages:
         found += stage()
         if any(one.refused for one in found):

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.checks.finding import Field, Finding, Kind, Rank, shared
+from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import Pressing, gives_way, heaviest
 from tactile.checks.relation import Relation, relation_of
 from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
@@ -48,6 +49,8 @@ ONE_GAIN = 0.15
 """Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
 E_PER_GAIN = 0.7
 """Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
+MOST_LEFT_OUT = 4
+"""Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
 LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
 """Gel's indentation over the pad's closing since first touch; sound recordings have 0.05 to 0.55
 (benchmarks/field_spreads.py)."""
@@ -222,6 +225,9 @@ def _gain_finding(
 ) -> Finding:
     pressing, _, closing = one
     size = abs(float(np.log(gain)))
+    left_out = _left_out(gain)
+    if left_out > 1 and is_thinned(pressing.pad.rest_mm[:, :2]):
+        return _thinned_finding(pressing, gain, names, left_out)
     blamed = _blamed(pressing, closing, gain, E_range_MPa)
     said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
     scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
@@ -253,6 +259,8 @@ def _gain_finding(
             f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
             "a gel that creeps, or the stiffness (kn, kt) of another gel"
         )
+        if left_out > 1:
+            says += f"; or only one of every {left_out} markers is in the arrays"
     return Finding(
         kind=kind,
         rank=Rank.RELATION,
@@ -261,6 +269,32 @@ def _gain_finding(
         detail=detail,
         refused=size > GAIN_REFUSED,
         relative_sd=E_PER_GAIN * size * share,
+    )
+
+
+def _left_out(gain: float) -> int:
+    """How many markers there may be for each one in the arrays: each has the force of its own part of the
+    gel, and the part of those that are left seems that much larger. 1 where the gain is no such fraction.
+    """
+    count = round(1 / gain) if gain > 0 else 1
+    return count if 1 < count <= MOST_LEFT_OUT and abs(np.log(gain * count)) < GAIN_SAID else 1
+
+
+def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
+    there = len(one.pad.rest_mm)
+    every = {2: "second", 3: "third", 4: "fourth"}[count]
+    return Finding(
+        kind=Kind.MARKERS_MISSING,
+        rank=Rank.RELATION,
+        pads=names,
+        says=(
+            f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} "
+            f"are missing from the arrays. The {there} that are there stand in an uneven grid, and their "
+            f"forces are {times_said(gain)} what the gel's stiffness says; write all markers"
+        ),
+        detail=str(count),
+        refused=True,
+        relative_sd=1 - 1 / count,
     )
 
 

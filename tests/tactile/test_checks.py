@@ -18,7 +18,7 @@ from tactile.checks.channels import noise_findings
 from tactile.checks.finding import Finding, Kind, Rank, shared
 from tactile.checks.footprint import Footprint, better_otherwise
 from tactile.checks.gel_law import MOST_FOR_SLAB, displacement_of
-from tactile.checks.lattice import missing_sites
+from tactile.checks.lattice import is_thinned, missing_sites
 from tactile.checks.of_recording import QUARTERS, recording_findings
 from tactile.checks.pressing import noise_shares, pressing_of
 from tactile.checks.relation import relation_of
@@ -211,6 +211,18 @@ REFUSED = {
     ),
     "rest permuted": (permuted("rest_mm"), "permuted"),
     "markers missing": (without(lambda pad: picked(len(pad.rest_mm))), "grid has holes"),
+    "every second marker missing": (
+        without(lambda pad: np.arange(len(pad.rest_mm)) % 2 == 1),
+        "both pads' markers are only every second one of the gel: about 200 of 400 are missing",
+    ),
+    "every second marker missing, in turns": (
+        without(lambda pad: np.indices((20, 20)).sum(axis=0).ravel() % 2 == 1),
+        "both pads' markers are only every second one of the gel: about 200 of 400 are missing",
+    ),
+    "every third marker kept": (
+        without(lambda pad: np.arange(len(pad.rest_mm)) % 3 != 1),
+        "both pads' markers are only every third one of the gel",
+    ),
     "half of the gel missing": (without(lambda pad: pad.rest_mm[:, 0] > 0.2), "markers are missing"),
     "zero throughout": (spoilt(0, 0.0), "are zero in displacement and force"),
     "zero from the middle": (spoilt(28, 0.0), "are zero in displacement and force"),
@@ -262,6 +274,36 @@ def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(sound, mistake):
     found = findings(change(recording), mesh)
     assert any(words in one.sentence for one in found)
     assert not any(one.refused for one in found)
+
+
+@pytest.mark.parametrize("side", [lambda p: p.rest_mm[:, 0] > 0.2, lambda p: p.rest_mm[:, 1] < 0.0])
+def test_half_of_the_gel_missing_is_refused_without_a_mesh_too(sound, side):
+    """As `drupe check` meets a photographed fruit, whose mesh nobody has yet."""
+    recording, _ = sound
+    assert findings(recording, (None, None)) == []
+    first, *_ = findings(without(side)(recording), (None, None))
+    assert (first.kind, first.refused) == (Kind.OVER_EDGE, True)
+    assert "the force beyond them is missing; markers are missing" in first.sentence
+
+
+def test_a_gain_of_a_half_on_a_whole_grid_is_a_gain_and_missing_markers_are_one_cause_named(sound):
+    recording, mesh = sound
+    first, *_ = findings(force(0.5)(recording), mesh)
+    assert first.kind is Kind.GAIN
+    assert first.sentence.endswith("or only one of every 2 markers is in the arrays")
+
+
+@pytest.mark.parametrize("turn_deg", [0, 90])
+def test_a_whole_grid_is_not_thinned(turn_deg):
+    line = np.arange(9.0)
+    square = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    hexagonal = square @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
+    rng, angle = np.random.default_rng(2), np.radians(turn_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    for grid in (square, hexagonal):
+        placed = (grid + rng.normal(0, 0.03, grid.shape)) @ turn
+        assert not is_thinned(placed)
+        assert is_thinned(placed[::3])
 
 
 def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(sound):

@@ -212,6 +212,54 @@ def test_a_value_that_is_not_finite_is_placed(planted, tmp_path):
         read_recording(path)
 
 
+def lost(frames, markers):
+    def change(values):
+        values = values.copy()
+        values[frames, markers] = np.nan
+        return values
+
+    return change
+
+
+SECOND = slice(None, None, 2)
+LOST = {
+    "every second marker": (
+        put("pads/left/force_N", lost(slice(None), SECOND)),
+        "found 113 of 225 markers have no values in any frame",
+        "take them out of rest_mm and of both fields alike",
+    ),
+    "every second marker's place": (
+        put("pads/left/rest_mm", lost(SECOND, slice(None))),
+        "found 113 of 225 markers have no values (",
+        "take them out of rest_mm and of both fields alike",
+    ),
+    "every second marker from the middle": (
+        put("pads/left/displacement_mm", lost(slice(20, None), SECOND)),
+        "found 113 of 225 markers have no values in some of the frames",
+        "too many to drop them",
+    ),
+    "one frame": (
+        put("pads/left/force_N", lost(20, slice(None))),
+        "found 675 value(s) NaN or infinite, the first at index (20, 0, 0)",
+        "drop those frames",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LOST)
+def test_markers_without_values_are_counted_and_frames_are_dropped_only_where_few_lack_some(
+    name, planted, tmp_path
+):
+    change, found, advice = LOST[name]
+    write_recording(tmp_path / "a.h5", planted.recording)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        change(file)
+    with pytest.raises(TactileFailure) as caught:
+        read_recording(tmp_path / "a.h5")
+    assert found in str(caught.value)
+    assert advice in str(caught.value)
+
+
 def broken_files(path: Path, recording: Recording) -> None:
     write_recording(path / "whole.h5", recording)
     whole = (path / "whole.h5").read_bytes()
