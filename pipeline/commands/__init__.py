@@ -1,0 +1,1 @@
+"""The commands of `drupe`, one file each: what is asked for, and how it ends."""

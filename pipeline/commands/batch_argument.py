@@ -1,0 +1,10 @@
+"""The argument that names a batch."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+BatchArgument = Annotated[
+    Path, typer.Argument(metavar="BATCH", help="A folder with batch.toml and fruits.csv.")
+]

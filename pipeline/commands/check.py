@@ -1,0 +1,33 @@
+"""`drupe check`."""
+
+import typer
+
+from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.endings import DOUBTED, USAGE, said_when_interrupted
+from pipeline.commands.machine import require_libraries
+from pipeline.safe_start import elsewhere
+
+
+def check(batch: BatchArgument) -> None:
+    """Say everything that is wrong with a batch, without computing.
+
+    Problems stop the batch or a fruit of it; what leaves a fruit its E, with a wider error bar, is marked
+    "E will be in doubt". Exit status: 0 nothing found, 2 problems found, 4 no problem but some E will be in
+    doubt (as `drupe grade` ends then).
+    """
+    require_libraries()
+    with elsewhere():
+        from pipeline.check import check as check_batch
+    with said_when_interrupted(""):
+        found = check_batch(batch)
+    for one in found:
+        typer.echo(f"{one}")
+    doubts = sum(one.doubtful for one in found)
+    problems = len(found) - doubts
+    more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
+    typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")
+    raise typer.Exit(USAGE if problems else DOUBTED if doubts else 0)
+
+
+def _so_many(count: int, what: str) -> str:
+    return f"{count} {what}{'' if count == 1 else 's'}"

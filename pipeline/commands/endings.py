@@ -1,0 +1,26 @@
+"""How commands end: exit statuses, and what is said of an interruption or a refused input."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+
+USAGE, INTERNAL, UNUSABLE, DOUBTED, INTERRUPTED = 2, 1, 3, 4, 130
+
+
+@contextmanager
+def said_when_interrupted(what_is_left: str) -> Iterator[None]:
+    """Inside the block Ctrl-C is said, with `what_is_left` of the work, and is exit status 130."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo(f"drupe: interrupted{what_is_left}", err=True)
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def about(path: Path, reason: Exception) -> str:
+    """The reason, with the path in front where it does not begin with it."""
+    said = str(reason)
+    named = [f"{name}{mark}" for name in (str(path), path.name) if name for mark in ":/ "]
+    return said if said.startswith(tuple(named)) else f"{path}: {said}"

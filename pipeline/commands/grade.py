@@ -1,0 +1,56 @@
+"""`drupe grade`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from pipeline.commands.batch_argument import BatchArgument
+from pipeline.commands.endings import INTERRUPTED
+from pipeline.commands.machine import cores, require_libraries
+from pipeline.safe_start import elsewhere
+
+
+def grade(
+    batch: BatchArgument,
+    out: Annotated[Path | None, typer.Option(help="Where results go.", show_default="BATCH/results")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(min=1, help="Fruit worked on at the same time.", show_default="one per core"),
+    ] = None,
+    time_limit: Annotated[
+        float, typer.Option(min=1, help="Seconds that one fruit may take before it is given up.")
+    ] = 1800,
+    force: Annotated[
+        bool,
+        typer.Option("--force", help="Grade in spite of numbers that no fruit of the category has."),
+    ] = False,
+) -> None:
+    """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
+
+    A second run does only what is missing or changed. Exit status: 0 all graded, 1 internal error, 2 usage or
+    settings, 3 some fruit not graded, 4 all graded but some E in doubt (or the reference bodies or their
+    chart call for somebody), 130 interrupted.
+    """
+    require_libraries()
+    with elsewhere():
+        from pipeline.grade import grade as grade_batch
+        from pipeline.summary import print_summary
+
+    try:
+        status, entry = grade_batch(
+            batch,
+            out,
+            jobs=jobs or cores(),
+            time_limit_s=time_limit,
+            console=Console(stderr=True),
+            force=force,
+        )
+    except KeyboardInterrupt:
+        typer.echo(
+            "drupe: interrupted; finished fruit are kept, the same command goes on from here", err=True
+        )
+        raise typer.Exit(INTERRUPTED) from None
+    print_summary(entry, out or batch / "results", console=Console())
+    raise typer.Exit(status)

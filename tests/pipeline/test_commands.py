@@ -1,0 +1,20 @@
+"""Every command of `drupe` has a file of its own, and README's table names each."""
+
+from pathlib import Path
+
+from pipeline.cli import app
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_a_command_is_a_file_of_its_name():
+    places = {c.callback.__name__: c.callback.__module__ for c in app.registered_commands}
+    assert places
+    assert places == {name: f"pipeline.commands.{name}" for name in places}
+
+
+def test_readme_has_a_row_for_every_command():
+    rows = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("| `drupe ")]
+    assert {row.split()[2].strip("`") for row in rows} == {
+        c.callback.__name__ for c in app.registered_commands
+    }
