@@ -126,9 +126,13 @@ def spoiled(tmp_path_factory):
     shutil.copy(SHIPPED / "mat.json", folder)
     good = next((folder / "fruits").iterdir())
     rows = ["fruit_id,height_mm", f"{good.name},60"]
-    for name, (spoil, *_) in SPOILED.items():
+    for number, (name, (spoil, *_)) in enumerate(SPOILED.items(), 1):
         where = folder / "fruits" / name
         shutil.copytree(good, where)
+        with h5py.File(where / "grasps" / "grasp-1.h5", "r+") as file:
+            file.attrs["fruit_id"] = name
+            for pad in ("left", "right"):
+                file[f"pads/{pad}/force_N"][...] *= 1 + 0.001 * number
         spoil(where)
         rows.append(f"{name},60")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
