@@ -248,7 +248,8 @@ def of_a_given_pit(
                 kind=PitKind.AWAY,
                 sentence=(
                     f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the "
-                    "fruit's middle); it was moved, or is in another frame or of another fruit."
+                    "fruit's middle): the mesh in pit.ply was shifted, is given in another frame of "
+                    "reference than fruit.ply, or is another fruit's."
                 ),
                 relative_sd=E_PER_MM * off,
                 refused=off > FAR_REFUSED * pit.half_mm,
@@ -260,7 +261,8 @@ def of_a_given_pit(
                 kind=PitKind.SIZE,
                 sentence=(
                     f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in "
-                    "a fruit of this size; it is scaled, in another unit or of another fruit."
+                    "a fruit of this size: the mesh in pit.ply was scaled, is in another unit, or is another "
+                    "fruit's."
                 ),
                 relative_sd=E_PER_SIZE * abs(size),
                 refused=abs(size) > SIZE_REFUSED,
@@ -273,8 +275,8 @@ def of_a_given_pit(
                 kind=PitKind.TURNED,
                 sentence=(
                     f"pit.ply is too long along {longest} for a {prior.category}'s pit "
-                    f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere); it is "
-                    "turned against the fruit, or of another."
+                    f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere): it is "
+                    "turned against fruit.ply, or is another fruit's."
                 ),
                 relative_sd=E_OF_A_TURNED_PIT,
             )

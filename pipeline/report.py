@@ -131,6 +131,7 @@ def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) 
         doubts=record.doubts,
         photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
         mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
+        has_pit=record.pit is not None,
         coverage_png=files.coverage.read_bytes() if mesh and files.coverage.is_file() else None,
         views_png=files.views.read_bytes() if not record.graded and files.views.is_file() else None,
         surface_sd_png=files.surface_sd.read_bytes() if mesh and files.surface_sd.is_file() else None,

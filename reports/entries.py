@@ -108,6 +108,8 @@ class FruitEntry:
     """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
+    has_pit: bool = False
+    """Whether the mechanics, and the picture of the mesh, have a pit."""
     coverage_png: bytes | None = None
     views_png: bytes | None = None
     """Where photos were taken, and where more are needed, of a fruit that lacks views."""

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
-from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.finding import Finding, Kind, Rank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 from tactile.recording import marker_area_mm2
@@ -59,8 +59,9 @@ PEAK_SHARE = 0.98
 
 
 def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """What is wrong with each pad's markers as a grid."""
-    return [finding for one in pressings for finding in _pad(one)]
+    """What is wrong with each pad's markers as a grid; what costs the recording is said once of both."""
+    found = [finding for one in pressings for finding in _pad(one)]
+    return shared(found) if all(one.refused for one in found) else found
 
 
 def _pad(one: Pressing) -> list[Finding]:
@@ -189,8 +190,8 @@ def _order(one: Pressing) -> float | None:
 
 
 def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """Contacts that run over the edge of the markers."""
-    return [f for one in pressings for f in _edge(one, one.pad.rest_mm[:, :2])]
+    """Contacts that run over the edge of the markers; of both pads said once."""
+    return shared([f for one in pressings for f in _edge(one, one.pad.rest_mm[:, :2])])
 
 
 def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:

@@ -17,7 +17,7 @@ from pipeline.batch import open_batch
 from pipeline.cli import app
 from pipeline.diary import Diary
 from pipeline.grade import _kept
-from pipeline.grasped import grasped_fruit
+from pipeline.grasped import grasped_fruit, said_once
 from pipeline.layout import BatchFolder, Results
 from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord, write_record
 from pipeline.same_recording import copies_doubted
@@ -253,3 +253,10 @@ def test_two_recordings_are_one_only_where_every_value_is(batch):
     felt[-1, -1, 0] += 1e-4
     moved = replace(one, pads=(replace(left, displacement_mm=felt), right))
     assert recording_digest(moved) != recording_digest(one)
+
+
+def test_each_cause_is_said_once_however_many_recordings_have_it():
+    said = said_once(
+        ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
+    )
+    assert said == "g1: force is 2.0 N. (The same of g3, g4.) g2: never touches."

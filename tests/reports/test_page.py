@@ -188,3 +188,11 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
     ):
         assert words in report_html(replace(empty_batch, fruits=(fruit,)))
         assert words not in report_html(replace(empty_batch, fruits=(replace(fruit, **{picture: None}),)))
+
+
+def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> None:
+    fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, mesh_png=b"png")
+    for has_pit in (False, True):
+        page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
+        assert ("the pit as it is assumed to lie inside" in page) == has_pit
+        assert ("the pit drawn inside it" in page) == has_pit

@@ -286,6 +286,13 @@ def test_half_of_the_gel_missing_is_refused_without_a_mesh_too(sound, side):
     assert "the force beyond them is missing; markers are missing" in first.sentence
 
 
+def test_a_cut_gel_of_both_pads_is_said_once(sound):
+    recording, mesh = sound
+    for choose in (lambda p: p.rest_mm[:, 0] > 0.2, lambda p: picked(len(p.rest_mm))):
+        (one,) = findings(without(choose)(recording), mesh)
+        assert one.sentence.startswith("both pads' ")
+
+
 def test_a_gain_of_a_half_on_a_whole_grid_is_a_gain_and_missing_markers_are_one_cause_named(sound):
     recording, mesh = sound
     first, *_ = findings(force(0.5)(recording), mesh)
