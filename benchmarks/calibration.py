@@ -23,9 +23,9 @@ from sys import path
 
 import numpy as np
 
-from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO
-from fem.modulus_budget import PIT_PLACE, REGISTRATION, TACTILE, ErrorBudget
-from fem.modulus_joint import joint_modulus
+from fem.estimation.error_budget import PIT_PLACE, REGISTRATION, TACTILE, ErrorBudget
+from fem.estimation.joint_inference import joint_modulus
+from fem.estimation.sensitivity import PIT, PIT_SIZE, POISSON_RATIO
 
 path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
 from drawn_grasps import Fruit, Off, Sensor, World

@@ -3,8 +3,8 @@
     OPENBLAS_NUM_THREADS=1 python benchmarks/compliance_ways.py
 
 prints CPU seconds (the least of three runs) of: the factorisation in the best order and the compliance from
-it (fem.multifrontal_compliance); the factorisation with the candidates forced to the end of the order, whose
-last front then holds their condensed stiffness, and its inverse; and plain solves.
+it (fem.sparse.condensed_compliance); the factorisation with the candidates forced to the end of the order,
+whose last front then holds their condensed stiffness, and its inverse; and plain solves.
 """
 
 import sys
@@ -16,11 +16,11 @@ import numpy as np
 from scipy.linalg.lapack import dpotri
 from solver_peers import NU, build
 
-import fem.fronts
-from fem.assembly import assemble
-from fem.elimination_order import EliminationTree, Groups, elimination_tree, tree_in_order
-from fem.multifrontal import cholesky
-from fem.multifrontal_compliance import compliance
+import fem.sparse.fronts
+from fem.elements.assembly import assemble
+from fem.sparse.condensed_compliance import compliance
+from fem.sparse.elimination_order import EliminationTree, Groups, elimination_tree, tree_in_order
+from fem.sparse.multifrontal import cholesky
 
 
 def main(size: str) -> None:

@@ -4,8 +4,8 @@
 
 Energy: twice the strain energy for E = 1 MPa under a fixed traction of 1 N. T10 and T4 run on the mesh that a
 batch without settings gets; columns in percent. `t10`, `t4`: their energy over the converged one, less one;
-`corrected`: T10 with the share put back that fem.discretisation says is missing; `estimate`: that share;
-`counted`: the standard deviation that a modulus gets for it; `effectivity`: estimate over truth.
+`corrected`: T10 with the share put back that fem.solid.discretisation_error says is missing; `estimate`:
+that share; `counted`: the standard deviation that a modulus gets for it; `effectivity`: estimate over truth.
 
 Converged: T10 on meshes cut, step by step up to --dofs, where elements hold the error, its energies W and
 their estimates s extrapolated by W (1 + k s) = W_converged with k from the same energies. So the limit does
@@ -25,17 +25,17 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from fem.assembly import Stiffness, assemble, unit_lame_constants
-from fem.discretisation import discretisation_error
-from fem.failure import FemFailure
-from fem.forward import BASE_HEIGHT_MM, Support, UnitModulusSolid
-from fem.mesh import FleshMesh, refined_where, tetrahedralise
-from fem.modulus import ELEMENTS_SD, LEAST_SD
-from fem.rigid_core import reduced, reduction
-from fem.solver import factorise
-from fem.surface import locate
-from fem.tets import signed_volumes_mm3
-from fem.triangles import closest_on_triangles
+from fem.elements.assembly import Stiffness, assemble, unit_lame_constants
+from fem.estimation.modulus import ELEMENTS_SD, LEAST_SD
+from fem.fem_failure import FemFailure
+from fem.mesh.closest_point import closest_on_triangles
+from fem.mesh.flesh_mesh import FleshMesh, refined_where, tetrahedralise
+from fem.mesh.surface_points import locate
+from fem.mesh.tetrahedra import signed_volumes_mm3
+from fem.solid.discretisation_error import discretisation_error
+from fem.solid.linear_solid import BASE_HEIGHT_MM, Support, UnitModulusSolid
+from fem.solid.rigid_core import reduced, reduction
+from fem.sparse.solver import factorise
 from pipeline.config import FleshMesh as Sizes
 from recon.mesh_file import read_mesh
 

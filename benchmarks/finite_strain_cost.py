@@ -10,11 +10,11 @@ import time
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from fem.finite_strain import FiniteStrainSolid
-from fem.forward import UnitModulusSolid
 from fem.materials.neo_hookean import NeoHookean
-from fem.mesh import tetrahedralise
-from fem.surface import skin_quadrature
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mesh.surface_points import skin_quadrature
+from fem.solid.finite_strain import FiniteStrainSolid
+from fem.solid.linear_solid import UnitModulusSolid
 
 FORCES_N_PER_MPA = (1.0, 2.0, 4.0, 6.0, 8.0, 10.0)
 

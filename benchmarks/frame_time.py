@@ -13,14 +13,14 @@ import time
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from fem.forward import UnitModulusSolid
-from fem.grasp_model import grasp_model
-from fem.mesh import tetrahedralise
-from fem.modulus import estimate_modulus
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.modulus_live import FirstTouch, LiveModel, frame_modulus
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.live_modulus import FirstTouch, LiveModel, frame_modulus
+from fem.estimation.modulus import estimate_modulus
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 E_MPA, NU = 0.5, 0.45
 

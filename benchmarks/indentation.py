@@ -18,9 +18,9 @@ import matplotlib as mpl
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fem.failure import FemFailure
-from fem.mismatch.indenter.account import Account, account_for
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.fem_failure import FemFailure
+from fem.indentation.account import Account, account_for
+from fem.indentation.trace import IndenterTrace
 
 #: a gap this much thinner than the travel allows was not zeroed: it is no thickness
 THINNEST_OVER_TRAVEL = 1.2

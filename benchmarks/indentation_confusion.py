@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.mismatch.indenter.account import account_for
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.indentation.account import account_for
+from fem.indentation.trace import IndenterTrace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
 from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted

@@ -22,7 +22,7 @@ from mismatch_altered import ABLATIONS, WHOLE, altered
 from mismatch_score import score
 from mismatch_summary import summary, table
 
-from fem.failure import FemFailure
+from fem.fem_failure import FemFailure
 from pipeline.cache import code_version
 from pipeline.case import open_case
 from pipeline.diary import Diary

@@ -5,10 +5,12 @@
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
-those that are there are left alone. --write replaces fem/mismatch/null_bank.py by the rows in JSONL.
+those that are there are left alone. --write replaces fem/mismatch/selection/null_reference.py by the rows
+in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
-fem.mismatch.lookalikes states. --grasps takes only the first K recordings of each case, into a JSONL of its
-own; their p-values beside the bank's other fruits, printed at the end, say how far it holds for fewer.
+fem.mismatch.evidence.discrepancy_prior states. --grasps takes only the first K recordings of each case,
+into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
+holds for fewer.
 """
 
 import argparse
@@ -24,12 +26,12 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.detect import LEVEL, NAMES, p_values_beside
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.explain import detection_statistics, plain_ground
-from fem.mismatch.lookalikes import SEEMING
-from fem.mismatch.null_bank import FRUITS, NULLS
-from fem.mismatch.singles import linear_round
+from fem.mismatch.evidence.discrepancy_prior import SEEMING
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.procedure import detection_statistics, plain_ground
+from fem.mismatch.selection.detection import LEVEL, NAMES, p_values_beside
+from fem.mismatch.selection.null_reference import FRUITS, NULLS
+from fem.mismatch.selection.screening import linear_round
 from pipeline.case import open_case
 from pipeline.diary import Diary
 from pipeline.finding import mismatch_case
@@ -43,7 +45,8 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     """The statistics of one case, and how much of every effect seems to be there, the nearest first.
 
     Of its first `grasps` recordings (None: of all).
-    `without`: effects whose seeming amount (fem.mismatch.lookalikes) is left out of the plain model.
+    `without`: effects whose seeming amount (fem.mismatch.evidence.discrepancy_prior) is left out of the
+    plain model.
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)

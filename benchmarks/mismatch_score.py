@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.explanation import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter
 from pipeline.confirmed import PARAMETERS
 
 NINETY = 1.645

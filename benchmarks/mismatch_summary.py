@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from fem.mismatch.explanation import NONE, UNKNOWN
+from fem.mismatch.result import NONE, UNKNOWN
 
 SIGNALS = (0.0, 1.0, 3.0, 10.0, np.inf)
 """Bins of signal over noise: what the plain model leaves of recordings held out, beyond their noise."""

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.fruit_modulus import infer_modulus
-from fem.grasp_model import GraspModel, grasp_model
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus_budget import ErrorBudget
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.fruit_modulus import infer_modulus
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.fem_failure import FemFailure
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
 

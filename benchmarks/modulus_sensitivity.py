@@ -1,6 +1,6 @@
 """Print how much the modulus changes with mesh, surface, pit and pose, each computed anew.
 
-It checks by brute force what fem.grasp_sensitivity gets from derivatives.
+It checks by brute force what fem.estimation.sensitivity gets from derivatives.
 
     python benchmarks/modulus_sensitivity.py FOLDER CASE [CASE ...] [--grasps 1 2] [--only TEXT]
 
@@ -15,13 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.grasp_model import grasp_model
-from fem.mesh import tetrahedralise
-from fem.modulus import estimate_modulus
-from fem.modulus_budget import ErrorBudget
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.modulus import estimate_modulus
+from fem.fem_failure import FemFailure
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import history, place_grasp
 from recon.mesh_file import read_mesh
 

@@ -24,18 +24,18 @@ from calculix_mesh import Core
 from paper_data import HERE, Forward, between_plates, forward, grasp_history
 from paper_shapes import box, core_surface
 
-from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.fruit_modulus import infer_modulus
-from fem.grasp_finite import with_large_deformation
-from fem.grasp_model import GraspModel, grasp_model
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.fruit_modulus import infer_modulus
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.hyperelastic_grasp import with_large_deformation
+from fem.estimation.modulus import ModulusEstimate, estimate_modulus
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus import ModulusEstimate, estimate_modulus
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory
-from fem.pad_link import contact_nodes
-from fem.reference import hertz_sphere_force_N, s368_parallel_plates_modulus_MPa
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.solid.closed_forms import hertz_sphere_force_N, s368_parallel_plates_modulus_MPa
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 E_MPA, POISSON_RATIO = 0.1, 0.45
 EXACT = ErrorBudget(gel_scale_sd=1e-6, force_scale_sd=1e-6, pose_sd_mm=0.0, surface_sd_mm=0.0)
@@ -79,7 +79,7 @@ class Found:
 def _mesh(
     data: Forward, core: Core | None, *histories: GraspHistory, size: tuple[float, float, int] = FINE
 ) -> FleshMesh:
-    """The estimator's own mesh: tetrahedra of fem.mesh, finer along the rims of the contacts."""
+    """The estimator's own mesh: tetrahedra of fem.mesh.flesh_mesh, finer along the rims of the contacts."""
     rims = []
     for history in histories:
         for pad in history.pads:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory, PadHistory
 
 HERE = Path(__file__).parent / "forward"
 DISPLACEMENT_SD_MM, FORCE_SD_N = 5e-3, 1e-6

@@ -64,7 +64,7 @@ class Clock:
 
 def ours(case: dict, clock: Clock) -> np.ndarray:
     """The border of fem, whatever solver is behind it."""
-    from fem.solver import factorise
+    from fem.sparse.solver import factorise
 
     stiffness, _ = _our_stiffness(case, clock)
     with clock("factor"):
@@ -74,7 +74,7 @@ def ours(case: dict, clock: Clock) -> np.ndarray:
 
 def our_compliance(case: dict, clock: Clock) -> np.ndarray:
     """Under `hundred_solves`: the compliance of all candidates, tried on three of them."""
-    from fem.solver import factorise
+    from fem.sparse.solver import factorise
 
     stiffness, place = _our_stiffness(case, clock)
     last = place[(3 * case["candidates"][:, None] + np.arange(3)).ravel()]
@@ -92,8 +92,8 @@ def our_compliance(case: dict, clock: Clock) -> np.ndarray:
 def _our_stiffness(case: dict, clock: Clock):
     from scipy.sparse import csr_array
 
-    from fem.assembly import assemble
-    from fem.rigid_core import reduced
+    from fem.elements.assembly import assemble
+    from fem.solid.rigid_core import reduced
 
     n, free = 3 * len(case["nodes"]), case["free"]
     with clock("assembly"):
@@ -264,9 +264,9 @@ PEERS = {
 
 def build(path: Path, size: str) -> int:
     """Mesh, loads and candidate contact nodes of one size, kept in a file that all solvers read."""
-    from fem.assembly import lumped_moments
-    from fem.elements import TET_EDGES
-    from fem.mesh import tetrahedralise
+    from fem.elements.assembly import lumped_moments
+    from fem.elements.shape_functions import TET_EDGES
+    from fem.mesh.flesh_mesh import tetrahedralise
 
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
     from fem_shapes import ball

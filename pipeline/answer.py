@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.explanation import Candidate, Explanation, Modulus, Parameter
+from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter
 from reports.explain_entries import (
     CandidateEntry,
     CellEntry,

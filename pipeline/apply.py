@@ -7,7 +7,7 @@ from datetime import datetime
 
 from pydantic import ValidationError
 
-from fem.mismatch.explanation import NONE, UNKNOWN, Candidate, Explanation, Parameter
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter
 from pipeline.case import Case
 from pipeline.config import Settings
 from pipeline.confirmed import OF_ONE_FRUIT, PARAMETERS, ConfirmedEffect, Value

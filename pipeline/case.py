@@ -7,7 +7,7 @@ from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from fem.assembly import LARGEST_POISSON_RATIO
+from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.batch import Batch, as_named, open_batch
 from pipeline.check import implausible_fruit
 from pipeline.config import Name, Pit, Relative, Settings, Shift, Strict, read_toml

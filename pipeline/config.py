@@ -18,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from fem.assembly import LARGEST_POISSON_RATIO
+from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.confirmed import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
 from recon.coin import Coin, coin_named
@@ -151,7 +151,7 @@ class Photos(Strict):
 class FleshMesh(Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
-    Under the pads a fifth of each contact's width and at most 1.7 mm (fem.contact_size) unless given.
+    Under the pads a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size) unless given.
     """
 
     edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fem.assembly import LARGEST_POISSON_RATIO
+from fem.elements.assembly import LARGEST_POISSON_RATIO
 from recon.plain_file import printable
 from tactile.correction import (
     ClockLag,

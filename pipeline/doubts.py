@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.grasp import PlacedGrasp
 from pipeline.records import PitFoundRecord
 from recon.closed import volume_mm3

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fem.failure import FemFailure
+from fem.fem_failure import FemFailure
 from pipeline.confirmed import OF_THE_JAWS, ConfirmedEffect, faults
 from pipeline.elasticity import fruit_modulus
 from pipeline.flesh_effects import in_the_model

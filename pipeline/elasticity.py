@@ -6,20 +6,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem.assembly import assemble
-from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.fruit_modulus import FruitInference, infer_modulus
-from fem.grasp_finite import with_large_deformation
-from fem.grasp_model import GraspModel, grasp_model
-from fem.grasp_sensitivity import POISSON_RATIO
+from fem.elements.assembly import assemble
+from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
+from fem.estimation.fruit_modulus import FruitInference, infer_modulus
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.hyperelastic_grasp import with_large_deformation
+from fem.estimation.joint_inference import FruitModulus
+from fem.estimation.sensitivity import POISSON_RATIO
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
-from fem.mesh import FleshMesh
-from fem.mismatch.case import MismatchCase
-from fem.modulus_budget import DISCRETISATION, ErrorBudget
-from fem.modulus_inputs import GraspHistory
-from fem.modulus_joint import FruitModulus
-from fem.pad_link import contact_nodes
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.confirmed import keyed
 from pipeline.flesh_effects import added, in_the_model, with_departures

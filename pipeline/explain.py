@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from fem.failure import FemFailure
+from fem.fem_failure import FemFailure
 from pipeline.alone import alone, is_held
 from pipeline.answer import IN_ALL, answer, explain_entry
 from pipeline.apply import applied

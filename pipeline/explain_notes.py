@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.mismatch.explanation import Explanation
+from fem.mismatch.result import Explanation
 from pipeline.case import Case
 from pipeline.grasp import PlacedGrasp
 from pipeline.grasped import GraspedFruit, owner_of

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
-from fem.mismatch.case import MismatchCase
-from fem.mismatch.explanation import Explanation
-from fem.mismatch.indenter.explain import explain_trace
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.indentation.explain_trace import explain_trace
+from fem.indentation.trace import IndenterTrace
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.result import Explanation
 from pipeline.case import Case
 from pipeline.diary import Diary
 from pipeline.explain_notes import notes_on, notes_on_verdict
@@ -100,7 +100,7 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
 
 def find(case: MismatchCase, diary: Diary, *, jobs: int) -> Explanation:
     """The finder itself."""
-    from fem.mismatch.explain import explain
+    from fem.mismatch.procedure import explain
 
     return explain(case, progress=diary.report, workers=jobs)
 

@@ -5,8 +5,8 @@ import hashlib
 import numpy as np
 from jaxtyping import Float
 
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus_budget import ErrorBudget
+from fem.estimation.error_budget import ErrorBudget
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from pipeline.cache import Artifact, cached, stage_key
 from pipeline.config import Settings
 from pipeline.confirmed import pit_found

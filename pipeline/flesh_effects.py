@@ -7,12 +7,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from fem.failure import FemFailure
-from fem.grasp_model import GraspModel
-from fem.mismatch.case import MismatchCase
+from fem.estimation.grasp_model import GraspModel
+from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.departure import KnownEffect, departures
+from fem.mismatch.displacement_correction import KnownEffect, departures
 from fem.mismatch.effect import Effect
+from fem.mismatch.mismatch_case import MismatchCase
 from pipeline.confirmed import OF_THE_JAWS, PARAMETERS, ConfirmedEffect
 
 BEFORE_THE_MODEL = OF_THE_JAWS | {"poisson_ratio", "pit_offset", "pit_size"}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fem.assembly import LARGEST_POISSON_RATIO
+from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 from recon.priors import LEAST_POISSON_RATIO

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.failure import FemFailure
-from fem.mismatch.case import GraspCase, PadMotion
-from fem.modulus import ModulusEstimate
-from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.estimation.modulus import ModulusEstimate
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.records import CurveRecord, GraspRecord
 from recon.surface_error import sd_on_patch_mm
 from tactile.checks.finding import Finding

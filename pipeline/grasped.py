@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from fem.mesh import FleshMesh
-from fem.modulus_budget import ErrorBudget
-from fem.solver import solver_name
+from fem.estimation.error_budget import ErrorBudget
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.sparse.solver import solver_name
 from pipeline.confirmed import faults
 from pipeline.diary import Diary
 from pipeline.doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps

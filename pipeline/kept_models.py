@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem.failure import FemFailure, FemProblem
-from fem.grasp_model import GraspModel
-from fem.grasp_sensitivity import Sensitivity
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.sensitivity import Sensitivity
+from fem.fem_failure import FemFailure, FemProblem
 from pipeline.cache import Artifact
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from threadpoolctl import threadpool_limits
 
-from fem.failure import FemFailure
+from fem.fem_failure import FemFailure
 from pipeline.confirmed import in_words
 from pipeline.diary import Diary
 from pipeline.doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained

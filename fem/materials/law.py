@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from fem.assembly import unit_lame_constants
+from fem.elements.assembly import unit_lame_constants
 
 
 class UnitLaw(Protocol):

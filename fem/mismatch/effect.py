@@ -1,6 +1,6 @@
 """What every effect of the catalogue is: a name, parameters, a linear signature, a nonlinear model.
 
-The plain model of one recording, marker by marker (fem.modulus_fit):
+The plain model of one recording, marker by marker (fem.estimation.compliance_fit):
 
     y(t) = X + s c(t) + R q(t) + g d(t) + noise,        sum of the pads' forces and moments = 0
 
@@ -15,9 +15,9 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.explanation import Parameter
-from fem.mismatch.fields import Column
-from fem.mismatch.ground import Ground
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column
+from fem.mismatch.result import Parameter
 
 Family = Literal["object", "interaction", "measurement"]
 

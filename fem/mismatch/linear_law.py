@@ -8,9 +8,9 @@ from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.ground import Ground
-from fem.mismatch.reduced_law import Operator, ReducedLaw, reduced_laws
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.reduced_law import Operator, ReducedLaw, reduced_laws
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 from fem_shapes import ball
 
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes
-from fem.surface import locate
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import locate
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 NU = 0.45
 HALF_AXES_MM = np.array([20.0, 19.0, 18.0])

@@ -8,11 +8,7 @@ from jaxtyping import install_import_hook
 from threadpoolctl import threadpool_limits
 
 with install_import_hook("fem", "beartype.beartype"):
-    import fem.forward
-    import fem.fruit_modulus
-    import fem.reference
-    import fem.surface  # noqa: F401
-    from fem.mesh import FleshMesh, tetrahedralise
+    from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 
 from fem_shapes import ball
 

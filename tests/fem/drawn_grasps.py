@@ -13,16 +13,16 @@ import numpy as np
 from fem_shapes import ball
 from scipy.spatial import cKDTree
 
-from fem.assembly import assemble
-from fem.discretisation import discretisation_error
-from fem.forward import UnitModulusSolid
-from fem.free_body import FreeBody
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.moved_pit import with_pit_moved
-from fem.rigid_core import reduced, rigid_modes
-from fem.solver import Analysis, analyse
-from fem.surface import SurfacePoints, locate, skin_quadrature
+from fem.elements.assembly import assemble
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import SurfacePoints, locate, skin_quadrature
+from fem.solid.discretisation_error import discretisation_error
+from fem.solid.free_body import FreeBody
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.moved_pit import with_pit_moved
+from fem.solid.rigid_core import reduced, rigid_modes
+from fem.sparse.solver import Analysis, analyse
 
 NU = 0.45
 RADII_MM = np.array([2.5, 3.5, 4.5, 5.3, 6.0, 6.0, 5.2, 4.2, 3.2])

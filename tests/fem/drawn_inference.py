@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from drawn_grasps import NU, Off, Sensor, True1MPa, World, press_of, recorded
 
-from fem.forward import UnitModulusSolid
-from fem.fruit_modulus import FruitInference, infer_modulus
-from fem.grasp_model import GraspModel, grasp_model
-from fem.mesh import FleshMesh
-from fem.modulus import ModulusEstimate, estimate_modulus
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.fruit_modulus import FruitInference, infer_modulus
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.modulus import ModulusEstimate, estimate_modulus
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 SOFTEST_MPA, STIFFEST_MPA = 0.1, 3.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from fem.tets import signed_volumes_mm3, with_mid_edges
+from fem.mesh.tetrahedra import signed_volumes_mm3, with_mid_edges
 
 
 def ball(n_points: int, *, semi_axes_mm, centre_mm=(0.0, 0.0, 0.0)):

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 from coarse_fruit import NU, fruit_mesh, pinch
 
-from fem.mismatch.baseline import Baseline, baseline
-from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.ground import Ground
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory
+from fem.estimation.error_budget import ErrorBudget
+from fem.grasp_history import GraspHistory
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.forward_model import Ground
 
 COMPLIANCE = 4.0
 FRAMES = 8

@@ -13,19 +13,19 @@ import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
 
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
+from fem.estimation.error_budget import ErrorBudget
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.explain import plain_ground
-from fem.mismatch.ground import Ground
-from fem.mismatch.refit import Refit, refit
-from fem.mismatch.singles import LinearRound, linear_round
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes, pad_link
-from fem.surface import locate
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.procedure import plain_ground
+from fem.mismatch.selection.refinement import Refit, refit
+from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes, pad_link
 
 E_MPA = 0.25
 AXIS = np.linspace(-3.6, 3.6, 7)

@@ -11,13 +11,13 @@ import numpy as np
 from axisymmetric import Revolved, cored_ball, cylinder
 from fem_shapes import ball
 
-from fem.forward import UnitModulusSolid
-from fem.grasp_model import GraspModel, grasp_model
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.modulus import ModulusEstimate, estimate_modulus
-from fem.modulus_budget import MODEL, TACTILE, ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import MODEL, TACTILE, ErrorBudget
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.modulus import ModulusEstimate, estimate_modulus
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 NU = 0.45
 E_MPA = 0.3

@@ -5,7 +5,7 @@ no springs. The flesh is linear, or has one of three other laws (strains rr, zz,
 
     python tests/fem/pressed_slab.py tests/data/pressed-slab.csv
 
-writes the force-depth curves that the tests of fem.mismatch.indenter compare with: some five minutes.
+writes the force-depth curves that the tests of fem.indentation compare with: some five minutes.
 """
 
 import sys

@@ -4,11 +4,11 @@ from fem_shapes import cube_mesh, on_cube_surface
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from fem.assembly import assemble, unit_lame_constants
-from fem.elements import t10_gradient, t10_shape, tet_quadrature
-from fem.failure import FemFailure, FemProblem
-from fem.rigid_core import rigid_modes
-from fem.solver import factorise
+from fem.elements.assembly import assemble, unit_lame_constants
+from fem.elements.shape_functions import t10_gradient, t10_shape, tet_quadrature
+from fem.fem_failure import FemFailure, FemProblem
+from fem.solid.rigid_core import rigid_modes
+from fem.sparse.solver import factorise
 
 
 def solve_with_border(stiffness, nodes, border, imposed, load=None):

@@ -11,8 +11,8 @@ import pytest
 from drawn_grasps import Fruit, Off, Sensor, World
 from drawn_inference import Estimator, drawn_off
 
-from fem.modulus_budget import REGISTRATION, TACTILE, ErrorBudget
-from fem.modulus_joint import joint_modulus
+from fem.estimation.error_budget import REGISTRATION, TACTILE, ErrorBudget
+from fem.estimation.joint_inference import joint_modulus
 
 SIZES = {"edge_mm": 7.0, "refine_edge_mm": 5.0}
 NOTHING = ErrorBudget(

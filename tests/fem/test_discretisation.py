@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from fem_shapes import box, cube_mesh
 
-from fem.discretisation import discretisation_error
-from fem.elements import TET_FACES
-from fem.failure import FemFailure
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh, refined_where, tetrahedralise
-from fem.surface import locate
-from fem.tets import boundary_faces
+from fem.elements.shape_functions import TET_FACES
+from fem.fem_failure import FemFailure
+from fem.mesh.flesh_mesh import FleshMesh, refined_where, tetrahedralise
+from fem.mesh.surface_points import locate
+from fem.mesh.tetrahedra import boundary_faces
+from fem.solid.discretisation_error import discretisation_error
+from fem.solid.linear_solid import UnitModulusSolid
 
 
 def cube(n):

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from fem_shapes import cube_mesh
 
-import fem.element_pattern
-from fem.assembly import assemble, lumped_moments, unit_lame_constants
-from fem.element_gradients import gradient_products, inverse_3x3
-from fem.element_pattern import ElementPattern
-from fem.elements import t10_gradient, tet_quadrature
+import fem.elements.block_pattern
+from fem.elements.assembly import assemble, lumped_moments, unit_lame_constants
+from fem.elements.block_pattern import ElementPattern
+from fem.elements.gradients import gradient_products, inverse_3x3
+from fem.elements.shape_functions import t10_gradient, tet_quadrature
 
 
 def half_curved():

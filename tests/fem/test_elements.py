@@ -3,7 +3,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from fem.elements import (
+from fem.elements.shape_functions import (
     TET_EDGES,
     TET_FACES,
     t6_gradient,

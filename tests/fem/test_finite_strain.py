@@ -6,22 +6,22 @@ from fem_shapes import ball, cube_mesh, on_cube_surface
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-import fem.finite_balance
-import fem.finite_elements
-from fem.elements import TET_FACES
-from fem.failure import FemFailure, FemProblem
-from fem.finite_elements import FiniteFlesh
-from fem.finite_pit import rigid_fit
-from fem.finite_strain import FiniteStrainSolid, finite_displacement
-from fem.forward import UnitModulusSolid
+import fem.solid.finite_strain_balance
+import fem.solid.finite_strain_elements
+from fem.elements.shape_functions import TET_FACES
+from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.fung import Fung
 from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean
 from fem.materials.yeoh import Yeoh
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.newton import Ending, equilibrium
-from fem.surface import locate, skin_quadrature
-from fem.tets import boundary_faces
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import locate, skin_quadrature
+from fem.mesh.tetrahedra import boundary_faces
+from fem.solid.finite_rotation import rigid_fit
+from fem.solid.finite_strain import FiniteStrainSolid, finite_displacement
+from fem.solid.finite_strain_elements import FiniteFlesh
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.newton import Ending, equilibrium
 
 NU = 0.45
 LAWS = [

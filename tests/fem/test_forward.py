@@ -3,18 +3,18 @@ import pytest
 from fem_shapes import ball
 from scipy.sparse import csr_array
 
-from fem.assembly import assemble
-from fem.failure import FemFailure, FemProblem
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.reference import (
+from fem.elements.assembly import assemble
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import locate, skin_quadrature
+from fem.solid.closed_forms import (
     cored_sphere_shrinkage_mm,
     embedded_sphere_displacement,
     embedded_sphere_stiffness_N_per_mm,
 )
-from fem.rigid_core import pit_centre_mm, reduction, rigid_modes
-from fem.solver import factorise
-from fem.surface import locate, skin_quadrature
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.rigid_core import pit_centre_mm, reduction, rigid_modes
+from fem.sparse.solver import factorise
 
 
 @pytest.fixture(scope="module")

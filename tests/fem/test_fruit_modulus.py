@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 
-from fem.failure import FemFailure, FemProblem
-from fem.forward import UnitModulusSolid
-from fem.fruit_modulus import infer_modulus
-from fem.grasp_model import grasp_model
-from fem.mesh import tetrahedralise
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes
-from fem.surface import locate, skin_quadrature
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.fruit_modulus import infer_modulus
+from fem.estimation.grasp_model import grasp_model
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mesh.surface_points import locate, skin_quadrature
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 NU, E_MPA, SD_MM = 0.45, 0.4, 2e-3
 FRUIT_MM, PIT_MM = np.array([17.0, 16.0, 16.5]), np.array([10.5, 4.5, 7.5])
@@ -208,7 +208,7 @@ def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monk
         asked.append(place)
         raise FemFailure(FemProblem.INVERTED_ELEMENTS, "too close to the skin")
 
-    monkeypatch.setattr("fem.fruit_modulus.with_pit_moved", refuse)
+    monkeypatch.setattr("fem.estimation.fruit_modulus.with_pit_moved", refuse)
     found = infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
     assert found.moves == 0
     pit = found.modulus.pit

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from coarse_fruit import all_nodes, fruit_mesh, fruit_solid, lowest_nodes, pinch
 
-from fem.grasp_model import grasp_model
-from fem.pad_link import contact_nodes, pad_link
-from fem.rigid_core import rigid_modes
+from fem.estimation.grasp_model import grasp_model
+from fem.solid.pad_link import contact_nodes, pad_link
+from fem.solid.rigid_core import rigid_modes
 
 
 @pytest.fixture(params=["free", "base"])

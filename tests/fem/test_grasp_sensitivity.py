@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from coarse_fruit import NU, all_nodes, fruit_mesh, fruit_solid, pinch
 
-from fem.assembly import assemble
-from fem.forward import UnitModulusSolid
-from fem.grasp_model import grasp_model
-from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO
-from fem.moved_pit import with_pit_moved
-from fem.pad_link import pad_link
-from fem.rigid_core import rigid_modes
+from fem.elements.assembly import assemble
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.sensitivity import PIT, PIT_SIZE, POISSON_RATIO
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.moved_pit import with_pit_moved
+from fem.solid.pad_link import pad_link
+from fem.solid.rigid_core import rigid_modes
 
 SHIFT = np.array([0.6, -0.64, 0.48])
 SHIFT_MM, SIZE, RATIO = 0.25, 0.02, 0.005

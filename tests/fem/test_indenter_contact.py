@@ -4,9 +4,9 @@ from planted_presses import NU, RADIUS_MM, THICK_MM, Press, curve, ting_force
 from scipy.optimize import brentq
 from scipy.special import dawsn
 
-from fem.mismatch.indenter.ball import BallOnSlab, slab_factor
-from fem.mismatch.indenter.foundation import elastic_force, relaxing_force, springs
-from fem.reference import hertz_sphere_force_N
+from fem.indentation.ball import BallOnSlab, slab_factor
+from fem.indentation.foundation import elastic_force, relaxing_force, springs
+from fem.solid.closed_forms import hertz_sphere_force_N
 
 HALF_SPACE = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=None, poisson_ratio=NU)
 

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
 
-from fem.failure import FemFailure, FemProblem
-from fem.mismatch.indenter.explain import explain_trace
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.explain_trace import explain_trace
+from fem.indentation.trace import IndenterTrace
 
 
 def explained(columns, *, thickness_mm=THICK_MM, nu=NU):

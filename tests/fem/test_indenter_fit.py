@@ -2,19 +2,19 @@ import numpy as np
 import pytest
 from planted_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, planted
 
-from fem.failure import FemFailure, FemProblem
-from fem.mismatch.indenter import fit as indenter_fit
-from fem.mismatch.indenter import heldout
-from fem.mismatch.indenter.air import air_noise, first_touch
-from fem.mismatch.indenter.baseline import linear_law
-from fem.mismatch.indenter.effects.gripper_compliance import gripper_compliance
-from fem.mismatch.indenter.effects.viscoelastic import viscoelastic
-from fem.mismatch.indenter.fit import fit
-from fem.mismatch.indenter.heldout import foretell, future_frames
-from fem.mismatch.indenter.law import Law
-from fem.mismatch.indenter.noise import AirNoise, Noise, model_clock
-from fem.mismatch.indenter.rank import parameters_of
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation import fit as indenter_fit
+from fem.indentation import heldout
+from fem.indentation.air import air_noise, first_touch
+from fem.indentation.contact_law import Law
+from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
+from fem.indentation.effects.trace_viscoelastic import viscoelastic
+from fem.indentation.fit import fit
+from fem.indentation.heldout import foretell, future_frames
+from fem.indentation.rank import parameters_of
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_baseline import linear_law
+from fem.indentation.trace_noise import AirNoise, Noise, model_clock
 
 
 def trace_of(columns):

@@ -3,18 +3,18 @@ import pytest
 from planted_presses import NU, RADIUS_MM, THICK_MM, curve
 from pressed_slab import Linear, PressedSlab
 
-from fem.mismatch.indenter.ball import BallOnSlab
-from fem.mismatch.indenter.effects.damage import damage_share
-from fem.mismatch.indenter.effects.plastic_set import plastic_slack_mm
-from fem.mismatch.indenter.effects.stiffening import stiffening_share
-from fem.mismatch.indenter.effects.viscoelastic import viscoelastic_parameters
-from fem.mismatch.indenter.energy_share import (
+from fem.indentation.ball import BallOnSlab
+from fem.indentation.effects.trace_damage import damage_share
+from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
+from fem.indentation.effects.trace_stiffening import stiffening_share
+from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
+from fem.indentation.energy_share import (
     energy_classes,
     half_space,
     hertz_energy_density,
     whole_energy,
 )
-from fem.mismatch.indenter.foundation import elastic_force, springs
+from fem.indentation.foundation import elastic_force, springs
 
 SLAB = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=THICK_MM, poisson_ratio=NU)
 

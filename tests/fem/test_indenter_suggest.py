@@ -2,15 +2,15 @@ import numpy as np
 import pytest
 from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
 
-from fem.mismatch.indenter.air import air_noise, first_touch
-from fem.mismatch.indenter.baseline import linear_law
-from fem.mismatch.indenter.effects.damage import EFFECT as DAMAGE
-from fem.mismatch.indenter.effects.gripper_compliance import gripper_compliance
-from fem.mismatch.indenter.effects.viscoelastic import viscoelastic
-from fem.mismatch.indenter.fit import fit
-from fem.mismatch.indenter.law import Law
-from fem.mismatch.indenter.suggest import PRESSES, next_press
-from fem.mismatch.indenter.trace import IndenterTrace
+from fem.indentation.air import air_noise, first_touch
+from fem.indentation.contact_law import Law
+from fem.indentation.effects.trace_damage import EFFECT as DAMAGE
+from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
+from fem.indentation.effects.trace_viscoelastic import viscoelastic
+from fem.indentation.fit import fit
+from fem.indentation.next_trace import PRESSES, next_press
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_baseline import linear_law
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
-from fem.failure import FemFailure, FemProblem
+from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.fung import Fung
 from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 
-from fem.curve import t10_jacobians
-from fem.failure import FemFailure, FemProblem
-from fem.mesh import t6_volume_mm3, tetrahedralise
-from fem.tets import boundary_faces, smallest_dihedral_deg
-from fem.triangles import enclosed_volume_mm3
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.boundary_fit import t10_jacobians
+from fem.mesh.closest_point import enclosed_volume_mm3
+from fem.mesh.flesh_mesh import t6_volume_mm3, tetrahedralise
+from fem.mesh.tetrahedra import boundary_faces, smallest_dihedral_deg
 
 
 def test_fruit_and_pit_keep_their_volumes(nectarine):

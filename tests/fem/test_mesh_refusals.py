@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from fem_shapes import ball, box, cube_mesh
 
-from fem.closed_surface import checked_surface, must_enclose, winding_number
-from fem.failure import FemFailure, FemProblem
-from fem.mesh import FleshMesh, refined_where, tetrahedralise
-from fem.triangles import closest_on_triangles, enclosed_volume_mm3
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.closed_surface import checked_surface, must_enclose, winding_number
+from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
+from fem.mesh.flesh_mesh import FleshMesh, refined_where, tetrahedralise
 
 FRUIT = ball(800, semi_axes_mm=(30, 30, 30))
 PIT = ball(300, semi_axes_mm=(12, 9, 10))

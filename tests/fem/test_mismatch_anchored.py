@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.mismatch.anchored import NEAR, anchored
+from fem.mismatch.model.quadratic_surrogate import NEAR, anchored
 
 
 class Search:

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.mismatch.checks import checks
-from fem.mismatch.explanation import GraspTrace
+from fem.mismatch.result import GraspTrace
+from fem.mismatch.selection.predictive_checks import checks
 
 FORCE = np.array([0.0, 1.0, 2.0, 2.0, 2.0, 1.0, 0.0])
 PHASE = ("load",) * 3 + ("hold",) * 2 + ("unload",) * 2

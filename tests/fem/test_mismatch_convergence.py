@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from pinched_ground import ground_of
 
-from fem.failure import FemFailure, FemProblem
-from fem.mismatch import name, slip_path, stress_history
+from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.kept_equations import marker_equations
-from fem.mismatch.normal import MarkerEquations
-from fem.mismatch.singles import linear_round
+from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.model import slip_path, stress_history
+from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.selection import model_selection
+from fem.mismatch.selection.screening import linear_round
 
 LAWS = [
     (damage.EFFECT, {"dmax": 0.35, "W0_over_E": 0.004}, {"dmax": 0.3, "W0_over_E": 0.003}),
@@ -67,8 +68,8 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
     linear = linear_round(ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], [damage.EFFECT])
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
-    sound = name.Sound(chi2=1.0, most_chi2=1.0, softness=1.0)
-    found = name.named(ground, linear, detected=True, sound=sound)
+    sound = model_selection.Sound(chi2=1.0, most_chi2=1.0, softness=1.0)
+    found = model_selection.named(ground, linear, detected=True, sound=sound)
     assert "after 1 rounds" in found.without["damage"]
 
 

@@ -8,12 +8,12 @@ import pytest
 from planted_mismatch import only_grasp, planted_case
 from scipy.stats import multivariate_normal
 
+from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Response
-from fem.mismatch.evidence import PLAIN_SD, Products, Recorded
-from fem.mismatch.explain import plain_ground
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.nuisances import common_nuisances, own_nuisances
-from fem.mismatch.resting_force import RestingForces
+from fem.mismatch.evidence.linear_evidence import PLAIN_SD, Products, Recorded
+from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.procedure import plain_ground
 
 SHAPE = (3, 4, 3)
 SIZE = int(np.prod(SHAPE))

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from planted_mismatch import E_MPA, Recording, on_pad, planted_case
 
-from fem.mismatch import explain as start_to_end
+from fem.mismatch import procedure as start_to_end
 from fem.mismatch.effects import (
     clock_lag,
     gripper_compliance,

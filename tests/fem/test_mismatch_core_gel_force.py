@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
 
-from fem.mismatch.gel_force import GelForce, gel_force
-from fem.modulus_inputs import PadHistory
+from fem.estimation.denoised_force import GelForce, gel_force
+from fem.grasp_history import PadHistory
 
 FORCE = true_force()
 USED = FORCE.any(axis=(1, 2))

@@ -11,16 +11,16 @@ from fem_shapes import box
 from pinched_ground import COMPLIANCE, ground_of
 from scipy.sparse import csr_array
 
-from fem.assembly import unit_lame_constants
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh, tetrahedralise
-from fem.mismatch.baseline import Seen
+from fem.elements.assembly import unit_lame_constants
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
-from fem.mismatch.flesh_strain import COUNT, energy_density
-from fem.mismatch.ground import Ground
-from fem.mismatch.membrane import membrane_stiffness
-from fem.rigid_core import reduced, rigid_modes
-from fem.solver import factorise
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.membrane import membrane_stiffness
+from fem.solid.rigid_core import reduced, rigid_modes
+from fem.solid.strain_field import COUNT, energy_density
+from fem.sparse.solver import factorise
 
 MU, LAME = unit_lame_constants(NU)
 

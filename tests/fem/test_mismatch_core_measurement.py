@@ -19,18 +19,18 @@ from planted_mismatch import (
     planted_case,
 )
 
-from fem.failure import FemFailure, FemProblem
+from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.explain import plain_ground
-from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import marker_equations
-from fem.mismatch.modulus_with import modulus_of
-from fem.mismatch.name import Sound, named
-from fem.mismatch.normal import BalanceEquations
-from fem.mismatch.singles import linear_round
+from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.marker_equations import BalanceEquations
+from fem.mismatch.procedure import plain_ground
+from fem.mismatch.selection.model_selection import Sound, named
+from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.selection.screening import linear_round
 
 AIR_S = TIME_S[:3].mean()
 

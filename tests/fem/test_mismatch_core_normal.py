@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from planted_mismatch import only_grasp, planted_case
 
-from fem.mismatch.baseline import Seen, baseline
-from fem.mismatch.fields import ARM_MM
-from fem.mismatch.normal import ALIKE, MARKER_EXCESS, BalanceEquations, MarkerEquations
-from fem.modulus_fit import GAUGE_SD_MM, rigid_motion
+from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
+from fem.mismatch.model.baseline import Seen, baseline
+from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS, BalanceEquations, MarkerEquations
+from fem.mismatch.model.observation_delta import ARM_MM
 
 COMPLIANCE, SCALE_SD = 4.0, 0.004
 

@@ -8,13 +8,13 @@ import pytest
 from coarse_fruit import NU, fruit_mesh
 from pinched_ground import COMPLIANCE, ground_of
 
-from fem.forward import UnitModulusSolid
-from fem.mismatch.anchored import anchored
+from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
-from fem.mismatch.ground import Ground
-from fem.mismatch.warm_start import WarmStarts
-from fem.modulus_fit import rigid_motion
-from fem.moved_pit import with_pit_moved
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.mismatch.model.warm_start import WarmStarts
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.moved_pit import with_pit_moved
 
 
 @cache

@@ -5,10 +5,10 @@ import pytest
 from pinched_ground import COMPLIANCE, ground_of
 from planted_mismatch import E_MPA, TIME_S, linear_and_refitted, only_grasp, planted_case
 
+from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effects.viscoelastic import EFFECT
-from fem.mismatch.explain import plain_ground
-from fem.mismatch.ground import over_all_frames
-from fem.mismatch.lagging import lagging
+from fem.mismatch.model.forward_model import over_all_frames
+from fem.mismatch.procedure import plain_ground
 
 UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])
 

@@ -9,15 +9,15 @@ from fem_shapes import ball
 from pinched_ground import as_case, ground_of, long_pinch
 from planted_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
 
-from fem.failure import FemFailure, FemProblem
-from fem.grasp_model import grasp_model
-from fem.mesh import tetrahedralise
-from fem.mismatch import departure
-from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.departure import KnownEffect, departures
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.modulus import estimate_modulus
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mismatch import displacement_correction
+from fem.mismatch.displacement_correction import KnownEffect, departures
 from fem.mismatch.effects import skin, viscoelastic
-from fem.modulus import estimate_modulus
-from fem.modulus_inputs import GraspHistory
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 
 G, TAU_S = 0.35, 1.2
 STEP_S, AIR = 0.4, 3
@@ -125,7 +125,7 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
 
 
 def test_known_effects_whose_modulus_does_not_settle_say_so(monkeypatch):
-    monkeypatch.setattr(departure, "STILL", -1.0)
+    monkeypatch.setattr(displacement_correction, "STILL", -1.0)
     known = KnownEffect(effect=viscoelastic.EFFECT, parameters=lambda E: {"g": G, "tau_s": TAU_S})
     with pytest.raises(FemFailure, match="E with viscoelastic still changes") as failure:
         departures(case_of(creeping_grasp()), [known])

@@ -8,17 +8,17 @@ import pytest
 from coarse_fruit import NU, fruit_mesh
 from pinched_ground import as_case, ground_of, long_pinch
 
-from fem.assembly import unit_lame_constants
-from fem.mismatch import stress_history
-from fem.mismatch.baseline import baseline
+from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import damage, plastic_set, stiffening
-from fem.mismatch.flesh_pieces import FleshPieces, exceeded_by
-from fem.mismatch.flesh_strain import FleshStrain
-from fem.mismatch.ground import Ground
-from fem.mismatch.path_frames import path_frames
-from fem.mismatch.small_strain import linear_stress
-from fem.mismatch.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
-from fem.mismatch.warm_start import WarmStarts
+from fem.mismatch.model import stress_history
+from fem.mismatch.model.baseline import baseline
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.path_frames import path_frames
+from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.warm_start import WarmStarts
+from fem.solid.flesh_pieces import FleshPieces, exceeded_by
+from fem.solid.small_strain import linear_stress
+from fem.solid.strain_field import FleshStrain
 
 MU, LAME = unit_lame_constants(NU)
 

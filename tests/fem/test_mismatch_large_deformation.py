@@ -7,15 +7,15 @@ import pytest
 from coarse_fruit import NU
 from pinched_ground import ground_of
 
-from fem.assembly import unit_lame_constants
-from fem.finite_strain import FiniteStrainSolid
-from fem.mismatch import stress_history
+from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import stiffening
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.explanation import Parameter
-from fem.mismatch.ground import Ground
-from fem.mismatch.refit import refit
-from fem.mismatch.singles import linear_round
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.model import stress_history
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.result import Parameter
+from fem.mismatch.selection.refinement import refit
+from fem.mismatch.selection.screening import linear_round
+from fem.solid.finite_strain import FiniteStrainSolid
 
 MU, LAME = unit_lame_constants(NU)
 

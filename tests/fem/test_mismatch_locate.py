@@ -5,13 +5,13 @@ import pytest
 from coarse_fruit import HALF_AXES_MM
 from pinched_ground import COMPLIANCE, ground_of
 
-from fem.mismatch.adjoint_maps import fruit_map
-from fem.mismatch.anova import Cells, analysis_of_variance, explained, modulus_cells
+from fem.estimation.compliance_fit import fit_compliance
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT
-from fem.mismatch.ground import Ground
-from fem.mismatch.locate import located
-from fem.mismatch.normal import ALIKE, MARKER_EXCESS
-from fem.modulus_fit import fit_compliance
+from fem.mismatch.localisation.adjoint_maps import fruit_map
+from fem.mismatch.localisation.anova import Cells, analysis_of_variance, explained, modulus_cells
+from fem.mismatch.localisation.residual_places import located
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS
 
 SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
 NOISE_MM = 0.004

@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Signature
-from fem.mismatch.evidence import Products
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.lookalikes import SEEMING, beside, lookalikes, seeming_spread
-from fem.mismatch.resting_force import RestingForces
+from fem.mismatch.evidence.discrepancy_prior import SEEMING, beside, lookalikes, seeming_spread
+from fem.mismatch.evidence.linear_evidence import Products
+from fem.mismatch.model.observation_delta import Column, Field
 
 SHAPE = (4, 12, 3)
 NOISE_MM = 0.01

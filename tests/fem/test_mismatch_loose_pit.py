@@ -9,17 +9,17 @@ import pytest
 from pinched_ground import facing
 from scipy.optimize import nnls
 
-from fem.forward import UnitModulusSolid
-from fem.mesh import FleshMesh
-from fem.mismatch.baseline import baseline
-from fem.mismatch.case import GraspCase, MismatchCase, PadMotion
+from fem.estimation.error_budget import ErrorBudget
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import skin_quadrature
 from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
-from fem.mismatch.ground import Ground
-from fem.mismatch.loose_flesh import LooseFlesh, inner_faces, loose_flesh
-from fem.mismatch.unilateral import pressures
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory
-from fem.surface import skin_quadrature
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.model.baseline import baseline
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.unilateral_contact import pressures
 
 NU = 0.45
 INNER_MM, OUTER_MM = 10.0, 30.0

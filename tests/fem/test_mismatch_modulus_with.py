@@ -6,13 +6,13 @@ from pinched_ground import ground_of
 from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
-from fem.mismatch.answer import _ninety
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
-from fem.mismatch.refit import Refit, refit
-from fem.mismatch.singles import linear_round
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.reported_values import _ninety
+from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
+from fem.mismatch.selection.refinement import Refit, refit
+from fem.mismatch.selection.screening import linear_round
 
 
 @pytest.fixture(scope="module")

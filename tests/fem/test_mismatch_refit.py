@@ -9,9 +9,9 @@ from pinched_ground import COMPLIANCE, ground_of
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
-from fem.mismatch.evidence import Recorded
-from fem.mismatch.refit import MARGIN, Refit, _Search, refit
-from fem.mismatch.singles import LinearRound, linear_round
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
+from fem.mismatch.selection.screening import LinearRound, linear_round
 
 SOFTER = 1.25
 TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}

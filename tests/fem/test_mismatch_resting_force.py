@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, TIME_S, linear_and_refitted, on_pad, only_grasp, planted_case
 
-from fem.mismatch.case import MismatchCase
+from fem.estimation.zero_drift import REMEMBERED, resting_force
+from fem.grasp_history import GraspHistory
 from fem.mismatch.effects import sensor_drift
-from fem.mismatch.modulus_with import modulus_of
-from fem.mismatch.resting_force import REMEMBERED, resting_force
-from fem.modulus_inputs import GraspHistory
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.selection.modulus_with import modulus_of
 
 AIR_S, AFTER = TIME_S[:3].mean(), 5
 E_MPA = 0.25

@@ -8,15 +8,15 @@ from coarse_fruit import HALF_AXES_MM, NU
 from fem_shapes import ball
 from pinched_ground import COMPLIANCE, ground_of, pinched
 
-from fem.assembly import unit_lame_constants
-from fem.forward import UnitModulusSolid
-from fem.mesh import tetrahedralise
+from fem.elements.assembly import unit_lame_constants
+from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, label_of, place_of
-from fem.mismatch.inclusion import Softened, ball_stiffness, drop_of, times
-from fem.mismatch.spot_response import to_first_order
-from fem.mismatch.spot_search import Spot
-from fem.rigid_core import reduced
-from fem.solver import factorise
+from fem.mismatch.localisation.spot_search import Spot
+from fem.mismatch.model.spot_response import to_first_order
+from fem.solid.inclusion import Softened, ball_stiffness, drop_of, times
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.rigid_core import reduced
+from fem.sparse.solver import factorise
 
 SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
 TRUTH = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}

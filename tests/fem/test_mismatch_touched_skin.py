@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from planted_mismatch import only_grasp, planted_case
 
-from fem.grasp_sensitivity import mean_normal
-from fem.mismatch.baseline import Baseline, baseline
-from fem.mismatch.touched_skin import with_touched_skin
+from fem.estimation.sensitivity import mean_normal
+from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.touched_skin import with_touched_skin
 
 STRETCH, COMPLIANCE = 0.02, 2.0
 

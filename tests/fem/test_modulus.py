@@ -25,12 +25,12 @@ from planted_recording import (
     with_pads,
 )
 
-from fem.grasp_model import grasp_model
-from fem.grasp_sensitivity import POISSON_RATIO
-from fem.mesh import tetrahedralise
-from fem.modulus import estimate_modulus
-from fem.modulus_budget import TACTILE
-from fem.modulus_inputs import GraspHistory
+from fem.estimation.error_budget import TACTILE
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.modulus import estimate_modulus
+from fem.estimation.sensitivity import POISSON_RATIO
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import tetrahedralise
 
 
 def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:

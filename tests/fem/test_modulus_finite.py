@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 
-from fem.failure import FemFailure, FemProblem
-from fem.finite_strain import FiniteStrainSolid
-from fem.forward import UnitModulusSolid
+from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
+from fem.estimation.finite_strain_excess import MarkerContact, _settled, finite_departure, finite_modulus
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
 from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean
-from fem.mesh import tetrahedralise
-from fem.modulus_finite import MarkerContact, _settled, finite_departure, finite_modulus
-from fem.modulus_fit import MarkerTracks, fit_compliance
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes
-from fem.surface import locate, skin_quadrature
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.mesh.surface_points import locate, skin_quadrature
+from fem.solid.finite_strain import FiniteStrainSolid
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 
 NU, E_MPA = 0.45, 0.3
 RADIUS_MM, CORE_MM = 25.0, 10.0

@@ -6,9 +6,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.modulus_energy import energy_ratio, since_first_touch
-from fem.modulus_fit import GAUGE_SD_MM, MarkerTracks, about_episode_mean, fit_compliance, rigid_motion
-from fem.modulus_noise import variance_inflation
+from fem.estimation.coloured_noise import variance_inflation
+from fem.estimation.compliance_fit import (
+    GAUGE_SD_MM,
+    MarkerTracks,
+    about_episode_mean,
+    fit_compliance,
+    rigid_motion,
+)
+from fem.estimation.energy_ratio import energy_ratio, since_first_touch
 
 E_MPA = 0.7
 

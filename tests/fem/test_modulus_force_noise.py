@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.grasp_model import GraspModel
-from fem.grasp_sensitivity import Sensitivity
-from fem.modulus_fit import MarkerTracks, fit_compliance
-from fem.modulus_force_noise import FEWEST_AIR_FRAMES, force_noise, noise_in_fit
-from fem.modulus_inputs import GraspHistory, PadHistory
+from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
+from fem.estimation.force_noise import FEWEST_AIR_FRAMES, force_noise, noise_in_fit
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.sensitivity import Sensitivity
+from fem.grasp_history import GraspHistory, PadHistory
 
 COMPLIANCE = 4.0
 FIT = {"scale_sd": 0.004, "fruit_moves": False}

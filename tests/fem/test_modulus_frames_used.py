@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from planted_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
 
-from fem.modulus_inputs import GraspHistory
-from fem.modulus_thinning import MOST_FRAMES, spacing, thinned
-from fem.modulus_warnings import ModulusSign
+from fem.estimation.frame_thinning import MOST_FRAMES, spacing, thinned
+from fem.estimation.modulus_warnings import ModulusSign
+from fem.grasp_history import GraspHistory
 
 
 def one_frame(history: GraspHistory, frame: int) -> GraspHistory:

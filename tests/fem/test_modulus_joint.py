@@ -5,10 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem import modulus_joint
-from fem.failure import FemFailure, FemProblem
-from fem.grasp_sensitivity import PIT, PIT_SIZE, POISSON_RATIO, SURFACE
-from fem.modulus_budget import (
+from fem.estimation import joint_inference
+from fem.estimation.error_budget import (
     DISCRETISATION,
     MODEL,
     PIT_PLACE,
@@ -17,9 +15,11 @@ from fem.modulus_budget import (
     TACTILE,
     ErrorBudget,
 )
-from fem.modulus_information import GraspInformation
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.modulus_joint import GraspEvidence, joint_modulus
+from fem.estimation.information import GraspInformation
+from fem.estimation.joint_inference import GraspEvidence, joint_modulus
+from fem.estimation.sensitivity import PIT, PIT_SIZE, POISSON_RATIO, SURFACE
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
 
 E_MPA = 0.5
 WIDE = ErrorBudget(pit_offset_sd_mm=2.0, pit_size_sd=0.5)
@@ -52,7 +52,7 @@ def test_without_a_grasp_it_is_refused():
 
 
 def test_a_modulus_that_does_not_settle_is_refused(monkeypatch):
-    monkeypatch.setattr(modulus_joint, "STILL", -1.0)
+    monkeypatch.setattr(joint_inference, "STILL", -1.0)
     grasp = planted(np.full((2, 4), 0.1), np.zeros(4))
     with pytest.raises(FemFailure, match="still changes") as failure:
         joint_modulus([grasp], budget=WIDE, infer_pit=False)

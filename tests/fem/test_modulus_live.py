@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from planted_recording import E_MPA
 
-from fem.modulus_live import FEWEST, FirstTouch, LiveModel, frame_modulus
+from fem.estimation.live_modulus import FEWEST, FirstTouch, LiveModel, frame_modulus
 
 N = 60
 

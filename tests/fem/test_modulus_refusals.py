@@ -15,11 +15,11 @@ from planted_recording import (
     with_pads,
 )
 
-from fem.failure import FemFailure, FemProblem
-from fem.grasp_model import grasp_model
-from fem.modulus import FEWEST_MARKERS, estimate_modulus
-from fem.modulus_warnings import ModulusSign
-from fem.pad_link import OFF_SKIN_MM, contact_nodes
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.modulus import FEWEST_MARKERS, estimate_modulus
+from fem.estimation.modulus_warnings import ModulusSign
+from fem.fem_failure import FemFailure, FemProblem
+from fem.solid.pad_link import OFF_SKIN_MM, contact_nodes
 
 
 def test_forces_that_pull_are_refused():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.modulus_traction import TractionField, marker_weights
+from fem.solid.traction import TractionField, marker_weights
 
 
 def grid(half: float = 6.0, step: float = 1.0):

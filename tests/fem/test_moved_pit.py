@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from coarse_fruit import fruit_mesh
 
-from fem.curve import t10_jacobians
-from fem.failure import FemFailure, FemProblem
-from fem.mesh import t6_volume_mm3
-from fem.moved_pit import with_pit_moved
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.boundary_fit import t10_jacobians
+from fem.mesh.flesh_mesh import t6_volume_mm3
+from fem.solid.moved_pit import with_pit_moved
 
 PLACE = np.array([1.0, -1.5, 0.8, np.log(0.8)])
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from fem.failure import FemFailure, FemProblem
-from fem.newton import Ending, equilibrium
+from fem.fem_failure import FemFailure, FemProblem
+from fem.solid.newton import Ending, equilibrium
 
 
 @dataclass

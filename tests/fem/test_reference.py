@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fem.reference import (
+from fem.solid.closed_forms import (
     contact_shape_factor,
     cored_sphere_shrinkage_mm,
     embedded_sphere_displacement,

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from fem_shapes import cube_mesh
 
-from fem.refine import affordable_size, bisected, size_near, t10_dofs
-from fem.tets import boundary_faces, signed_volumes_mm3, smallest_dihedral_deg
+from fem.mesh.local_refinement import affordable_size, bisected, size_near, t10_dofs
+from fem.mesh.tetrahedra import boundary_faces, signed_volumes_mm3, smallest_dihedral_deg
 
 
 def refined():

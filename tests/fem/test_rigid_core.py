@@ -3,8 +3,8 @@ import pytest
 from fem_shapes import cube_mesh
 from scipy.sparse import csr_array
 
-from fem.assembly import assemble
-from fem.rigid_core import reduced, reduction
+from fem.elements.assembly import assemble
+from fem.solid.rigid_core import reduced, reduction
 
 NODES, TETS = cube_mesh(3, uneven=0.2, bulge=0.03)
 STIFFNESS = assemble(NODES, TETS).for_unit_modulus(poisson_ratio=0.45)

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
 
-from fem.assembly import assemble
-from fem.forward import UnitModulusSolid
-from fem.reference import cored_sphere_shrinkage_mm
-from fem.shape_derivative import pit_velocities, skin_velocities, stiffness_change
-from fem.surface import skin_quadrature
+from fem.elements.assembly import assemble
+from fem.mesh.surface_points import skin_quadrature
+from fem.solid.closed_forms import cored_sphere_shrinkage_mm
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.shape_derivative import pit_velocities, skin_velocities, stiffness_change
 
 
 def unit_stiffness(mesh):

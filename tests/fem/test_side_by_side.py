@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from coarse_fruit import fruit_mesh
 
-from fem.mismatch.flesh_pieces import FleshPieces
-from fem.mismatch.flesh_strain import FleshStrain
-from fem.mismatch.ground import Memory
-from fem.side_by_side import side_by_side
+from fem.mismatch.model.forward_model import Memory
+from fem.parallel_map import side_by_side
+from fem.solid.flesh_pieces import FleshPieces
+from fem.solid.strain_field import FleshStrain
 
 
 def test_items_are_worked_on_at_once_and_come_back_in_order():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.surface import locate
+from fem.mesh.surface_points import locate
 
 
 @pytest.fixture(scope="module")

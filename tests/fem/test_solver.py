@@ -7,12 +7,12 @@ from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron, ra
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from fem.assembly import assemble
-from fem.elimination_order import elimination_tree, nested_dissection, same_pattern_groups
-from fem.failure import FemFailure, FemProblem
-from fem.fronts import fronts
-from fem.solver import analyse, factorise, solver_name
-from fem.supernodes import supernodes
+from fem.elements.assembly import assemble
+from fem.fem_failure import FemFailure, FemProblem
+from fem.sparse.elimination_order import elimination_tree, nested_dissection, same_pattern_groups
+from fem.sparse.fronts import fronts
+from fem.sparse.solver import analyse, factorise, solver_name
+from fem.sparse.supernodes import supernodes
 
 
 def plate(n, shift=0.0):

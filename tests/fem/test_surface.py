@@ -3,11 +3,11 @@ import re
 import numpy as np
 import pytest
 
-from fem.elements import t6_shape
-from fem.failure import FemFailure, FemProblem
-from fem.rigid_core import rigid_modes
-from fem.surface import locate, skin_quadrature
-from fem.triangles import closest_on_triangles
+from fem.elements.shape_functions import t6_shape
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.closest_point import closest_on_triangles
+from fem.mesh.surface_points import locate, skin_quadrature
+from fem.solid.rigid_core import rigid_modes
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.mismatch.explanation import (
+from fem.mismatch.result import (
     Candidate,
     Check,
     Explanation,

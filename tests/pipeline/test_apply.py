@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from fake_explanation import GAIN, VISCOELASTIC, candidate, fake_explanation
 
-from fem.mismatch.explanation import HeldOut
+from fem.mismatch.result import HeldOut
 from pipeline.apply import confirmed_effects, why_not, with_effects
 from pipeline.config import read_settings
 from pipeline.confirmed import effects_on, faults, keyed

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.failure import FemFailure, FemProblem
-from fem.grasp_model import GraspModel
-from fem.grasp_sensitivity import Sensitivity
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.sensitivity import Sensitivity
+from fem.fem_failure import FemFailure, FemProblem
 from pipeline.config import Pit, Settings
 from pipeline.confirmed import PARAMETERS, ConfirmedEffect, PitFound, pit_found
 from pipeline.effect_spread import _shifted

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.doubts import (
     EXPLAINS,
     Doubt,

@@ -8,12 +8,12 @@ import pytest
 import trimesh
 
 import pipeline.elasticity as elasticity
-from fem.failure import FemFailure, FemProblem
-from fem.forward import UnitModulusSolid
-from fem.mesh import tetrahedralise
-from fem.modulus_budget import ErrorBudget
-from fem.modulus_inputs import GraspHistory, PadHistory
-from fem.pad_link import contact_nodes, pad_link
+from fem.estimation.error_budget import ErrorBudget
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes, pad_link
 
 NU, E_MPA = 0.45, 0.6
 AXIS = np.linspace(-3.0, 3.0, 5)

@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipeline.finding
 import pipeline.grasped
-from fem.mismatch.explanation import Where
+from fem.mismatch.result import Where
 from pipeline.cli import main
 from tactile.recording import IndenterPad, Recording, write_recording
 

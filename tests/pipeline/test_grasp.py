@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.forward import UnitModulusSolid
-from fem.grasp_model import grasp_model
-from fem.mesh import tetrahedralise
-from fem.modulus import estimate_modulus
-from fem.modulus_budget import ErrorBudget
-from fem.pad_link import contact_nodes
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import grasp_model
+from fem.estimation.modulus import estimate_modulus
+from fem.mesh.flesh_mesh import tetrahedralise
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import grasp_record, history, place_grasp, refusal
 from recon.mesh_file import read_mesh
 from tactile.checks.finding import Finding, Kind, Rank

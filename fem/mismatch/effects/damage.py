@@ -17,11 +17,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
-from fem.mismatch.ground import Ground
-from fem.mismatch.small_strain import linear_stress, strain_energy
-from fem.mismatch.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.solid.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
+from fem.solid.small_strain import linear_stress, strain_energy
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3

@@ -1,15 +1,15 @@
 """`graded_modulus`: E (1 + gamma (2 d - 1)), d the relative depth, 0 at the skin and 1 at the pit.
 
-E is that halfway. d by the distances to both (fem.mismatch.ground).
+E is that halfway. d by the distances to both (fem.mismatch.model.forward_model).
 """
 
 from collections.abc import Sequence
 
 from fem.mismatch.effect import ParameterSpec
-from fem.mismatch.flesh_strain import elastic_stress
-from fem.mismatch.ground import Ground
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
-from fem.mismatch.reduced_law import Operator
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.reduced_law import Operator
+from fem.solid.strain_field import elastic_stress
 
 
 def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:

@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.failure import FemFailure, FemProblem
-from fem.mismatch.baseline import Seen
+from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import marker_equations
-from fem.mismatch.loose_flesh import loose_flesh
-from fem.mismatch.unilateral import pressures
+from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.loose_flesh import loose_flesh
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
 GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.grasp_sensitivity import PIT_SIZE
+from fem.estimation.sensitivity import PIT_SIZE
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.ground import Ground
-from fem.mismatch.inner_changes import inner_changes
-from fem.mismatch.moved_pit_response import pit_responses
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.inner_changes import inner_changes
+from fem.mismatch.model.moved_pit_response import pit_responses
+from fem.mismatch.model.observation_delta import Column, Field
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.assembly import unit_lame_constants
+from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.flesh_pieces import FleshPieces, Tensors, exceeded_by
-from fem.mismatch.ground import Ground
-from fem.mismatch.small_strain import deviator, von_mises
-from fem.mismatch.stress_history import (
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.stress_history import (
     Departure,
     PathState,
     first_guess,
@@ -31,6 +29,8 @@ from fem.mismatch.stress_history import (
     path_state,
     settled,
 )
+from fem.solid.flesh_pieces import FleshPieces, Tensors, exceeded_by
+from fem.solid.small_strain import deviator, von_mises
 
 YIELD = "yield_over_E"
 HARDENING = 0.05

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from fem.assembly import unit_lame_constants
+from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import ParameterSpec
-from fem.mismatch.ground import Ground
 from fem.mismatch.linear_law import LinearLaw, matrix_operator
-from fem.mismatch.reduced_law import Operator
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.reduced_law import Operator
 
 
 def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:

@@ -15,20 +15,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.anchored import anchored
-from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import ARM_MM, Column, Field, wrench
-from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import balance_equations, marker_equations
-from fem.mismatch.pads import own_markers, pads_of, response_to, slid_response, turn_of
-from fem.pad_link import pad_link
+from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import ARM_MM, Column, Field, wrench
+from fem.mismatch.model.pads import own_markers, pads_of, response_to, slid_response, turn_of
+from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.solid.pad_link import pad_link
 
 NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
 PRIOR_SD = 2.5
 """Of each parameter, mm and degrees."""
 FAR = 0.1
-"""See fem.mismatch.anchored. A shift beside a tilt of twice its size would else never be looked at itself."""
+"""See fem.mismatch.model.quadratic_surrogate. A shift beside a tilt of twice its size would else never be
+looked at itself."""
 
 
 @dataclass(frozen=True)

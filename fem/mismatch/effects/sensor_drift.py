@@ -12,11 +12,11 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field, wrench
-from fem.mismatch.ground import Ground
-from fem.mismatch.pads import own_markers, pads_of, response_to
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field, wrench
+from fem.mismatch.model.pads import own_markers, pads_of, response_to
 
 
 @dataclass(frozen=True)

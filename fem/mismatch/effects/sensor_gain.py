@@ -13,12 +13,12 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.mismatch.baseline import Seen
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field, wrench
-from fem.mismatch.friction_cone import NO_SPRING, normal_stiffness
-from fem.mismatch.ground import Ground
-from fem.mismatch.pads import own_markers, pads_of, response_to
+from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field, wrench
+from fem.mismatch.model.pads import own_markers, pads_of, response_to
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
 """Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""

@@ -1,16 +1,16 @@
 """`skin`: a membrane on the flesh carries part of the load.
 
 Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio the flesh's; K = E K0 + Et Km
-(fem.mismatch.membrane). What counts is theta = Et / E; the parameter is Et.
+(fem.solid.membrane). What counts is theta = Et / E; the parameter is Et.
 """
 
 from collections.abc import Sequence
 
 from fem.mismatch.effect import ParameterSpec
-from fem.mismatch.ground import Ground
 from fem.mismatch.linear_law import LinearLaw, matrix_operator, plain_stiffness
-from fem.mismatch.membrane import membrane_stiffness
-from fem.mismatch.reduced_law import Operator
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.reduced_law import Operator
+from fem.solid.membrane import membrane_stiffness
 
 
 def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:

@@ -1,12 +1,12 @@
 """`slip`: the skin slides over a pad where the shear would exceed Coulomb's cone, |f_t| <= mu f_n.
 
 The recorded forces are what the friction lets through, so s c is right for the skin; but a marker, which is
-gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.slip_path):
+gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.model.slip_path):
 
     y(t) = X + s c(t) + R q(t) - w(t; mu) + noise
 
 Signature: -w for a few mu, amount 1. Smaller mu than the markers' own ratios of shear to pressure allow are
-left out (fem.mismatch.friction_cone): whatever else the plain model lacks, no such cone explains it.
+left out (fem.mismatch.evidence.friction_cone): whatever else the plain model lacks, no such cone explains it.
 Coulomb's law: Johnson 1985, Contact Mechanics, chapter 7.
 """
 
@@ -16,14 +16,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.failure import FemFailure
+from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
-from fem.mismatch.ground import Ground
-from fem.mismatch.kept_equations import marker_equations
-from fem.mismatch.pads import pads_of
-from fem.mismatch.slip_path import slip_path
+from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.pads import pads_of
+from fem.mismatch.model.slip_path import slip_path
 
 MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0)

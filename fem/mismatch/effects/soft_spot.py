@@ -14,11 +14,11 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.ground import Ground
-from fem.mismatch.inclusion import ball_stiffness, drop_of
-from fem.mismatch.spot_response import softened, to_first_order
-from fem.mismatch.spot_search import Spot, best_spots
+from fem.mismatch.localisation.spot_search import Spot, best_spots
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.spot_response import softened, to_first_order
+from fem.solid.inclusion import ball_stiffness, drop_of
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"

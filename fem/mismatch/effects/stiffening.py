@@ -20,15 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.assembly import unit_lame_constants
-from fem.failure import FemFailure
+from fem.elements.assembly import unit_lame_constants
+from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.explanation import Parameter
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.flesh_pieces import FleshPieces, Tensors
-from fem.mismatch.ground import Ground
-from fem.mismatch.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
-from fem.mismatch.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.result import Parameter
+from fem.solid.flesh_pieces import FleshPieces, Tensors
+from fem.solid.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
 
 B = "b"
 PRIOR_SD = 30.0
@@ -128,7 +128,7 @@ class Stiffening:
 def _beyond_linear(
     ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 (fem.mismatch.stress_history), from a guess of it."""
+    """v - v0 (fem.mismatch.model.stress_history), from a guess of it."""
     nu, s = ground.poisson_ratio, ground.compliance
     state = path_state(ground, frames=FRAMES, remembers=False)
     pieces = FleshPieces.whole(ground.points, workers=ground.workers)

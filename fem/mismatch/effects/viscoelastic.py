@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.fields import Column, Field
-from fem.mismatch.ground import Ground, over_all_frames
-from fem.mismatch.lagging import lagging
+from fem.mismatch.model.forward_model import Ground, over_all_frames
+from fem.mismatch.model.observation_delta import Column, Field
 
 TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 

@@ -1,0 +1,92 @@
+"""Stiffness of the flesh for unit material constants, assembled in batches.
+
+K(mu, lambda) = mu K_mu + lambda K_lambda, with u the displacement and v its variation:
+
+    K_lambda:  integral of  div u  div v
+    K_mu:      integral of  grad u : grad v + grad u : grad v'          (= 2 eps(u) : eps(v))
+
+so that another Poisson's ratio costs one sparse sum. Both follow from one array per element,
+H[a i, b j] = integral of dN_a/dx_i dN_b/dx_j:  K_lambda is H itself, and
+K_mu[a i, b j] = delta_ij sum_k H[a k, b k] + H[a j, b i].
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import bsr_array, csr_array
+
+from fem.elements.block_pattern import ElementPattern
+from fem.elements.gradients import gradient_products, inverse_3x3
+from fem.elements.shape_functions import t10_gradient, t10_shape, tet_quadrature
+from fem.fem_failure import FemFailure, FemProblem
+
+LARGEST_POISSON_RATIO = 0.4999
+"""Beyond it the flesh is incompressible to these elements, and its stiffness is all rounding."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """The two parts of the stiffness matrix on all nodes, three dofs each (3 n, 3 n), mm."""
+
+    k_mu: bsr_array
+    k_lambda: bsr_array
+
+    def for_unit_modulus(self, *, poisson_ratio: float) -> csr_array:
+        """K0, the stiffness for E = 1 MPa: mu = 1 / (2 (1 + nu)), lambda = nu / ((1 + nu) (1 - 2 nu))."""
+        mu, lame = unit_lame_constants(poisson_ratio)
+        data = mu * self.k_mu.data
+        data += lame * self.k_lambda.data
+        return bsr_array((data, self.k_mu.indices, self.k_mu.indptr), shape=self.k_mu.shape).tocsr()
+
+    def change_with_poisson_ratio(
+        self, displacement: Float[np.ndarray, "d f"], *, poisson_ratio: float
+    ) -> Float[np.ndarray, "d f"]:
+        """(dK0/dnu) u, column by column."""
+        shear = -0.5 / (1 + poisson_ratio) ** 2
+        lame = (1 + 2 * poisson_ratio**2) / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)) ** 2
+        return np.asarray(shear * (self.k_mu @ displacement) + lame * (self.k_lambda @ displacement))
+
+
+def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
+    """Shear modulus and Lame's first constant for E = 1 MPa.
+
+    Raises BAD_POISSON_RATIO below zero and above LARGEST_POISSON_RATIO.
+    """
+    if not 0 <= poisson_ratio <= LARGEST_POISSON_RATIO:
+        raise FemFailure(
+            FemProblem.BAD_POISSON_RATIO,
+            f"Poisson's ratio is {poisson_ratio:g}, but must lie between 0 and {LARGEST_POISSON_RATIO:g}; "
+            "wet flesh has 0.3 to 0.49",
+        )
+    return 0.5 / (1 + poisson_ratio), poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+
+
+def assemble(nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]) -> Stiffness:
+    """Both parts of the stiffness of T10 elements: straight ones exactly, curved ones with 14 points."""
+    pattern = ElementPattern.of(tets, len(nodes_mm))
+    lame = np.empty((len(pattern.indices), 3, 3))
+    for i, j, h in gradient_products(nodes_mm, tets):
+        lame[:, i, j] = pattern.gather @ h.reshape(-1)
+        if i != j:
+            lame[:, j, i] = lame[pattern.mirror, i, j]
+    shear = lame.transpose(0, 2, 1).copy()
+    trace = np.trace(lame, axis1=1, axis2=2)
+    for i in range(3):
+        shear[:, i, i] += trace
+    return Stiffness(pattern.blocks(shear), pattern.blocks(lame))
+
+
+def lumped_moments(
+    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]
+) -> Float[np.ndarray, "n 4"]:
+    """Integrals of N_a and of N_a x over the flesh: nodal loads of a uniform and of a linear body force."""
+    points, weights = tet_quadrature()
+    shape = t10_shape(points)
+    x = nodes_mm[tets]
+    jacobian = (t10_gradient(points).reshape(-1, 10) @ x).reshape(len(x), len(weights), 3, 3)
+    volume = inverse_3x3(jacobian.transpose(2, 3, 0, 1))[1] * weights
+    place = np.concatenate([np.ones((*volume.shape, 1)), shape @ x], axis=2)
+    load = (shape.T @ (volume[..., None] * place)).reshape(-1, 4)
+    where = tets.ravel()
+    return np.stack([np.bincount(where, weights=one, minlength=len(nodes_mm)) for one in load.T], axis=1)

@@ -1,0 +1,82 @@
+"""Products of shape function gradients over T10 elements: exact and cheap where edges are straight."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fem.elements.shape_functions import TET_EDGES, t10_gradient, tet_quadrature
+
+#: mid-edge nodes no farther off, in edge lengths, count as halfway
+STRAIGHT = 1e-14
+
+
+def gradient_products(
+    nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]
+) -> Iterator[tuple[int, int, Float[np.ndarray, "m 10 10"]]]:
+    """i, j and H[., a, b] = integral of dN_a/dx_i dN_b/dx_j over each element, for all i <= j in turn.
+
+    Straight elements have one Jacobian J, so that H is the same few integrals over the reference element
+    times det J, J^-1 and J^-1; curved ones are integrated with 14 points. H is overwritten at the next turn.
+    """
+    x = nodes_mm[tets]
+    straight = _is_straight(x)
+    constant = _StraightElements(x[straight])
+    bent = _CurvedElements(x[~straight])
+    h = np.empty((len(x), 10, 10))
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        h[straight] = constant.products(i, j)
+        h[~straight] = bent.products(i, j)
+        yield i, j, h
+
+
+def _is_straight(x: Float[np.ndarray, "m 10 3"]) -> Bool[np.ndarray, " m"]:
+    """Whether all mid-edge nodes lie halfway."""
+    a, b = x[:, TET_EDGES[:, 0]], x[:, TET_EDGES[:, 1]]
+    off = np.abs(x[:, 4:] - (a + b) / 2).max(axis=(1, 2))
+    return np.asarray(
+        off <= STRAIGHT * np.maximum(np.abs(a - b).max(axis=(1, 2)), np.abs(a).max(axis=(1, 2)))
+    )
+
+
+class _StraightElements:
+    """Elements with one Jacobian each."""
+
+    def __init__(self, x: Float[np.ndarray, "m 10 3"]) -> None:
+        points, weights = tet_quadrature()
+        slope = t10_gradient(points)
+        self.reference = np.einsum("q,qka,qlb->klab", weights, slope, slope).reshape(9, 100)
+        self.inverse, self.det = inverse_3x3((x[:, 1:4] - x[:, :1]).transpose(1, 2, 0))
+
+    def products(self, i: int, j: int) -> Float[np.ndarray, "m 10 10"]:
+        factor = self.det * self.inverse[i][:, None] * self.inverse[j]
+        return np.asarray(factor.reshape(9, -1).T @ self.reference).reshape(-1, 10, 10)
+
+
+class _CurvedElements:
+    """Elements integrated point by point."""
+
+    def __init__(self, x: Float[np.ndarray, "m 10 3"]) -> None:
+        points, weights = tet_quadrature()
+        reference = t10_gradient(points)
+        jacobian = (reference.reshape(-1, 10) @ x).reshape(len(x), len(weights), 3, 3).transpose(2, 3, 0, 1)
+        inverse, det = inverse_3x3(jacobian)
+        self.measure = (det * weights)[..., None]
+        self.slope = [sum(inverse[i, k][..., None] * reference[:, k] for k in range(3)) for i in range(3)]
+
+    def products(self, i: int, j: int) -> Float[np.ndarray, "m 10 10"]:
+        return np.asarray((self.measure * self.slope[i]).swapaxes(1, 2) @ self.slope[j])
+
+
+def inverse_3x3(
+    matrix: Float[np.ndarray, "3 3 *m"],
+) -> tuple[Float[np.ndarray, "3 3 *m"], Float[np.ndarray, "*m"]]:
+    """Inverses and determinants of many small matrices, by cofactors."""
+    inverse = np.empty(matrix.shape)
+    for i in range(3):
+        for k in range(3):
+            a, b, c, d = (k + 1) % 3, (k + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, k] = matrix[a, c] * matrix[b, d] - matrix[a, d] * matrix[b, c]
+    det = matrix[0, 0] * inverse[0, 0] + matrix[0, 1] * inverse[1, 0] + matrix[0, 2] * inverse[2, 0]
+    inverse /= det
+    return inverse, np.asarray(det)

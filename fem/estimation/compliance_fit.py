@@ -1,0 +1,272 @@
+"""Young's modulus by weighted least squares over all frames and markers of a contact.
+
+Each marker is compared with itself:
+
+    y_i(t) = X_i + s c_i(t) + [R q(t)]_i + g_i d_i(t) + noise
+
+y: the marker's measured position; c: the displacement that the measured forces cause in a fruit of unit
+modulus. Unknown are s = 1/E, common to all; q(t), the fruit's rigid motion, six per frame; X_i, where the
+marker sits on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
+displacement d_i, with prior zero and a known spread. X_i makes the scanned surface's error cancel. It and
+g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left. Noise that is alike
+from frame to frame counts with the variance that it has in a mean over frames (modulus_noise).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.linalg import cho_factor, cho_solve
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.solid.rigid_core import rigid_modes
+
+GAUGE_SD_MM = 10.0
+"""Prior spread of the fruit's rigid motion at its markers: it fixes the motion common to all frames, which
+the X_i leave free, and is far beyond any real one."""
+
+
+HELD = 1e24
+"""Weight that holds 1/E at a given value; what a recording knows of it is below 1e12."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerTracks:
+    """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
+
+    `place_mm` and `normal` (outward): where they sit on the fruit's skin. `sd_mm`: noise of one component in
+    one frame, `lag1` its correlation between neighbouring frames of these.
+    """
+
+    place_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    position_mm: Float[np.ndarray, "t n 3"]
+    unit_displacement: Float[np.ndarray, "t n 3"]
+    gel_displacement_mm: Float[np.ndarray, "t n 3"]
+    episode: Int[np.ndarray, "t n"]
+    sd_mm: Float[np.ndarray, " n"]
+    lag1: Float[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompliantFit:
+    """`compliance` is 1/E (1/MPa), `compliance_sd` its spread from displacement noise and scale errors.
+
+    `motion_mm` is [R q(t)]_i; `residual_mm` what no unknown explains, NaN out of contact, and
+    `residual_rms_mm` its root mean square per component.
+    """
+
+    compliance: float
+    compliance_sd: float
+    motion_mm: Float[np.ndarray, "t n 3"]
+    residual_mm: Float[np.ndarray, "t n 3"]
+    residual_rms_mm: float
+
+
+def fit_compliance(
+    tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool, compliance: float | None = None
+) -> CompliantFit:
+    """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base.
+
+    With `compliance` given, 1/E is that, and only the rest is fitted. Memory grows as (n markers) (t frames)
+    + (6 t)^2.
+    """
+    columns = tracks.unit_displacement[None]
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    normal, right = equations.normal, equations.right
+    frames = len(tracks.position_mm)
+    if compliance is not None:
+        normal[0, 0] += HELD
+        right[0] += HELD * compliance
+    theta, variance = _solved(normal, right, unknowns=len(right) if fruit_moves else 1)
+    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    motion = np.einsum("nxk,tk->tnx", rigid_motion(tracks.place_mm), theta[1:].reshape(frames, 6))
+    residual = np.full(motion.shape, np.nan)
+    explained = theta[0] * tracks.unit_displacement + motion + scale[:, None] * tracks.gel_displacement_mm
+    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
+    np.copyto(residual, left, where=(tracks.episode >= 0)[:, :, None])
+    return CompliantFit(
+        compliance=float(theta[0]),
+        compliance_sd=float(np.sqrt(variance)),
+        motion_mm=motion,
+        residual_mm=residual,
+        residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Information:
+    """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated."""
+
+    normal: Float[np.ndarray, "k k"]
+    right: Float[np.ndarray, " k"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class JudgedInformation(Information):
+    """The same, with what the fields leave of the markers' places.
+
+    `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
+    independent noise their squares add up to the diagonal of N. `influence`: how b changes with each marker's
+    place in each frame.
+    """
+
+    scores: Float[np.ndarray, "n k"]
+    influence: Float[np.ndarray, "k t n 3"]
+
+
+def information(
+    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
+) -> Information:
+    """The information of `tracks` on fields that stand where s c stands above."""
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    return _without_motions(equations, len(columns), fruit_moves=fruit_moves)[0]
+
+
+def _without_motions(
+    equations: "_Equations", k: int, *, fruit_moves: bool
+) -> tuple[Information, Float[np.ndarray, "k m"], Float[np.ndarray, " m"]]:
+    """The information on k fields; the motions that explain each of them, and the markers' places."""
+    normal, right = equations.normal[:k, :k], equations.right[:k]
+    if not fruit_moves:
+        motions = len(equations.right) - k
+        return Information(normal=normal, right=right), np.zeros((k, motions)), np.zeros(motions)
+    factor = cho_factor(equations.normal[k:, k:])
+    turns = cho_solve(factor, equations.normal[k:, :k]).T
+    known = Information(
+        normal=normal - turns @ equations.normal[k:, :k], right=right - turns @ equations.right[k:]
+    )
+    return known, turns, cho_solve(factor, equations.right[k:])
+
+
+def judged_information(
+    tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
+) -> JudgedInformation:
+    """`information`, and what these few fields leave."""
+    k, frames = len(columns), len(tracks.position_mm)
+    equations = _equations(tracks, columns, scale_sd=scale_sd)
+    known, turns, moved = _without_motions(equations, k, fruit_moves=fruit_moves)
+    normal, right = known.normal, known.right
+    amounts = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
+    theta = np.append(amounts, moved - amounts @ turns)
+    rigid = rigid_motion(tracks.place_mm)
+    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    explained = np.einsum("nxk,tk->tnx", rigid, theta[k:].reshape(frames, 6))
+    explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
+    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
+    left *= marker_weight(tracks)[:, None]
+    own = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
+    scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
+    turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
+    scores -= turned @ turns.T + own * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
+    still = np.einsum("nxl,ktl->ktnx", rigid, turns.reshape(k, frames, 6), optimize=True)
+    still += own.T[:, None, :, None] * tracks.gel_displacement_mm
+    influence = np.stack([about_episode_mean(field, tracks.episode) for field in columns - still])
+    influence *= marker_weight(tracks)[:, None]
+    return JudgedInformation(normal=normal, right=right, scores=scores, influence=influence)
+
+
+def marker_weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:
+    """One over the variance that a component of each marker counts with, 1/mm2."""
+    return np.asarray(1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2))
+
+
+@dataclass(frozen=True)
+class _Equations:
+    """Of k amounts and 6 t motions; and, of the markers' scales, what was eliminated."""
+
+    normal: Float[np.ndarray, "m m"]
+    right: Float[np.ndarray, " m"]
+    along: Float[np.ndarray, "n m"]
+    seen: Float[np.ndarray, " n"]
+    stiffness: Float[np.ndarray, " n"]
+
+
+def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float) -> _Equations:
+    """Normal equations without the markers' places and scales."""
+    k, frames = len(columns), len(tracks.position_mm)
+    y, d, *fields = (
+        about_episode_mean(values, tracks.episode)
+        for values in (tracks.position_mm - tracks.place_mm, tracks.gel_displacement_mm, *columns)
+    )
+    rigid = rigid_motion(tracks.place_mm)
+    weight = marker_weight(tracks)
+    c = np.stack(fields)
+    weighted = weight[:, None] * c
+    flat, size = weighted.reshape(k, -1), k + 6 * frames
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    normal[:k, :k], right[:k] = flat @ c.reshape(k, -1).T, flat @ y.ravel()
+    normal[:k, k:] = np.einsum("nxl,ktnx->ktl", rigid, weighted, optimize=True).reshape(k, -1)
+    normal[k:, :k] = normal[:k, k:].T
+    normal[k:, k:] = motion_equations(rigid, weight, tracks.episode)
+    right[k:] = np.einsum("n,nxl,tnx->tl", weight, rigid, y, optimize=True).ravel()
+    # The scale error of each marker, by a rank-one step.
+    along = np.empty((len(weight), size))
+    along[:, :k] = np.einsum("ktnx,tnx->nk", weighted, d, optimize=True)
+    along[:, k:] = np.einsum("n,nxl,tnx->ntl", weight, rigid, d, optimize=True).reshape(len(weight), -1)
+    seen = np.einsum("n,tnx,tnx->n", weight, d, y, optimize=True)
+    stiffness = np.einsum("n,tnx,tnx->n", weight, d, d, optimize=True) + 1 / scale_sd**2
+    normal -= along.T @ (along / stiffness[:, None])
+    right -= along.T @ (seen / stiffness)
+    normal[np.arange(k, size), np.arange(k, size)] += 1 / GAUGE_SD_MM**2
+    return _Equations(normal, right, along, seen, stiffness)
+
+
+def _solved(
+    normal: Float[np.ndarray, "m m"], right: Float[np.ndarray, " m"], *, unknowns: int
+) -> tuple[Float[np.ndarray, " m"], float]:
+    """The first `unknowns` of the normal equations, the others zero, and the variance of the very first."""
+    factor = cho_factor(normal[:unknowns, :unknowns])
+    theta = np.zeros(len(right))
+    theta[:unknowns] = cho_solve(factor, right[:unknowns])
+    return theta, float(cho_solve(factor, np.eye(unknowns, 1).ravel())[0])
+
+
+def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
+    """Displacement by three shifts (mm) and three small turns about the centre, in mm at the mean radius."""
+    modes = rigid_modes(place_mm, centre_mm=place_mm.mean(axis=0))
+    modes[:, :, 3:] /= mean_radius_mm(place_mm)
+    return modes
+
+
+def mean_radius_mm(place_mm: Float[np.ndarray, "n 3"]) -> float:
+    """Mean distance from the centre, at which rigid_motion gives a turn in mm."""
+    return max(float(np.linalg.norm(place_mm - place_mm.mean(axis=0), axis=1).mean()), 1e-9)
+
+
+def about_episode_mean(
+    values: Float[np.ndarray, "t n 3"], episode: Int[np.ndarray, "t n"]
+) -> Float[np.ndarray, "t n 3"]:
+    """Each marker's series less its mean over the same contact; zero out of contact."""
+    about = np.zeros_like(values)
+    for contact in range(int(episode.max()) + 1):
+        during = (episode == contact)[:, :, None]
+        mean = values.sum(axis=0, where=during) / np.maximum(during.sum(axis=0), 1)
+        np.subtract(values, mean, out=about, where=during)
+    return about
+
+
+def motion_equations(
+    rigid: Float[np.ndarray, "n 3 k"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
+) -> Float[np.ndarray, "m m"]:
+    """Normal equations of k motions in each frame, m = k t, the contacts' means out: sum_i w_i R_i' W_i R_i.
+
+    W_i = I - 1 1' / T_e over the T_e frames of each contact e of marker i. The first part couples no frames;
+    the second is one product of frames by markers per contact and pair of motions, and no (n, t, t) array.
+    """
+    frames, modes = len(episode), rigid.shape[2]
+    gram = np.einsum("n,nxk,nxl->nkl", weight, rigid, rigid)
+    blocks = np.zeros((modes, modes, frames, frames))
+    touching = np.asarray(episode >= 0, dtype=float)
+    diagonal = np.arange(frames)
+    blocks[:, :, diagonal, diagonal] = np.einsum("tn,nkl->klt", touching, gram, optimize=True)
+    for contact in range(int(episode.max()) + 1):
+        chosen = np.flatnonzero((episode == contact).any(axis=0))
+        member = np.asarray(episode[:, chosen] == contact, dtype=float)
+        share = gram[chosen] / member.sum(axis=0)[:, None, None]
+        for j, k in zip(*np.triu_indices(modes), strict=True):
+            block = (member * share[:, j, k]) @ member.T
+            blocks[j, k] -= block
+            if j != k:
+                blocks[k, j] -= block
+    return blocks.transpose(2, 0, 3, 1).reshape(modes * frames, modes * frames)

@@ -1,0 +1,63 @@
+"""The forces of a marker gel without most of their noise: what its displacement says of them, and what not.
+
+Most gels push as they are pressed: f = A d, marker by marker, with one stiffness along the pad's normal and
+one across, fitted to the recording itself (so that a gain stays a gain). Displacement is then the better
+force sensor: f = A d carries the noise of d alone. What the recorded forces show beyond A d is kept where it
+exceeds noise, as patterns (a drift, a gel that relaxes, one that is no bed of springs); the rest was noise,
+and noise in the forces feigns motion in every model that they drive.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.grasp_history import PadHistory
+
+ABOVE_NOISE = 1.5
+"""A pattern counts when it is so many times the greatest one of noise alone (Marchenko and Pastur 1967)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelForce:
+    """`force_N` in the fruit frame, frames used; `sd_N`: noise of one component in one frame that is left."""
+
+    force_N: Float[np.ndarray, "f n 3"]
+    sd_N: float
+
+
+def gel_force(pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.ndarray, " t"]) -> GelForce:
+    """`turn`: pad axes in the fruit frame, as columns."""
+    force = pad.force_N @ turn
+    moved = pad.gel_displacement_mm @ turn
+    stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
+    springs = moved * stiffness
+    beyond = (force - springs)[used]
+    flat = beyond.reshape(len(beyond), -1)
+    left, size, right = np.linalg.svd(flat, full_matrices=False)
+    sd = pad.force_sd_N * float(np.sqrt(variance_inflation(np.array([pad.lag1]))[0]))
+    kept = size > ABOVE_NOISE * sd * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
+    more = (left[:, kept] * size[kept]) @ right[kept]
+    noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
+    if noise > pad.force_sd_N:  # displacement says less than the forces themselves
+        return GelForce(force_N=pad.force_N[used], sd_N=pad.force_sd_N)
+    return GelForce(force_N=(springs[used] + more.reshape(beyond.shape)) @ turn.T, sd_N=max(noise, 1e-9))
+
+
+def _slope(
+    force: Float[np.ndarray, "f n 3"], moved: Float[np.ndarray, "f n 3"], part: list[int], pad: PadHistory
+) -> float:
+    """Force over displacement by least squares over all markers, along the courses of the pad's total force.
+
+    Of all, as touching ones are told by their force: where that is no more than a few times its noise, those
+    of them that noise pushed up are taken and the others left, and the slope comes out a tenth too steep.
+    Along those courses displacement's own noise, which makes it too small, is averaged over frames, and what
+    is left of it is taken out.
+    """
+    course = np.linalg.qr(force.sum(axis=1))[0]
+    f, d = (np.einsum("tk,tnx->knx", course, values[..., part]) for values in (force, moved))
+    inflation = float(variance_inflation(np.array([pad.lag1]))[0])
+    noise = pad.displacement_sd_mm**2 * inflation * d.size
+    signal = float((d**2).sum()) - noise
+    return float((f * d).sum()) / signal if signal > noise else 0.0

@@ -1,0 +1,38 @@
+"""Which loaded frames a modulus is estimated from: all of them, or a long recording thinned evenly."""
+
+import numpy as np
+from jaxtyping import Bool
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
+
+MOST_FRAMES = 120
+"""One solve of the whole fruit and six unknown motions per frame; more frames of one press tell no more."""
+
+
+def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
+    """The frames a modulus is estimated from; raises NO_LOAD where no marker ever touches."""
+    loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
+    if not loaded.any():
+        raise FemFailure(FemProblem.NO_LOAD, "found no frame in which a marker touches, expected a contact")
+    return thinned(loaded)
+
+
+def thinned(loaded: Bool[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+    """At most MOST_FRAMES of the `loaded` frames, evenly spread, the first and the last among them.
+
+    A marker's contact keeps its number: whatever frame of it is used first becomes the one the others are
+    compared with, for measured and computed displacement alike.
+    """
+    frames = np.flatnonzero(loaded)
+    if len(frames) <= MOST_FRAMES:
+        return loaded
+    used = np.zeros_like(loaded)
+    used[frames[np.round(np.linspace(0, len(frames) - 1, MOST_FRAMES)).astype(np.int64)]] = True
+    return used
+
+
+def spacing(used: Bool[np.ndarray, " t"]) -> float:
+    """How many frames lie from one used frame to the next, in the median (pauses between contacts aside)."""
+    steps = np.diff(np.flatnonzero(used))
+    return float(np.median(steps)) if len(steps) else 1.0

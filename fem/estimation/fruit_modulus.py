@@ -1,0 +1,111 @@
+"""All grasps of one fruit: its modulus, and with two or more of them the pit's place, found where it matters.
+
+The inference is linear about a pit. Where it puts the pit far from there, the mesh is moved and the grasps
+are computed again (Gauss-Newton), so that a pit far off the prior's is not judged by slopes at the prior's.
+
+The pit is moved by that share of what the inference says which the data know (`PitPosterior.learnt`), against
+the prior, coordinate by coordinate; the rest of the way stays linear. Where the fruit is symmetric about the
+prior's pit, an offset acts to second order and its sign would be noise: there nothing is learnt, and nothing
+moves. A threshold of `learnt` would split meshes of one fruit into two answers (docs/decisions/0005).
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.joint_inference import FruitModulus, joint_modulus
+from fem.estimation.modulus import ModulusEstimate, estimate_modulus
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.solid.moved_pit import with_pit_moved
+
+FAR_MM, FAR_SIZE = 0.5, 0.05
+"""Beyond these the response is no longer linear in the pit's offset and ln size to a hundredth of E."""
+MOST_MOVES = 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitInference:
+    """The fruit's modulus; of each grasp its own with the prior's pit, or why it has none.
+
+    `moves`: how often the pit was moved in the mesh.
+    """
+
+    modulus: FruitModulus
+    grasps: tuple[ModulusEstimate | FemFailure, ...]
+    moves: int
+
+
+def infer_modulus(
+    histories: Sequence[GraspHistory],
+    mesh: FleshMesh,
+    respond: Callable[[FleshMesh], Sequence[GraspModel | FemFailure]],
+    *,
+    budget: ErrorBudget,
+) -> FruitInference:
+    """`respond` gives the model of every grasp on a mesh, or why it has none; called once for each mesh.
+
+    The pit's place is inferred where two or more grasps give a modulus and the mesh has a pit. Raises an
+    ExceptionGroup of every grasp's FemFailure where none gives one.
+    """
+    grasps = [_tried(*pair, budget) for pair in zip(histories, respond(mesh), strict=True)]
+    estimates = [one for one in grasps if isinstance(one, ModulusEstimate)]
+    if not estimates:
+        raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
+    several = len(estimates) > 1
+    found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
+    at, moves = np.zeros(4), 0
+    doubts: tuple[str, ...] = ()
+    while found.pit is not None:
+        place = found.pit.learnt * np.append(found.pit.offset_mm, found.pit.ln_size)
+        if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
+            break
+        if moves == MOST_MOVES:
+            doubts = (f"the pit's place did not settle in {moves} moves: its error bar may be too small",)
+            break
+        try:
+            place, moved_mesh = _as_far_as_it_goes(mesh, at, place)
+        except FemFailure as failure:
+            doubts = (f"the pit was not moved to where the grasps put it: {failure.detail}",)
+            break
+        models = respond(moved_mesh)
+        tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
+        moved = [one for one in tried if isinstance(one, ModulusEstimate)]
+        if len(moved) < len(estimates):
+            doubts = ("a grasp is lost where the grasps put the pit: its place is a first estimate",)
+            break
+        at, moves = place, moves + 1
+        found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
+    found = replace(found, warnings=(*found.warnings, *doubts))
+    return FruitInference(modulus=found, grasps=tuple(grasps), moves=moves)
+
+
+def _as_far_as_it_goes(
+    mesh: FleshMesh, at: Float[np.ndarray, "4"], place: Float[np.ndarray, "4"]
+) -> tuple[Float[np.ndarray, "4"], FleshMesh]:
+    """The mesh with the pit at `place`, or half or a quarter of the way there; raises INVERTED_ELEMENTS.
+
+    A linear step may overshoot, into the skin even.
+    """
+    for share in (1.0, 0.5):
+        try:
+            return at + share * (place - at), with_pit_moved(mesh, at + share * (place - at))
+        except FemFailure:
+            continue
+    return at + 0.25 * (place - at), with_pit_moved(mesh, at + 0.25 * (place - at))
+
+
+def _tried(
+    history: GraspHistory, model: GraspModel | FemFailure, budget: ErrorBudget
+) -> ModulusEstimate | FemFailure:
+    if isinstance(model, FemFailure):
+        return model
+    try:
+        return estimate_modulus(history, model, budget=budget)
+    except FemFailure as failure:
+        return failure

@@ -1,0 +1,75 @@
+"""What one grasp needs to know of the fruit: everything dense, nothing of the mesh.
+
+C maps forces at the markers to displacements at the markers for E = 1 MPa:
+
+    C = L' K^-1 L        L: marker forces -> traction field -> nodes;  L': nodes -> markers
+    (fem.solid.pad_link)
+
+K^-1 on the contact nodes is condensed once per fruit (fem.sparse.solver), the rest is sparse. A frame then
+costs one product of a matrix and a vector.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.frame_thinning import loaded_frames
+from fem.estimation.sensitivity import Sensitivity, sensitivities
+from fem.grasp_history import GraspHistory
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import PadLink, pad_link
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspModel:
+    """All pads' markers side by side on a fruit of E = 1 MPa.
+
+    `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
+    columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
+    under the leading force pattern (fem.solid.discretisation_error). `sensitivity`: how the response to
+    the recording's own loaded frames changes with what is not known exactly. `fruit_moves`: no base holds
+    it. `departure`:
+    what large deformation adds to the response, in every frame of the recording
+    (fem.estimation.hyperelastic_grasp); None:
+    small strain.
+    """
+
+    place_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    compliance: Float[np.ndarray, "d d"]
+    sensitivity: Sensitivity
+    discretisation: float
+    fruit_moves: bool
+    departure: Float[np.ndarray, "t n 3"] | None = None
+
+    def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """Displacement of the markers times E, mm MPa, frame by frame."""
+        flat = force_N.reshape(len(force_N), -1)
+        return np.asarray(flat @ self.compliance.T).reshape(force_N.shape)
+
+
+def grasp_model(history: GraspHistory, solid: UnitModulusSolid) -> GraspModel:
+    """The model of one grasp on a solid that was factorised for (at least) this grasp's contact nodes.
+
+    Raises FemFailure: off-surface, no-load.
+    """
+    links = [pad_link(pad, solid) for pad in history.pads]
+    sensitivity, withheld = sensitivities(history, solid, links, loaded_frames(history))
+    return GraspModel(
+        place_mm=np.vstack([link.place.point_mm for link in links]),
+        normal=np.vstack([link.place.normal for link in links]),
+        compliance=_marker_compliance(links, solid.contact_compliance),
+        sensitivity=sensitivity,
+        discretisation=withheld,
+        fruit_moves=solid.support == "free",
+    )
+
+
+def _marker_compliance(links: list[PadLink], contact: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "d d"]:
+    """L' K^-1 L, pad by pad; symmetric."""
+    columns = []
+    for link in links:
+        moved = contact @ link.plain + (contact @ link.rigid) @ link.balance
+        columns.append(np.vstack([to.plain.T @ moved + to.balance.T @ (to.rigid.T @ moved) for to in links]))
+    return np.hstack(columns)

@@ -1,0 +1,279 @@
+"""One modulus per fruit from all its grasps, and where the pit is: one linear Gaussian inference.
+
+Unknown are ln E, the pit's offset (3) and size (1) against the prior, Poisson's ratio, all common to the
+grasps; and each grasp's own surface, pose, force scales and leftover. Every one but ln E has a prior. With N
+the information of the data, L that of the priors, P = (N + L)^-1 and x the row of P that belongs to ln E,
+
+    var(ln E) = x N x + sum_k x_k^2 L_k
+
+parts the variance, without a remainder, into the sensors' noise and each prior's share. A part that the data
+do not inform keeps its sensitivity times its spread; one that they inform counts less.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.error_budget import DISCRETISATION, MODEL, SCATTER, TACTILE, ErrorBudget, part_of
+from fem.estimation.information import FORCE_SCALE, GraspInformation
+from fem.estimation.sensitivity import PIT, POISSON_RATIO
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
+
+NOTICED = 0.03
+"""Relative scatter between grasps, beyond their errors, that is worth a sentence."""
+MOST_ROUNDS, STILL = 50, 1e-5
+"""Amounts are s p: the fields are scaled by the s found before, until ln E changes by less than STILL (a
+hundredth of a per cent is a hundredth of the least error bar)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PitPosterior:
+    """Where the data put the pit: x, y, z (mm, fruit frame) and ln of its size, all against the prior's pit.
+
+    `prior_sd`, `sd`: before and after; `covariance` after.
+    """
+
+    offset_mm: Float[np.ndarray, "3"]
+    ln_size: float
+    covariance: Float[np.ndarray, "4 4"]
+    prior_sd: Float[np.ndarray, "4"]
+
+    @property
+    def sd(self) -> Float[np.ndarray, "4"]:
+        """Standard deviations of x, y, z (mm) and ln size."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    @property
+    def moved(self) -> Float[np.ndarray, "4"]:
+        """How far the data moved each from the prior, in the prior's standard deviations."""
+        return np.append(self.offset_mm, self.ln_size) / np.where(self.prior_sd > 0, self.prior_sd, np.inf)
+
+    @property
+    def learnt(self) -> Float[np.ndarray, "4"]:
+        """Share of the prior's variance that the data took away."""
+        return np.asarray(1 - (self.sd / np.where(self.prior_sd > 0, self.prior_sd, np.inf)) ** 2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitModulus:
+    """`E_MPa` of the fruit, its standard deviation, and the parts that add up to it in squares (MPa).
+
+    `pit` is None where its place was not inferred. `grasps` in all.
+    """
+
+    E_MPa: float
+    E_sd_MPa: float
+    parts_sd_MPa: dict[str, float]
+    pit: PitPosterior | None
+    grasps: int
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspEvidence:
+    """What a grasp brings to the inference: its information, and by how much its E may be off beyond that.
+
+    `misfit_sd`, `discretisation_sd`: relative, from the departure from the model and the size of elements.
+    `history`: the recording, for what is known under its own pads; None: the budget's numbers alone.
+    """
+
+    information: GraspInformation
+    E_MPa: float
+    misfit_sd: float
+    discretisation_sd: float
+    history: GraspHistory | None = None
+
+
+def joint_modulus(
+    grasps: Sequence[GraspEvidence],
+    *,
+    budget: ErrorBudget,
+    infer_pit: bool,
+    pit_at: Float[np.ndarray, "4"] | None = None,
+) -> FruitModulus:
+    """The inference above. Raises ValueError without a grasp, FemFailure (NOT_CONVERGED) where ln E does not
+    settle.
+
+    `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts what their spread does to
+    E. `pit_at`: offset (mm) and ln size, against the prior, of the pit the information was computed with.
+    Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird 1986).
+    """
+    if not grasps:
+        raise ValueError("joint_modulus needs at least one grasp, found none")
+    at = np.zeros(4) if pit_at is None else pit_at
+    ln_s, between = -float(np.mean([np.log(grasp.E_MPa) for grasp in grasps])), 0.0
+    for _ in range(MOST_ROUNDS):
+        unknowns = _unknowns(grasps, between, budget=budget, pit_at=at)
+        found = _solve(grasps, unknowns, float(np.exp(ln_s)), infer_pit=infer_pit)
+        step = float(found.mean[0])
+        ln_s += step
+        between = _between(*_one_by_one(grasps, found, float(np.exp(ln_s))))
+        if abs(step) < STILL:
+            break
+    else:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"ln E of all grasps together still changes by {abs(step):.2g} after {MOST_ROUNDS} rounds, "
+            f"expected {STILL:.0e} at most: the grasps contradict each other; grade them one by one",
+        )
+    modulus = float(np.exp(-ln_s))
+    parts = found.parts()
+    pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in unknowns) else None
+    return FruitModulus(
+        E_MPa=modulus,
+        E_sd_MPa=modulus * float(np.linalg.norm(list(parts.values()))),
+        parts_sd_MPa={part: share * modulus for part, share in parts.items()},
+        pit=pit,
+        grasps=len(grasps),
+        warnings=_disagreement(grasps, between),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Unknown:
+    """One unknown: whose amount it is, its prior, and where its share of the error bar is counted."""
+
+    name: str
+    part: str
+    sd: float
+    mean: float = 0.0
+    grasp: int | None = None
+
+
+def _unknowns(
+    grasps: Sequence[GraspEvidence], between: float, *, budget: ErrorBudget, pit_at: Float[np.ndarray, "4"]
+) -> list[_Unknown]:
+    """ln s first (no prior), then pit and Poisson's ratio, then each grasp's own; none without a spread."""
+    found = [_Unknown(name="ln s", part=TACTILE, sd=np.inf)]
+    known = {cause for grasp in grasps for cause in grasp.information.causes}
+    for name in (*PIT, POISSON_RATIO):
+        if name in known:
+            mean = -float(pit_at[PIT.index(name)]) if name in PIT else 0.0
+            found.append(_Unknown(name=name, part=part_of(name), sd=budget.sd_of(name), mean=mean))
+    elements_sd = float(np.sqrt(np.mean([grasp.discretisation_sd**2 for grasp in grasps])))
+    found.append(_Unknown(name=DISCRETISATION, part=DISCRETISATION, sd=elements_sd))
+    for k, grasp in enumerate(grasps):
+        for name, sd in ((MODEL, grasp.misfit_sd), (SCATTER, float(np.sqrt(between)))):
+            found.append(_Unknown(name=name, part=name, sd=sd, grasp=k))
+        for number, cause in enumerate(grasp.information.causes):
+            if cause == FORCE_SCALE:
+                name = f"{cause} {number}"
+                found.append(_Unknown(name=name, part=TACTILE, sd=budget.force_scale_sd, grasp=k))
+            elif cause not in (*PIT, POISSON_RATIO):
+                sd = budget.sd_of(cause, history=grasp.history)
+                found.append(_Unknown(name=cause, part=part_of(cause), sd=sd, grasp=k))
+    return [unknown for unknown in found if unknown.sd > 0]
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """The posterior of all unknowns; `fixed` ones stay at their prior and count by their sensitivity."""
+
+    unknowns: list[_Unknown]
+    fixed: Bool[np.ndarray, " u"]
+    normal: Float[np.ndarray, "u u"]
+    right: Float[np.ndarray, " u"]
+
+    @cached_property
+    def covariance(self) -> Float[np.ndarray, "u u"]:
+        """P; zero for what is fixed."""
+        free = np.flatnonzero(~self.fixed)
+        covariance = np.zeros_like(self.normal)
+        covariance[np.ix_(free, free)] = np.linalg.inv(
+            (self.normal + np.diag(self.weight))[np.ix_(free, free)]
+        )
+        return covariance
+
+    @property
+    def weight(self) -> Float[np.ndarray, " u"]:
+        """L, the priors' information."""
+        return np.array([unknown.sd**-2 for unknown in self.unknowns])
+
+    @property
+    def mean(self) -> Float[np.ndarray, " u"]:
+        """Change of every unknown from where the system was linearised."""
+        prior = np.array([unknown.mean for unknown in self.unknowns])
+        held = np.where(self.fixed, prior, 0.0)
+        return np.asarray(held + self.covariance @ (self.right - self.normal @ held + self.weight * prior))
+
+    def parts(self) -> dict[str, float]:
+        """Relative standard deviations of E by cause; their squares add up to its variance."""
+        x = self.covariance[0]
+        shares = x**2 * self.weight
+        shares[self.fixed] = (x @ self.normal)[self.fixed] ** 2 / self.weight[self.fixed]
+        variance = {TACTILE: float(x @ self.normal @ x)}
+        for unknown, share in zip(self.unknowns, shares, strict=True):
+            variance[unknown.part] = variance.get(unknown.part, 0.0) + float(share)
+        return {part: float(np.sqrt(value)) for part, value in variance.items()}
+
+
+def _solve(
+    grasps: Sequence[GraspEvidence], unknowns: list[_Unknown], s: float, *, infer_pit: bool
+) -> _Solution:
+    """The normal equations of all grasps about 1/E = s."""
+    size = len(unknowns)
+    normal, right = np.zeros((size, size)), np.zeros(size)
+    for k, grasp in enumerate(grasps):
+        names = ["ln s", *grasp.information.causes]
+        names = [f"{n} {i - 1}" if n == FORCE_SCALE else n for i, n in enumerate(names)]
+        amounts = np.zeros((len(names), size))
+        for at, unknown in enumerate(unknowns):
+            if unknown.grasp in (None, k):
+                name = "ln s" if unknown.name in (DISCRETISATION, MODEL, SCATTER) else unknown.name
+                if name in names:
+                    amounts[names.index(name), at] = 1.0
+        own = s**2 * grasp.information.normal
+        normal += amounts.T @ own @ amounts
+        right += amounts.T @ (s * grasp.information.right - own[:, 0])
+    fixed = np.array([not infer_pit and unknown.name in (*PIT, POISSON_RATIO) for unknown in unknowns])
+    return _Solution(unknowns, fixed, normal, right)
+
+
+def _pit(found: _Solution, at: Float[np.ndarray, "4"]) -> PitPosterior:
+    """The pit's part of the posterior; what has no spread stays where it is."""
+    names = [unknown.name for unknown in found.unknowns]
+    known = [k for k, name in enumerate(PIT) if name in names]
+    chosen = [names.index(PIT[k]) for k in known]
+    place, covariance, prior_sd = at.astype(float), np.zeros((4, 4)), np.zeros(4)
+    place[known] += found.mean[chosen]
+    covariance[np.ix_(known, known)] = found.covariance[np.ix_(chosen, chosen)]
+    prior_sd[known] = [found.unknowns[k].sd for k in chosen]
+    return PitPosterior(
+        offset_mm=place[:3], ln_size=float(place[3]), covariance=covariance, prior_sd=prior_sd
+    )
+
+
+def _one_by_one(
+    grasps: Sequence[GraspEvidence], found: _Solution, s: float
+) -> tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]:
+    """ln s of each grasp alone, less that of all, with pit and Poisson's ratio as found, and its variance."""
+    left, variance = np.zeros(len(grasps)), np.zeros(len(grasps))
+    for k, grasp in enumerate(grasps):
+        own = [
+            replace(unknown, mean=float(mean) if unknown.grasp is None else 0.0, grasp=None)
+            for unknown, mean in zip(found.unknowns, found.mean, strict=True)
+            if unknown.grasp in (None, k) and unknown.part not in (DISCRETISATION, MODEL, SCATTER)
+        ]
+        alone = _solve([grasp], [replace(own[0], mean=0.0), *own[1:]], s, infer_pit=False)
+        left[k], variance[k] = alone.mean[0], alone.covariance[0, 0] + grasp.misfit_sd**2
+    return left, variance
+
+
+def _between(left: Float[np.ndarray, " g"], own: Float[np.ndarray, " g"]) -> float:
+    """Variance of the random effect of grasps whose ln s has its own variance, zero or above."""
+    if len(left) < 2:
+        return 0.0
+    weight = 1 / own
+    excess = float(weight @ (left - np.average(left, weights=weight)) ** 2) - (len(left) - 1)
+    return max(0.0, excess / float(weight.sum() - (weight**2).sum() / weight.sum()))
+
+
+def _disagreement(grasps: Sequence[GraspEvidence], between: float) -> tuple[str, ...]:
+    if np.sqrt(between) <= NOTICED:
+        return ()
+    each = ", ".join(f"{grasp.E_MPa:.3f}" for grasp in grasps)
+    return (f"grasps of this fruit disagree beyond their errors ({each} MPa)",)

@@ -1,0 +1,133 @@
+"""The modulus from one frame, while a gripper closes: one product with C, and seven unknowns.
+
+Every marker is compared with its own first touch (fem.estimation.compliance_fit says why),
+
+    y_i - y_i(t_i) = s [c_i - c_i(t_i)] + [R q - R q(t_i)]_i + noise,        c = C f,
+
+s = 1/E and q the fruit's rigid motion, where nothing holds it. In every frame q = u - s v, u and v what of
+the markers' motion and of the response a rigid motion explains; with that q(t_i) needs no s of an early,
+light frame. What a whole recording allows beyond that, scales of markers and noise in the forces among it,
+is left to fem.estimation.modulus.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.compliance_fit import rigid_motion
+from fem.estimation.grasp_model import GraspModel
+
+FEWEST = 6
+"""Markers in contact below which a frame gives no modulus."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveModel:
+    """A grasp's model made ready: C in single precision (its error is a millionth), the rigid motions."""
+
+    compliance: Float[np.ndarray, "d d"]
+    rigid: Float[np.ndarray, "d 6"]
+    fruit_moves: bool
+
+    @classmethod
+    def of(cls, model: GraspModel) -> "LiveModel":
+        """Takes some milliseconds, once per grasp; raises ValueError for a model with large deformation."""
+        if model.departure is not None:
+            raise ValueError("found a model with large deformation, expected small strain: frames are linear")
+        return cls(
+            compliance=model.compliance.astype(np.float32),
+            rigid=rigid_motion(model.place_mm).reshape(-1, 6),
+            fruit_moves=model.fruit_moves,
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstTouch:
+    """Where each marker was when it touched, and the model's response then, less the fruit's motion u and v.
+
+    `touching`: which markers do; `motion`: u and v of the last frame.
+    """
+
+    position_mm: Float[np.ndarray, "n 3"]
+    response: Float[np.ndarray, "n 3"]
+    touching: Bool[np.ndarray, " n"]
+    motion: Float[np.ndarray, "6 2"]
+
+    @classmethod
+    def none(cls, markers: int) -> "FirstTouch":
+        """Before the first frame."""
+        return cls(
+            position_mm=np.zeros((markers, 3)),
+            response=np.zeros((markers, 3)),
+            touching=np.zeros(markers, dtype=bool),
+            motion=np.zeros((6, 2)),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrameEstimate:
+    """E and its standard deviation from the markers' noise (NaN where too few touch, or nothing gives way).
+
+    `residual_mm`: what the model leaves of each marker's motion since its first touch, NaN out of contact.
+    """
+
+    E_MPa: float
+    E_sd_MPa: float
+    residual_mm: Float[np.ndarray, "n 3"]
+
+
+def frame_modulus(
+    model: LiveModel,
+    before: FirstTouch,
+    *,
+    position_mm: Float[np.ndarray, "n 3"],
+    force_N: Float[np.ndarray, "n 3"],
+    touching: Bool[np.ndarray, " n"],
+    sd_mm: float,
+) -> tuple[FrameEstimate, FirstTouch]:
+    """One frame of all pads' markers side by side (fruit frame), and the first touches to hand to the next.
+
+    `force_N`: what the gel puts on the fruit; `sd_mm`: noise of one component of a marker's place.
+    """
+    response = (model.compliance @ force_N.ravel().astype(np.float32)).astype(float).reshape(-1, 3)
+    old, new = touching & before.touching, (touching & ~before.touching)[:, None]
+    estimate, motion = _fit(model, before, old, position_mm, response, sd_mm)
+    rigid_mm, rigid_response = (model.rigid @ motion).reshape(-1, 3, 2).transpose(2, 0, 1)
+    return estimate, FirstTouch(
+        position_mm=np.where(new, position_mm - rigid_mm, before.position_mm),
+        response=np.where(new, response - rigid_response, before.response),
+        touching=touching,
+        motion=motion,
+    )
+
+
+def _fit(
+    model: LiveModel,
+    before: FirstTouch,
+    old: Bool[np.ndarray, " n"],
+    position_mm: Float[np.ndarray, "n 3"],
+    response: Float[np.ndarray, "n 3"],
+    sd_mm: float,
+) -> tuple[FrameEstimate, Float[np.ndarray, "6 2"]]:
+    """s, u and v from the markers that touched before and still do."""
+    residual = np.full(position_mm.shape, np.nan)
+    nothing = FrameEstimate(E_MPa=np.nan, E_sd_MPa=np.nan, residual_mm=residual)
+    if old.sum() < FEWEST:
+        return nothing, before.motion
+    since = np.stack([(position_mm - before.position_mm)[old], (response - before.response)[old]], axis=2)
+    since = since.reshape(-1, 2)
+    motion = before.motion
+    if model.fruit_moves:
+        rigid = model.rigid.reshape(len(old), 3, 6)[old].reshape(-1, 6)
+        motion = np.linalg.pinv(rigid.T @ rigid, rcond=1e-12, hermitian=True) @ (rigid.T @ since)
+        since = since - rigid @ motion
+    moved, unit = since.T
+    signal = float(unit @ unit)
+    compliance = float(unit @ moved) / signal if signal > 0 else 0.0
+    residual[old] = (moved - compliance * unit).reshape(-1, 3)
+    if not compliance > 0:
+        return nothing, motion
+    modulus = 1 / compliance
+    spread = float(np.sqrt(2 / signal)) * sd_mm * modulus  # two frames' noise in every difference
+    return FrameEstimate(E_MPa=modulus, E_sd_MPa=spread * modulus, residual_mm=residual), motion

@@ -1,0 +1,42 @@
+"""What the measured forces do to a fruit of unit modulus, at the markers, in chosen frames."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.compliance_fit import MarkerTracks
+from fem.estimation.frame_thinning import spacing
+from fem.estimation.grasp_model import GraspModel
+from fem.grasp_history import GraspHistory, PadHistory
+
+SMALLEST_SD_MM = 5e-4
+"""Half a micrometre: what a recording without measurable noise is taken to carry, for the weights' sake."""
+
+
+def marker_tracks(
+    history: GraspHistory, model: GraspModel, frames: Bool[np.ndarray, " t"]
+) -> tuple[MarkerTracks, Float[np.ndarray, "f n 3"]]:
+    """The chosen frames of all pads side by side, with the model's response to them, and the forces.
+
+    The forces of all pads act together in a frame. Markers are counted from their places on the scanned
+    surface, not from the skin of a mesh that cuts its corners. Between chosen frames that lie k apart noise
+    correlates by r^k, r between neighbours.
+    """
+    force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
+    beyond = 0.0 if model.departure is None else model.departure[frames]
+    tracks = MarkerTracks(
+        place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
+        normal=model.normal,
+        position_mm=np.concatenate([pad.position_mm[frames] for pad in history.pads], axis=1),
+        unit_displacement=model.unit_displacement(force_N) + beyond,
+        gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
+        episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
+        sd_mm=_per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
+        lag1=_per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
+    )
+    return tracks, force_N
+
+
+def _per_marker(history: GraspHistory, value: Callable[[PadHistory], float]) -> Float[np.ndarray, " n"]:
+    return np.concatenate([np.full(len(pad.rest_mm), value(pad)) for pad in history.pads])

@@ -1,0 +1,46 @@
+"""What the modulus is estimated from: the history of a contact, marker by marker, in the fruit frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadHistory:
+    """One pad's markers over time (those in and around its patch), mm and N in the fruit frame.
+
+    `rest_mm`: markers on the undeformed gel, pad frame. `surface_mm`: where each sits on the fruit's mesh.
+    `position_mm`: where it is. `gel_displacement_mm`: the measured part of that position, whose scale is in
+    doubt. `force_N`: what the gel puts on the fruit. `episode`: how often the marker has come into contact,
+    -1 while it touches nothing. `displacement_sd_mm`, `force_sd_N`: noise of one component in one frame;
+    `lag1`: its correlation with the next frame. `surface_sd_mm`: error of the fruit's mesh within the pad's
+    contact patch, root mean square; None where only that of the whole mesh is known
+    (fem.estimation.error_budget).
+    """
+
+    name: str
+    rest_mm: Float[np.ndarray, "n 3"]
+    surface_mm: Float[np.ndarray, "n 3"]
+    position_mm: Float[np.ndarray, "t n 3"]
+    gel_displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    episode: Int[np.ndarray, "t n"]
+    displacement_sd_mm: float
+    force_sd_N: float
+    lag1: float
+    surface_sd_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspHistory:
+    """One recording: a time and a phase ("air", "load", "hold", "unload") per frame, and its pads."""
+
+    time_s: Float[np.ndarray, " t"]
+    phase: tuple[str, ...]
+    pads: tuple[PadHistory, ...]
+
+    @property
+    def pad_of_marker(self) -> Int[np.ndarray, " n"]:
+        """The number of each marker's pad, all pads' markers side by side."""
+        return np.repeat(np.arange(len(self.pads)), [len(pad.rest_mm) for pad in self.pads])

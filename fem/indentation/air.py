@@ -1,0 +1,66 @@
+"""What a trace says before the ball meets the flesh: the load cell's noise, and when it first meets it."""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_noise import AirNoise
+
+#: frames in the air from which their own noise is taken
+FEWEST = 20
+#: frames that a force must stay above the air's before it counts, and by how many standard deviations
+STAYS, ABOVE = 3, 6.0
+#: variance of the third difference of unit white noise, and a normal's sd over its median deviation
+THIRD, MAD = 20.0, 1.4826
+
+
+def first_touch(trace: IndenterTrace) -> int:
+    """The first frame whose force, and that of the next two, stands clear of the first frames' level."""
+    force = trace.force_N
+    level, noise_N = float(np.median(force[:STAYS])), _rough_N(force)
+    for _ in range(2):
+        above = force > level + ABOVE * noise_N
+        stays = above[: len(force) - STAYS + 1].copy()
+        for k in range(1, STAYS):
+            stays &= above[k : len(force) - STAYS + 1 + k]
+        touch = int(np.argmax(stays)) if stays.any() else 0
+        if touch < 2 * STAYS:
+            break
+        level = float(np.median(force[: touch - 1]))
+    return touch
+
+
+def air_noise(trace: IndenterTrace, touch: int) -> AirNoise:
+    """White and coloured noise of the frames before `touch`, less a straight line through them.
+
+    With fewer than twenty of them, white noise from the third differences of the whole trace, in which a
+    smooth force leaves next to nothing. Autocovariances of the sum of white and first-order noise:
+    c1 = s^2 fade, c2 = s^2 fade^2. A load cell that counts in steps has noise of a step over root 12.
+    """
+    least = max(_step_N(trace.force_N) / np.sqrt(12), 1e-6 * float(np.abs(trace.force_N).max()))
+    calm = max(touch - 1, 0)
+    if calm < FEWEST:
+        white = max(_rough_N(trace.force_N), least)
+        return AirNoise(white_N=white, coloured_N=0.0, fade=0.0, frames=len(trace.force_N) // 4)
+    time, force = trace.time_s[:calm], trace.force_N[:calm]
+    left = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
+    c0, c1, c2 = (float(left[: calm - k] @ left[k:]) / (calm - 2) for k in range(3))
+    if c0 <= least**2 or c1 < 2 / np.sqrt(calm) * c0:
+        return AirNoise(white_N=max(np.sqrt(c0), least), coloured_N=0.0, fade=0.0, frames=calm - 2)
+    fade = float(np.clip(c2 / c1, c1 / c0, 0.95))
+    coloured = min(c1 / fade, 0.95 * c0)
+    return AirNoise(
+        white_N=max(np.sqrt(c0 - coloured), least), coloured_N=np.sqrt(coloured), fade=fade, frames=calm - 2
+    )
+
+
+def _rough_N(force: Float[np.ndarray, " t"]) -> float:
+    """Noise from third differences: their median size is blind to a few jumps."""
+    third = np.abs(np.diff(force, 3))
+    return MAD * float(np.median(third)) / np.sqrt(THIRD) or 1e-6 * float(np.abs(force).max())
+
+
+def _step_N(force: Float[np.ndarray, " t"]) -> float:
+    """The least difference between two different readings."""
+    steps = np.diff(np.unique(force))
+    return float(steps.min()) if len(steps) else 0.0

@@ -1,0 +1,69 @@
+"""Flesh that relaxes: one to three Maxwell arms beside a spring."""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.unknowns import Unknown
+from fem.mismatch.result import Parameter
+
+NAME = "viscoelastic"
+#: most arms tried
+ARMS = 3
+
+
+def viscoelastic(arms: int) -> Effect:
+    """Relaxation R(t) = 1 - sum g + sum g exp(-t/tau): shares g, times tau rising from arm to arm.
+
+    Unknowns: weight of each arm over the spring that never relaxes (log), the first tau (log) and the ratio
+    of each tau to the one before (log). Priors: a share of .1 to .75 with one arm; tau .3 to 60 s, later
+    arms three to thirty times slower. Source: generalised Maxwell solid, Tschoegl, "The Phenomenological
+    Theory of Linear Viscoelastic Behavior", 1989.
+    """
+    first = {1: 4.2, 2: 1.0, 3: 0.5}[arms]
+    weights = tuple(
+        Unknown(name=f"weight_{k + 1}", unit="1", scale="log", mean=-0.6 - 0.3 * (arms - 1), sd=1.0)
+        for k in range(arms)
+    )
+    times = (
+        Unknown(name="tau_1", unit="s", scale="log", mean=float(np.log(first)), sd=1.6 if arms == 1 else 1.0),
+        *(
+            Unknown(name=f"slower_{k + 1}", unit="1", scale="log", mean=float(np.log(9.0)), sd=0.7)
+            for k in range(1, arms)
+        ),
+    )
+    return Effect(name=NAME, unknowns=weights + times, arms=arms)
+
+
+def arms_of(
+    values: dict[str, Float[np.ndarray, " p"]], arms: int
+) -> tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]:
+    """Shares g and times tau (s) from the unknowns."""
+    weight = np.stack([values[f"weight_{k + 1}"] for k in range(arms)])
+    ratio = np.stack([values["tau_1" if k == 0 else f"slower_{k + 1}"] for k in range(arms)])
+    return weight / (1 + weight.sum(axis=0)), np.cumprod(ratio, axis=0)
+
+
+def viscoelastic_parameters(
+    scaled: Float[np.ndarray, " u"], covariance: Float[np.ndarray, "u u"]
+) -> dict[str, Parameter]:
+    """g, tau_s, g_2, tau_2_s, ...: values, standard deviations and 90 % intervals from the unknowns' normal.
+
+    A share's interval is normal on its logit, a time's on its logarithm; slopes are exact:
+    d ln w_j / d ln g_i = delta_ij - g_j, and the logarithm of a tau is a sum.
+    """
+    arms = len(scaled) // 2
+    weight = np.exp(scaled[:arms])
+    g = weight / (1 + weight.sum())
+    times = np.tril(np.ones((arms, arms)))
+    log_g = np.eye(arms) - g
+    found: dict[str, Parameter] = {}
+    for k in range(arms):
+        suffix = "" if k == 0 else f"_{k + 1}"
+        sd = float(np.sqrt(log_g[k] @ covariance[:arms, :arms] @ log_g[k])) / (1 - g[k])
+        share = Unknown(name="g", unit="1", scale="logit", mean=0.0, sd=1.0)
+        found[f"g{suffix}"] = share.parameter(float(np.log(g[k] / (1 - g[k]))), sd)
+        late = float(np.sqrt(times[k] @ covariance[arms:, arms:] @ times[k]))
+        tau = Unknown(name="tau_s", unit="s", scale="log", mean=0.0, sd=1.0)
+        found[f"tau{suffix}_s"] = tau.parameter(float(times[k] @ scaled[arms:]), late)
+    return found

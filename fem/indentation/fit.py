@@ -1,0 +1,195 @@
+"""The most probable unknowns of a law, their covariance, and the evidence for the law."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.indentation.contact_law import Law
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_noise import AirNoise, Noise, model_clock
+
+#: Gauss-Newton steps at most, and the fall of the misfit below which they stop
+STEPS, ENOUGH = 40, 0.02
+#: forward differences on the unknowns' own scales
+NUDGE = 1e-4
+#: shares of the force left unexplained among which each fit chooses; the least is the springs' own error
+SHARES = np.geomspace(4e-4, 0.5, 28)
+#: rounds of fit and choice of share, and the tolerant share of the first
+ROUNDS, TOLERANT = 6, 0.05
+#: starts that are followed for a few steps
+FOLLOWED, FEW = 2, 6
+#: a damping's gain over the middle one, as a share of the whole, that is worth a run for its slopes
+CLEARLY = 0.3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained.
+
+    `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
+    `settled`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
+    """
+
+    law: Law
+    noise: Noise
+    share: float
+    scaled: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+    force_N: Float[np.ndarray, " t"]
+    jacobian: Float[np.ndarray, "t k"]
+    log_evidence: float
+    chi_square: float
+    settled: bool
+
+    @property
+    def sd(self) -> Float[np.ndarray, " k"]:
+        """Standard deviations on the unknowns' scales."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Posterior:
+    """What is minimised: misfit of the fitted frames and of the priors, for one noise."""
+
+    law: Law
+    trace: IndenterTrace
+    frames: Bool[np.ndarray, " t"]
+    noise: Noise
+    mean: Float[np.ndarray, " k"]
+    precision: Float[np.ndarray, " k"]
+
+    def misfit(
+        self, scaled: Float[np.ndarray, "p k"], force_N: Float[np.ndarray, "p t"]
+    ) -> Float[np.ndarray, " p"]:
+        """-2 log of likelihood times prior, but for constants."""
+        gap = (self.trace.force_N - force_N)[:, self.frames]
+        prior = (scaled - self.mean) ** 2 @ self.precision
+        return np.asarray(np.einsum("pt,tp->p", gap, self.noise.solve(gap.T)) + prior)
+
+    def newton(
+        self,
+        scaled: Float[np.ndarray, " k"],
+        force_N: Float[np.ndarray, " t"],
+        slope: Float[np.ndarray, "t k"],
+    ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
+        """Gauss-Newton's matrix J' C^-1 J + prior precision, and the downhill slope."""
+        slope = slope[self.frames]
+        weighted = self.noise.solve(np.column_stack([slope, (self.trace.force_N - force_N)[self.frames]]))
+        matrix = slope.T @ weighted[:, :-1] + np.diag(self.precision)
+        return matrix, slope.T @ weighted[:, -1] - self.precision * (scaled - self.mean)
+
+
+def noise_with(air: AirNoise, trace: IndenterTrace, share: float, frames: Bool[np.ndarray, " t"]) -> Noise:
+    """White noise and, besides, `share` of the measured force (of a twentieth of its peak at least)."""
+    size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
+    clock = model_clock(trace.time_s, trace.force_N, white_N=air.white_N)
+    return Noise(white_N=air.slow_N, wander_N=share * size[frames], clock=clock[frames])
+
+
+def jacobian_N(
+    law: Law, trace: IndenterTrace, scaled: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t k"]]:
+    """Force and its slopes, all rows of one run."""
+    rows = np.vstack([scaled, scaled + NUDGE * np.eye(len(scaled))])
+    force = law.force_N(trace, rows)
+    return force[0], (force[1:] - force[0]).T / NUDGE
+
+
+def fit(
+    law: Law,
+    trace: IndenterTrace,
+    air: AirNoise,
+    starts: Float[np.ndarray, "s k"],
+    *,
+    frames: Bool[np.ndarray, " t"] | None = None,
+    follow: int = FOLLOWED,
+) -> Fit:
+    """Damped Gauss-Newton from the `follow` likeliest starts, the unexplained share chosen in turn.
+
+    Only the chosen `frames` are fitted; history runs through all. Evidence by Laplace:
+    log L + log prior + k/2 log 2 pi - 1/2 log det H at the mode; the unexplained share is set where it makes
+    the residual most likely (MacKay, "Information Theory, Inference, and Learning Algorithms", 2003, ch. 27
+    and 28).
+    """
+    if frames is None:
+        frames = np.ones(len(trace.time_s), dtype=bool)
+    mean = np.array([u.mean for u in law.unknowns])
+    precision = np.array([u.sd for u in law.unknowns]) ** -2.0
+    least = max((effect.error for effect in law.effects), default=SHARES[0])
+    share, shares = TOLERANT, SHARES[least * (1 - 1e-9) <= SHARES]
+
+    def posterior(share: float) -> Posterior:
+        noise = noise_with(air, trace, share, frames)
+        return Posterior(law=law, trace=trace, frames=frames, noise=noise, mean=mean, precision=precision)
+
+    target = posterior(share)
+    order = np.argsort(target.misfit(starts, law.force_N(trace, starts)))[:follow]
+    scaled = starts[order[0]]
+    if follow > 1:
+        scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda one: one[0])[1]
+    for _ in range(ROUNDS):
+        _, scaled, force, slope, settled = _descend(target, scaled, steps=STEPS)
+        gap = (trace.force_N - force)[frames]
+        scores = [noise_with(air, trace, one, frames).log_likelihood(gap) for one in shares]
+        before, share = share, float(shares[int(np.argmax(scores))])
+        if share == before:
+            break
+        target = posterior(share)
+    matrix, _ = target.newton(scaled, force, slope)
+    off = scaled - mean
+    prior = -0.5 * (off**2 @ precision - np.log(precision).sum())
+    return Fit(
+        law=law,
+        noise=target.noise,
+        share=share,
+        scaled=scaled,
+        covariance=np.linalg.inv(matrix),
+        force_N=force,
+        jacobian=slope,
+        log_evidence=float(target.noise.log_likelihood(gap) + prior - 0.5 * np.linalg.slogdet(matrix)[1]),
+        chi_square=float(gap @ gap / air.white_N**2),
+        settled=settled,
+    )
+
+
+def _descend(
+    target: Posterior, scaled: Float[np.ndarray, " k"], *, steps: int
+) -> tuple[float, Float[np.ndarray, " k"], Float[np.ndarray, " t"], Float[np.ndarray, "t k"], bool]:
+    """Levenberg-Marquardt: misfit, unknowns, force, slopes, and whether it settled within the steps.
+
+    Three dampings are tried at once, as rows of one run. The middle one's slopes come in the same run;
+    another is taken only where it is clearly better.
+    """
+    law, trace = target.law, target.trace
+    damping = 1e-2
+    force, slope = jacobian_N(law, trace, scaled)
+    now, settled = float(target.misfit(scaled[None], force[None])[0]), False
+    for _ in range(steps):
+        matrix, downhill = target.newton(scaled, force, slope)
+        tries = damping * np.array([0.03, 1.0, 100.0])
+        scale = np.diag(np.diag(matrix))
+        step = np.stack([np.linalg.solve(matrix + d * scale, downhill) for d in tries])
+        rows = scaled + np.clip(step, -2.0, 2.0)
+        run = law.force_N(trace, np.vstack([rows, rows[1] + NUDGE * np.eye(len(scaled))]))
+        values = target.misfit(rows, run[:3])
+        values = np.where(np.isfinite(values), values, np.inf)
+        best = int(np.argmin(values))
+        if not values[best] < now:
+            settled = damping > 1e6  # not even the shortest step gains anything
+            if settled:
+                break
+            damping *= 1e3
+            continue
+        if values[1] - values[best] < CLEARLY * (now - values[best]):
+            best = 1
+        fall, now = now - float(values[best]), float(values[best])
+        scaled, damping = rows[best], max(float(tries[best]) * 0.3, 1e-8)
+        if best == 1:
+            force, slope = run[1], (run[3:] - run[1]).T / NUDGE
+        else:
+            force, slope = jacobian_N(law, trace, scaled)
+        settled = fall < ENOUGH
+        if settled:
+            break
+    return now, scaled, force, slope, settled

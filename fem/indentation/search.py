@@ -1,0 +1,87 @@
+"""Which laws are tried: the linear one, every effect alone, and the pairs worth the time."""
+
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.indentation.contact_law import Law
+from fem.indentation.effects import trace_damage, trace_plastic_set, trace_stiffening
+from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
+from fem.indentation.effects.trace_sensor_drift import sensor_drift
+from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
+from fem.indentation.fit import Fit, fit
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_noise import AirNoise
+
+#: starts drawn from the prior beside those that simpler laws suggest
+DRAWS = 16
+#: a single effect this far (natural logarithm) behind the best is tried in pairs with the best alone
+BEHIND = 30.0
+
+
+def effects_for(trace: IndenterTrace) -> list[tuple[Effect, ...]]:
+    """Every effect, each as the tuple of its forms, simplest first."""
+    peak = float(np.abs(trace.force_N).max())
+    travel = float(np.ptp(trace.travel_mm))
+    duration = float(trace.time_s[-1] - trace.time_s[0])
+    return [
+        tuple(viscoelastic(arms) for arms in range(1, ARMS + 1)),
+        (trace_stiffening.EFFECT,),
+        (trace_plastic_set.EFFECT,),
+        (trace_damage.EFFECT,),
+        (gripper_compliance(specimen_mm_per_N=travel / peak),),
+        (sensor_drift(force_N=peak, duration_s=duration),),
+    ]
+
+
+def candidate_fits(
+    linear: Law, trace: IndenterTrace, air: AirNoise, *, rng: np.random.Generator
+) -> list[Fit]:
+    """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
+
+    Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
+    with several forms a pair takes the best and, where that has one arm, two arms as well: what a second
+    effect leaves over may need them.
+    """
+    fits = [fit(linear, trace, air, _starts(linear, [], rng))]
+    singles: dict[str, list[Fit]] = {}
+    for forms in effects_for(trace):
+        for effect in forms:
+            law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
+            known = [fits[0], *singles.get(effect.name, [])[-1:]]
+            singles.setdefault(effect.name, []).append(fit(law, trace, air, _starts(law, known, rng)))
+    fits += [one for group in singles.values() for one in group]
+    best = {name: max(group, key=lambda f: f.log_evidence) for name, group in singles.items()}
+    top = max(best, key=lambda name: best[name].log_evidence)
+    reach = best[top].log_evidence - BEHIND
+    for pair in combinations(best, 2):
+        if top not in pair and min(best[name].log_evidence for name in pair) < reach:
+            continue
+        chosen = [[best[name]] for name in pair]
+        for k, name in enumerate(pair):
+            if best[name].law.effects[0].arms == 1:
+                chosen[k].append(singles[name][1])
+        for one in chosen[0]:
+            for other in chosen[1]:
+                law = Law(
+                    ball=linear.ball, baseline=linear.baseline, effects=one.law.effects + other.law.effects
+                )
+                fits.append(fit(law, trace, air, _starts(law, [one, other], rng), follow=1))
+    return fits
+
+
+def _starts(law: Law, known: list[Fit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
+    """The prior's mean, draws from it, and draws in which what simpler fits found is kept."""
+    names = [u.name for u in law.unknowns]
+    mean = np.array([u.mean for u in law.unknowns])
+    sd = np.array([u.sd for u in law.unknowns])
+    rows = [mean, *(mean + 0.7 * sd * rng.standard_normal((DRAWS, len(mean))))]
+    for one in known:
+        kept = mean + 0.7 * sd * np.vstack([np.zeros(len(mean)), rng.standard_normal((DRAWS, len(mean)))])
+        for u, value in zip(one.law.unknowns, one.scaled, strict=True):
+            if u.name in names:
+                kept[:, names.index(u.name)] = value
+        rows += list(kept)
+    return np.array(rows)

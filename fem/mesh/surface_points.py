@@ -1,0 +1,131 @@
+"""Points on the skin of a mesh: where they sit in its T6 faces, and how fields are read off there."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array
+
+from fem.elements.shape_functions import t6_gradient, t6_shape, tri_quadrature
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.closest_point import closest_on_triangles
+from fem.mesh.flesh_mesh import FleshMesh
+
+#: a T6 as four flat triangles, and the reference coordinates of its six nodes
+_QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
+_T6_NODES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+
+
+@dataclass(frozen=True)
+class SurfacePoints:
+    """p points on the curved skin: their face, coordinates in it, place, normal, gap to what was asked."""
+
+    n_nodes: int
+    face_nodes: Int[np.ndarray, "p 6"]
+    reference: Float[np.ndarray, "p 2"]
+    point_mm: Float[np.ndarray, "p 3"]
+    normal: Float[np.ndarray, "p 3"]
+    distance_mm: Float[np.ndarray, " p"]
+
+    @cached_property
+    def interpolation(self) -> csr_array:
+        """Sparse (p, n): nodal values of a field on the mesh to values at the points; rows sum to one."""
+        shape = t6_shape(self.reference)
+        row = np.repeat(np.arange(len(shape)), 6)
+        entries = (shape.ravel(), (row, self.face_nodes.ravel()))
+        return coo_array(entries, shape=(len(shape), self.n_nodes)).tocsr()
+
+    def slid(self, mesh: FleshMesh, way_mm: Float[np.ndarray, "3"]) -> "SurfacePoints":
+        """The points moved a little along the skin, on their own faces continued; distances are not kept."""
+        x = mesh.nodes_mm[self.face_nodes]
+        tangent = np.einsum("pin,pnx->pix", t6_gradient(self.reference), x)
+        metric = np.einsum("pix,pjx->pij", tangent, tangent)
+        step = np.linalg.solve(metric, (tangent @ way_mm)[..., None])[..., 0]
+        place, normal, _ = _place_and_normal(self.reference + step, x)
+        return SurfacePoints(
+            self.n_nodes, self.face_nodes, self.reference + step, place, normal, np.zeros(len(place))
+        )
+
+    def among(self, nodes: Int[np.ndarray, " c"]) -> "SurfacePoints":
+        """The same points on a field that is known at these nodes only (sorted; every face's are there)."""
+        return replace(self, n_nodes=len(nodes), face_nodes=np.searchsorted(nodes, self.face_nodes))
+
+    def sample(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f p 3"]:
+        """A nodal vector field (or f of them) at the points."""
+        nodal = np.moveaxis(field, 1, 0).reshape(self.n_nodes, -1)
+        values = (self.interpolation @ nodal).reshape(len(self.reference), len(field), 3)
+        return np.moveaxis(values, 0, 1)
+
+    def point_load(self, force_N: Float[np.ndarray, "f p 3"]) -> Float[np.ndarray, "f n 3"]:
+        """Forces at the points as forces on the nodes of their faces; total force and moment are kept."""
+        at_points = np.moveaxis(force_N, 1, 0).reshape(len(self.reference), -1)
+        nodal = (self.interpolation.T @ at_points).reshape(self.n_nodes, len(force_N), 3)
+        return np.ascontiguousarray(np.moveaxis(nodal, 0, 1))
+
+
+def locate(
+    mesh: FleshMesh, points_mm: Float[np.ndarray, "p 3"], *, within_mm: float | None = None
+) -> SurfacePoints:
+    """The points of the skin closest to the given ones.
+
+    Found on the faces cut in four flat triangles, then moved to the curved face by Gauss-Newton steps.
+    Raises OFF_SURFACE where a point is not finite or farther than within_mm.
+    """
+    if not np.isfinite(points_mm).all():
+        raise FemFailure(
+            FemProblem.OFF_SURFACE, "a contact point has a non-finite coordinate; check pose and markers"
+        )
+    flat = mesh.outer_faces[:, _QUARTERS].reshape(-1, 3)
+    near = closest_on_triangles(points_mm, mesh.nodes_mm, flat)
+    face_nodes = mesh.outer_faces[near.face // 4]
+    reference = np.einsum("pk,pkd->pd", near.barycentric, _T6_NODES[_QUARTERS[near.face % 4]])
+    x = mesh.nodes_mm[face_nodes]
+    for _ in range(4):
+        tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
+        gap = points_mm - np.einsum("pn,pnx->px", t6_shape(reference), x)
+        metric = np.einsum("pix,pjx->pij", tangent, tangent)
+        step = np.linalg.solve(metric, np.einsum("pix,px->pi", tangent, gap)[..., None])[..., 0]
+        reference = _into_triangle(reference + step)
+    place, normal, _ = _place_and_normal(reference, x)
+    distance = np.linalg.norm(points_mm - place, axis=1)
+    if within_mm is not None and len(distance) and distance.max() > within_mm:
+        worst = int(distance.argmax())
+        where = ", ".join(f"{x:.1f}" for x in points_mm[worst])
+        raise FemFailure(
+            FemProblem.OFF_SURFACE,
+            f"{(distance > within_mm).sum()} of {len(distance)} contact points lie more than "
+            f"{within_mm:g} mm off the skin, the worst at ({where}) mm by {distance[worst]:.2f} mm; "
+            "check the pad's pose against the fruit frame",
+        )
+    return SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, distance)
+
+
+def skin_quadrature(mesh: FleshMesh) -> tuple[SurfacePoints, Float[np.ndarray, " p"]]:
+    """Integration points of the whole skin and the area (mm2) that each stands for, exact to degree 5.
+
+    A traction t at the points (MPa) is the load `points.point_load(t * area[:, None])`.
+    """
+    points, weights = tri_quadrature()
+    face_nodes = np.repeat(mesh.outer_faces, len(points), axis=0)
+    reference = np.tile(points, (len(mesh.outer_faces), 1))
+    place, normal, stretch = _place_and_normal(reference, mesh.nodes_mm[face_nodes])
+    on_skin = SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, np.zeros(len(place)))
+    return on_skin, stretch * np.tile(weights, len(mesh.outer_faces))
+
+
+def _place_and_normal(
+    reference: Float[np.ndarray, "p 2"], x: Float[np.ndarray, "p 6 3"]
+) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+    """Where the points of T6 faces lie, the unit normals there, and area per reference area."""
+    place = np.einsum("pn,pnx->px", t6_shape(reference), x)
+    tangent = np.einsum("pin,pnx->pix", t6_gradient(reference), x)
+    normal = np.cross(tangent[:, 0], tangent[:, 1])
+    stretch = np.linalg.norm(normal, axis=1)
+    return place, normal / stretch[:, None], stretch
+
+
+def _into_triangle(reference: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p 2"]:
+    """Reference coordinates kept in the triangle: negative barycentric ones become zero, then scaled."""
+    weights = np.maximum(np.column_stack([1 - reference.sum(axis=1), reference]), 0.0)
+    return np.asarray(weights[:, 1:] / weights.sum(axis=1, keepdims=True))

@@ -1,0 +1,100 @@
+"""The border to pytetwild: closed surfaces in, well-shaped straight tetrahedra between them out."""
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import chdir, contextmanager
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytetwild
+import pyvista
+from jaxtyping import Float, Int
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.tetrahedra import compact, pieces, signed_volumes_mm3
+
+
+def simplified(
+    vertices_mm: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"], *, edge_mm: float
+) -> tuple[Float[np.ndarray, "w 3"], Int[np.ndarray, "g 3"]]:
+    """The surface with fewer triangles, about edge_mm wide, its volume kept (quadric error, VTK).
+
+    The mesher respects every input triangle, so a scan's thousands would cost ten times as much.
+    """
+    a, b, c = np.moveaxis(vertices_mm[faces], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    wanted = max(area / (edge_mm**2 * np.sqrt(3) / 4), 64)
+    if wanted >= len(faces):
+        return vertices_mm, faces
+    surface = pyvista.PolyData.from_regular_faces(vertices_mm, faces)
+    small = surface.decimate(1 - wanted / len(faces), volume_preservation=True)
+    return np.asarray(small.points, dtype=float), np.asarray(small.regular_faces, dtype=np.int64)
+
+
+def fill(
+    surfaces: list[tuple[Float[np.ndarray, "_ 3"], Int[np.ndarray, "_ 3"]]],
+    *,
+    edge_mm: float,
+    envelope_mm: float,
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 4"]]:
+    """Tetrahedra, positively oriented, of the region that the surfaces bound together.
+
+    The normals of an inner surface point into its hole, so that winding numbers leave the hole empty.
+    The mesher takes Ctrl-C away from Python, which is mended here. It shuffles with a seed from the machine's
+    entropy, so two runs differ in their elements (by less than the discretisation error), not in their shape.
+    It leaves a file in the working directory: it gets one to throw away. Raises FemFailure where nothing
+    comes back.
+    """
+    vertices = np.vstack([v for v, _ in surfaces])
+    start = np.cumsum([0, *(len(v) for v, _ in surfaces[:-1])])
+    faces = np.vstack([f + at for (_, f), at in zip(surfaces, start, strict=True)]).astype(np.int32)
+    diagonal_mm = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    try:
+        with TemporaryDirectory() as scratch, chdir(scratch), _ctrl_c_kept():
+            nodes, tets = pytetwild.tetrahedralize(
+                vertices,
+                np.ascontiguousarray(faces),
+                edge_length_abs=edge_mm,
+                epsilon=envelope_mm / diagonal_mm,
+                stop_energy=10.0,
+                num_threads=1,
+                quiet=True,
+            )
+    except RuntimeError as error:
+        raise FemFailure(
+            FemProblem.MESHING_FAILED,
+            f"the tetrahedral mesher gave up on the surfaces: {error}; repair the mesh",
+        ) from error
+    if len(tets) == 0:
+        raise FemFailure(
+            FemProblem.MESHING_FAILED,
+            "the tetrahedral mesher found no inside; check that the surface is closed",
+        )
+    nodes, tets = np.asarray(nodes, dtype=float), np.asarray(tets, dtype=np.int64)
+    backward = signed_volumes_mm3(nodes, tets) < 0
+    tets[backward] = tets[backward][:, [0, 2, 1, 3]]
+    nodes, tets = compact(nodes, tets)
+    piece = pieces(tets, len(nodes))
+    volume = np.bincount(piece, weights=signed_volumes_mm3(nodes, tets))
+    if volume.max() < 0.999 * volume.sum():
+        loose = int(np.argsort(volume)[-2])
+        where = ", ".join(f"{x:.1f}" for x in nodes[np.unique(tets[piece == loose])].mean(axis=0))
+        raise FemFailure(
+            FemProblem.DISCONNECTED_FLESH,
+            f"the flesh falls into {len(volume)} pieces (the largest holds "
+            f"{volume.max() / volume.sum():.1%}, the next {volume[loose]:.3g} mm3 around ({where}) mm); "
+            "look for a pit that cuts through the fruit, or loose parts in the scan",
+        )
+    return compact(nodes, tets[piece == volume.argmax()])
+
+
+@contextmanager
+def _ctrl_c_kept() -> Iterator[None]:
+    """Python's own handler of SIGINT installed again afterwards; only the main thread may."""
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread() and before is not None:
+            signal.signal(signal.SIGINT, before)

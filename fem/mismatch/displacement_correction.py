@@ -1,0 +1,75 @@
+"""What effects that are known add to the plain model of every recording, at the modulus that comes with them.
+
+    y(t) = X + s [c(t) + d(t)] + R q(t) + ...,      d = sum over effects of (c_theta - c) + shift / s
+
+Most laws depend on s = 1/E, and s on them: it is fitted again with d until it stands still.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.effect import Effect, Response
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.model.forward_model import Ground, over_all_frames
+from fem.mismatch.procedure import plain_ground
+from fem.mismatch.selection.modulus_with import modulus_of
+
+MOST_ROUNDS, STILL = 12, 1e-3
+"""Rounds end where 1/E changes by a smaller share than this."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KnownEffect:
+    """An effect with its parameters, named as its ParameterSpecs are, for a flesh of modulus E (MPa)."""
+
+    effect: Effect
+    parameters: Callable[[float], Mapping[str, float]]
+
+
+def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "t n 3"]]:
+    """d(t) of every recording, mm MPa, all frames: zero in the air.
+
+    Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
+    """
+    ground, _ = plain_ground(case)
+    if not ground.compliance > 0:
+        raise FemFailure(
+            FemProblem.NO_MODULUS,
+            "the forces do not move the fruit along themselves (1/E is "
+            f"{ground.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
+            "record the grasp again",
+        )
+    for _ in range(MOST_ROUNDS):
+        beyond = _beyond(ground, effects)
+        whole = [
+            seen.tracks.unit_displacement + own for seen, own in zip(ground.base.grasps, beyond, strict=True)
+        ]
+        compliance = 1 / modulus_of(ground, Response(unit=whole)).value
+        moved = abs(compliance / ground.compliance - 1)
+        ground = replace(ground, compliance=compliance)
+        if moved < STILL:
+            break
+    else:
+        names = ", ".join(known.effect.name for known in effects)
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"E with {names} still changes by {moved:.2%} after {MOST_ROUNDS} rounds, "
+            f"expected {STILL:.1%} at most",
+        )
+    return [over_all_frames(seen, own) for seen, own in zip(ground.base.grasps, beyond, strict=True)]
+
+
+def _beyond(ground: Ground, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+    """d in the frames used; small departures add."""
+    beyond = [np.zeros_like(seen.tracks.unit_displacement) for seen in ground.base.grasps]
+    for known in effects:
+        answer = known.effect.respond(ground, known.parameters(1 / ground.compliance), "")
+        for k, seen in enumerate(ground.base.grasps):
+            beyond[k] = beyond[k] + answer.unit[k] - seen.tracks.unit_displacement
+            if answer.shift_mm is not None:
+                beyond[k] = beyond[k] + answer.shift_mm[k] / ground.compliance
+    return beyond

@@ -1,0 +1,69 @@
+"""What the model's own error looks like: a little of some effects, seen in every sound recording.
+
+The finer a pattern is, the less of it a mesh lets through, in the model as in another solver: that is as if
+a thin skin lay on the fruit. Sound fruit by another solver (fem.mismatch.selection.null_reference) each
+seem to have such amounts of effects, alike over sizes, shapes and moduli. They are part of the plain
+model, with their mean and spread over those fruit: what goes beyond them is a finding, and no parameter is
+known better than to that spread. (Calibrated on the same fruit as the bank: the bank's p-values are that
+much too small for others.)
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column
+
+SEEMING: Mapping[str, tuple[float, float]] = {
+    "skin": (0.42, 0.09),  # mm, membrane stiffness over E
+    "poisson_ratio": (0.03, 0.015),
+    "gripper_compliance": (0.001, 0.0007),  # 1/mm, mm/N times E over softness
+    "sensor_gain": (0.0, 0.002),
+    "sensor_drift": (0.0, 0.003),  # N/s
+}
+"""Mean and standard deviation of the amount of an effect's signature, of each pad's where it has one. Of the
+bank's fruit: skin alone first, Poisson's ratio and the jaws with that in place (`benchmarks/mismatch_nulls.py
+--without`); gains and drifts as root mean squares."""
+AS_FLESH_GIVES_WAY = ("gripper_compliance",)
+"""Of these the amount grows as the flesh gives way: times 1/E and Ground.softness."""
+BEND_OVER = ("skin",)
+"""Responses that level off as their parameter grows: beside a true one the seeming amount would be much less.
+Their own refit goes without it, and the whole of it counts as error of the parameter."""
+
+
+def lookalikes(
+    ground: Ground,
+    found: Iterable[tuple[Effect, Signature]],
+    seeming: Mapping[str, tuple[float, float]] = SEEMING,
+) -> list[Column]:
+    """Columns of the effects in `seeming`, one for each alternative of theirs.
+
+    What pads feel in the air is no error of the model, and not among it.
+    """
+    columns = []
+    for effect, signature in found:
+        if effect.name not in seeming:
+            continue
+        mean, sd = seeming[effect.name]
+        size = ground.compliance * ground.softness if effect.name in AS_FLESH_GIVES_WAY else 1.0
+        (column,) = signature.columns
+        fields = [None if field is None else replace(field, rest=None) for field in column.fields]
+        name = f"as if {effect.name}"
+        columns.append(
+            replace(column, name=name, mean=mean * size, sd=sd * size, positive=False, fields=fields)
+        )
+    return columns
+
+
+def beside(effects: Iterable[Effect], columns: Sequence[Column], chosen: Sequence[int]) -> tuple[int, ...]:
+    """Of the chosen columns those that stand beside these effects' own refits."""
+    left_out = {f"as if {effect.name}" for effect in effects if effect.name in BEND_OVER}
+    return tuple(j for j in chosen if columns[j].name not in left_out)
+
+
+def seeming_spread(effect: Effect) -> float:
+    """What BEND_OVER adds to the standard deviation of an effect's parameter."""
+    return float(np.hypot(*SEEMING[effect.name])) if effect.name in BEND_OVER else 0.0

@@ -1,0 +1,29 @@
+"""A recording's equations at the ground's compliance, made once for all that fit with them."""
+
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
+
+NEWTON_PER_MM3 = 9.81e-6
+"""Weight of flesh, which floats or just sinks in water."""
+
+
+def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
+    """Those of its markers, with the case's own spread of marker scales."""
+
+    def compute() -> MarkerEquations:
+        gel_scale_sd = ground.base.case.budget.gel_scale_sd
+        return MarkerEquations.of(seen, compliance=ground.compliance, gel_scale_sd=gel_scale_sd)
+
+    return ground.kept(("marker equations", seen.case.name, ground.compliance), compute)
+
+
+def balance_equations(ground: Ground, seen: Seen) -> BalanceEquations | None:
+    """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
+
+    def compute() -> BalanceEquations | None:
+        if seen.case.support != "free" or len(seen.links) < 2:
+            return None
+        return BalanceEquations.of(seen, weight_N=NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum()))
+
+    return ground.kept(("balance equations", seen.case.name), compute)

@@ -1,0 +1,250 @@
+"""Linear Gaussian evidence: how well a set of unknown amounts explains all recordings.
+
+With a ~ N(0, L^-1) amounts of fields phi (Column), y the data and W of fem.mismatch.model.marker_equations,
+
+    chi2 = y.Wy - b'(N + L)^-1 b,       ln p(y) = -(chi2 + ln det(N + L) - ln det L) / 2 + const
+
+N = phi.W phi, b = phi.W y. Every sample counts, ALIKE of them as one; what is not explained counts as noise.
+The plain model's own amount is 1/E, with a flat prior. Recordings are independent given the amounts that they
+share, so that what one of them would have predicted for another is the difference of two evidences. y counts
+from the plain model's fit, so that no digits are lost.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.zero_drift import RestingForces
+from fem.mismatch.effect import Response
+from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
+from fem.mismatch.evidence.nuisances import own_nuisances
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.parallel_map import side_by_side
+
+PLAIN_SD = 3.0
+"""Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
+
+    What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `own` and
+    `own_weighed` are its rows, `inverse` is (own . W own + L)^-1.
+    """
+
+    seen: Seen
+    markers: MarkerEquations
+    balance: BalanceEquations | None
+    rest: RestingForces
+    own: Float[np.ndarray, "k d"]
+    own_weighed: Float[np.ndarray, "k d"]
+    inverse: Float[np.ndarray, "k k"]
+
+    @classmethod
+    def of(cls, ground: Ground, seen: Seen) -> "Recorded":
+        """The recording's equations, with the case's own spreads of marker scales."""
+        markers = marker_equations(ground, seen)
+        none = np.zeros((0, 0))
+        balance = balance_equations(ground, seen)
+        bare = cls(
+            seen,
+            markers,
+            balance,
+            RestingForces.of(seen.case.history, seen.pose[:, 0, :3, 2]),
+            none,
+            none,
+            none,
+        )
+        found = own_nuisances(ground, seen)
+        plain, weighed = bare.rows([field for _, _, field in found])
+        normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
+        return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
+
+    def rows(self, fields: Sequence[Field | None]) -> tuple[np.ndarray, np.ndarray]:
+        """The fields and their W-images, laid out flat: markers in contact, sums of force, pads at rest."""
+        touching = self.seen.tracks.episode >= 0
+        cut = 3 * int(touching.sum())
+        end = cut + (0 if self.balance is None else self.balance.measured.size)
+        width = end + len(self.rest.measured)
+        plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
+        for row, field in enumerate(fields):
+            if field is not None and field.markers is not None:
+                plain[row, :cut] = field.markers[touching].ravel()
+                weighed[row, :cut] = self.markers.weighed(field.markers)[touching].ravel()
+            if field is not None and field.balance is not None and self.balance is not None:
+                plain[row, cut:end] = field.balance.ravel()
+                weighed[row, cut:end] = self.balance.weighed(field.balance).ravel()
+            if field is not None and field.rest is not None:
+                plain[row, end:] = field.rest
+                weighed[row, end:] = self.rest.weight * field.rest
+        if len(self.inverse):
+            weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
+        return plain, weighed
+
+
+def plain_data(
+    ground: Ground, recorded: Recorded, *, unit: np.ndarray | None = None, shift_mm: np.ndarray | None = None
+) -> Field:
+    """What a recording shows beyond s c: positions of markers, mm, and the imbalance of forces, N.
+
+    `unit` stands for c, `shift_mm` is taken out of the positions: an effect's nonlinear model.
+    """
+    tracks = recorded.seen.tracks
+    response = tracks.unit_displacement if unit is None else unit
+    beyond = tracks.position_mm - tracks.place_mm - ground.compliance * response
+    return Field(
+        markers=beyond if shift_mm is None else beyond - shift_mm,
+        balance=None if recorded.balance is None else recorded.balance.measured,
+        rest=recorded.rest.measured,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fit:
+    """Amounts of the chosen columns after the fit, their covariance; chi2 and ln evidence of the data."""
+
+    chosen: tuple[int, ...]
+    chi2: float
+    log_evidence: float
+    amounts: Float[np.ndarray, " k"]
+    covariance: Float[np.ndarray, "k k"]
+
+    @property
+    def sd(self) -> Float[np.ndarray, " k"]:
+        """Standard deviations of the amounts."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+
+class Products:
+    """Products of all columns with each other and the data, recording by recording.
+
+    Row 0 is the data (less all columns' prior means), row 1 the plain model (its response s c), then the
+    columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
+    given, counted from one.
+    """
+
+    def __init__(self, ground: Ground, recorded: Sequence[Recorded], columns: Sequence[Column]) -> None:
+        self.columns = [
+            Column(name="1/E", sd=PLAIN_SD, fields=[_plain(ground, one) for one in recorded]),
+            *columns,
+        ]
+        self.rows: list[np.ndarray] = []
+        self.products: list[np.ndarray] = []
+        self.weighed: list[np.ndarray] = []
+        self.data = [
+            _beyond_means(plain_data(ground, one), self.columns, k) for k, one in enumerate(recorded)
+        ]
+
+        def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
+            known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
+            return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
+
+        for known, plain, heavy in side_by_side(rows, range(len(recorded)), workers=ground.workers):
+            self.rows.append(np.array(known, dtype=np.int64))
+            self.products.append(heavy @ plain.T)
+            self.weighed.append(heavy)
+        self._recorded = recorded
+
+    def about(
+        self,
+        ground: Ground,
+        response: Response,
+        chosen: Sequence[int],
+        more: Sequence[Column] = (),
+    ) -> tuple["Products", tuple[int, ...]]:
+        """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
+        other = copy(self)
+        old = [self.columns[j] for j in chosen]
+        plain_fields = [Field(markers=ground.compliance * unit) for unit in response.unit]
+        plain_column = Column(name="1/E", sd=PLAIN_SD, fields=plain_fields)
+        other.columns = [plain_column, *old, *more]
+        other.rows, other.products, other.weighed, other.data = [], [], [], []
+        for k, one in enumerate(self._recorded):
+            unit = response.unit[k]
+            shift = None if response.shift_mm is None else response.shift_mm[k]
+            data = plain_data(ground, one, unit=unit, shift_mm=shift)
+            if response.balance is not None and data.balance is not None:
+                data = replace(data, balance=data.balance - response.balance[k])
+            if response.rest is not None and data.rest is not None:
+                data = replace(data, rest=data.rest - response.rest[k])
+            data = _beyond_means(data, old, k)
+            other.data.append(data)
+            fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
+            plain, heavy = one.rows(fresh)
+            place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
+            kept = [at for at, j in enumerate(chosen) if j in place]
+            at = np.array([place[chosen[j]] for j in kept], dtype=np.int64)
+            known = self.weighed[k][at]
+            across = known @ plain.T
+            own = np.empty((len(fresh) + len(at),) * 2)
+            new = np.r_[0, 1, 2 + len(at) : len(own)]
+            own[np.ix_(new, new)] = heavy @ plain.T
+            own[2 : 2 + len(at), new] = across
+            own[new, 2 : 2 + len(at)] = across.T
+            own[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
+            other.products.append(own)
+            other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
+            own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
+            other.rows.append(np.array(own_rows, dtype=np.int64))
+        return other, tuple(range(1, len(other.columns)))
+
+    def beyond(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
+        """What a fit leaves of recording k's markers, mm: places, scales and motions are its own."""
+        left = self.data[k].markers
+        assert left is not None, "data show markers"
+        for amount, column in zip(fit.amounts, fit.chosen, strict=True):
+            field = self.columns[column].fields[k]
+            if field is not None and field.markers is not None:
+                left = left - amount * field.markers
+        return self._recorded[k].markers.left(left)
+
+    def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
+        """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""
+        names = [0, *chosen]
+        place = {column: at for at, column in enumerate(names)}
+        weight = np.array([self.columns[j].sd for j in names]) ** -2.0
+        normal, right, total = np.diag(weight), np.zeros(len(names)), 0.0
+        for k in range(len(self.rows)) if keep is None else keep:
+            at = np.array([a for a, j in enumerate(self.rows[k]) if int(j) in place], dtype=np.int64)
+            to = np.array([place[int(j)] for j in self.rows[k][at]], dtype=np.int64)
+            own = self.products[k]
+            normal[np.ix_(to, to)] += own[np.ix_(at + 1, at + 1)]
+            right[to] += own[at + 1, 0]
+            total += own[0, 0]
+        factor = np.linalg.cholesky(normal)
+        amounts = np.linalg.solve(normal, right)
+        chi2 = total - right @ amounts
+        log_det = 2 * np.log(np.diag(factor)).sum() - np.log(weight).sum()
+        return Fit(
+            chosen=tuple(names),
+            chi2=float(chi2),
+            log_evidence=float(-(chi2 + log_det) / 2),
+            amounts=amounts,
+            covariance=np.linalg.inv(normal),
+        )
+
+
+def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
+    """What the columns' prior means leave of recording k's data."""
+    for column in columns:
+        field = column.fields[k]
+        if not column.mean or field is None:
+            continue
+        if field.markers is not None and data.markers is not None:
+            data = replace(data, markers=data.markers - column.mean * field.markers)
+        if field.balance is not None and data.balance is not None:
+            data = replace(data, balance=data.balance - column.mean * field.balance)
+        if field.rest is not None and data.rest is not None:
+            data = replace(data, rest=data.rest - column.mean * field.rest)
+    return data
+
+
+def _plain(ground: Ground, one: Recorded) -> Field:
+    return Field(markers=ground.compliance * one.seen.tracks.unit_displacement)

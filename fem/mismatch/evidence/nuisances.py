@@ -1,0 +1,138 @@
+"""What is never a finding: what is not known exactly of any fruit, pad and mesh, as columns with priors.
+
+Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
+its own, the dents' depth. Each recording's own: waves of the scanned surface, the pads' places on it, how
+far they come at each load. And, since no model is right to the last micrometre, each pad of each recording
+may depart by DEPARTURE of its response in any smooth pattern over its patch that grows with the load, or
+with its square. An effect acts on all recordings by one law; these do not, which is what parts them.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.compliance_fit import rigid_motion
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.inner_changes import inner_changes
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.pads import own_markers, slid_response
+
+DEPARTURE, ALONG = 0.005, 0.003
+"""Standard deviations of a pad's own departures along its normal and along the skin, as shares of its
+response at the greatest load."""
+SMALLEST_POISSON_SD = 0.005
+DENT = 0.04
+"""Standard deviation of the depth of the dent under a patch, as a share of it: markers a millimetre apart see
+the pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
+APPROACH = 0.003
+"""Standard deviation of how far a pad comes at one load, as a share of its response at the greatest: while a
+patch spans a few markers they say its pressure to some percent only."""
+LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
+"""Loads, as shares of the greatest, at which it departs independently; in a line between."""
+FEWEST = 8
+
+
+def common_nuisances(ground: Ground) -> list[Column]:
+    """Those that all recordings share."""
+    budget = ground.base.case.budget
+    inner = [_inner(ground, seen) for seen in ground.base.grasps]
+    names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
+    columns = [
+        Column(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
+    ]
+    dents = [Field(markers=ground.compliance * _dent(seen)) for seen in ground.base.grasps]
+    return [*columns, Column(name="dent", sd=DENT, fields=dents)]
+
+
+def own_nuisances(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+    """Those of one recording: name, prior standard deviation, field."""
+    budget = ground.base.case.budget
+    found = [
+        (name, budget.sd_of(name, history=seen.case.history), field)
+        for name, field in _inner(ground, seen).items()
+        if name in SURFACE
+    ]
+    found += [(name, budget.pose_sd_mm, field) for name, field in _places(ground, seen)]
+    return found + _departures(ground, seen) + _approaches(ground, seen)
+
+
+def _sd(name: str, budget: ErrorBudget) -> float:
+    sd = budget.sd_of(name)
+    return max(sd, SMALLEST_POISSON_SD) if name == POISSON_RATIO else sd
+
+
+def _inner(ground: Ground, seen: Seen) -> dict[str, Field]:
+    return {
+        cause: Field(markers=ground.compliance * change)
+        for cause, change in inner_changes(ground, seen).items()
+    }
+
+
+def _places(ground: Ground, seen: Seen) -> list[tuple[str, Field]]:
+    """Each pad along its own x and y over the skin."""
+    return [
+        (f"{name} {axis}", Field(markers=ground.compliance * moved))
+        for pad, name in enumerate(seen.pad_names)
+        for axis, moved in zip("xy", slid_response(ground, seen, pad), strict=True)
+    ]
+
+
+def _dent(seen: Seen) -> Float[np.ndarray, "f n 3"]:
+    """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
+    response, touching = seen.tracks.unit_displacement, seen.tracks.episode >= 0
+    dent = np.zeros_like(response)
+    for pad in range(len(seen.links)):
+        mine = seen.pad_of_marker == pad
+        modes = rigid_motion(seen.tracks.place_mm[mine])
+        for frame, on in enumerate(touching[:, mine]):
+            if on.sum() < FEWEST:
+                continue
+            own = np.flatnonzero(mine)[on]
+            rigid = modes[on].reshape(-1, 6)
+            here = response[frame, own].ravel()
+            motion = np.linalg.lstsq(rigid, here, rcond=None)[0]
+            dent[frame, own] = (here - rigid @ motion).reshape(-1, 3)
+    return dent
+
+
+def _departures(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+    """Polynomials of second degree over each patch, along three directions, times load and its square."""
+    found = []
+    for pad, name in enumerate(seen.pad_names):
+        mine = own_markers(seen, pad)[0, :, 0]
+        normal = mean_normal(seen.links[pad].place.normal)
+        axes = np.vstack([tangents(seen.links[pad].place.normal), normal])
+        size = _greatest_response(ground, seen, pad)
+        x, y = ((seen.tracks.place_mm - seen.tracks.place_mm[mine].mean(axis=0)) @ axes[:2].T).T
+        x, y = x / np.abs(x[mine]).max(), y / np.abs(y[mine]).max()
+        shapes = np.stack([np.ones_like(x), x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3]) * mine
+        for way, axis in enumerate(axes):
+            sd = size * (DEPARTURE if way == 2 else ALONG)
+            for k, shape in enumerate(shapes):
+                for power in (1, 2):
+                    field = (seen.load**power)[:, None, None] * (shape[:, None] * axis)
+                    found.append((f"{name} departure {way}{k}{power}", sd, Field(markers=field)))
+    return found
+
+
+def _greatest_response(ground: Ground, seen: Seen, pad: int) -> float:
+    """Root mean square over a pad's markers of their response at the greatest load, mm."""
+    mine = own_markers(seen, pad)[0, :, 0]
+    response = ground.compliance * seen.tracks.unit_displacement[int(np.argmax(seen.load)), mine]
+    return float(np.sqrt((response**2).sum(axis=1).mean()))
+
+
+def _approaches(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+    """Each pad along its normal, near each of LOADS, loading and unloading alike."""
+    found = []
+    near = [np.interp(seen.load, LOADS, own) for own in np.eye(len(LOADS))]
+    for pad, name in enumerate(seen.pad_names):
+        mine = own_markers(seen, pad)[0, :, 0]
+        normal = mean_normal(seen.links[pad].place.normal)
+        sd = APPROACH * _greatest_response(ground, seen, pad)
+        for k, share in enumerate(near):
+            field = share[:, None, None] * (mine[:, None] * normal)
+            found.append((f"{name} approach {k}", sd, Field(markers=field)))
+    return found

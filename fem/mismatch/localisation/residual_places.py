@@ -1,0 +1,135 @@
+"""Where, when and in which component a mismatch sits: from what a fit leaves beyond noise.
+
+What is left of every marker, frame and component is squared and counted in units of its noise. What exceeds
+MARKER_EXCESS, which sound recordings leave too, is added up by pad, phase and component. Each pad's own rigid
+motion is taken out first, else what one pad shows is shared with the other by the fruit's. One place in the
+flesh is named where a single softer ball explains most of what is left
+(fem.mismatch.localisation.spot_search).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.compliance_fit import rigid_motion
+from fem.mismatch.localisation.adjoint_maps import fruit_map
+from fem.mismatch.localisation.spot_search import best_spots
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.marker_equations import MARKER_EXCESS
+from fem.mismatch.model.pads import pads_of
+from fem.mismatch.result import FruitMap, Where
+
+MOST = 0.7
+"""A share of the excess above which one pad, place, phase or component has it."""
+SURE = 20.0
+"""Least standard score of a place in the flesh that is named."""
+LEAST = 0.05
+"""Excess, as a share of noise, below which none of pads, phases and components is told from the others."""
+PHASES = ("load", "hold", "unload")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Located:
+    """The words of an answer's `where`, `when` and `component`, and the maps."""
+
+    where: Where
+    when: str
+    component: str
+    maps: FruitMap
+
+
+@dataclass(frozen=True, kw_only=True)
+class Excess:
+    """What is left beyond noise, in units of its variance: (recordings, pads, phases, normal and shear).
+
+    `count`: over how many numbers each is the sum.
+    """
+
+    amount: Float[np.ndarray, "g p 3 2"]
+    count: Float[np.ndarray, "g p 3 2"]
+
+    def most(self, share: Float[np.ndarray, " k"]) -> int | None:
+        """Which of several parts has MOST of the excess, if one has."""
+        enough = self.amount.sum() > LEAST * self.count.sum()
+        total = float(share.sum())
+        return int(share.argmax()) if enough and share.max() > MOST * total and len(share) > 1 else None
+
+
+def located(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
+    """`residual`: what a fit leaves of the markers' positions per recording, mm; motions may be in it."""
+    excess = excess_of(ground, residual)
+    numbers = ground.sight.seen(residual)
+    return Located(
+        where=_where(ground, excess, numbers),
+        when=_when(excess),
+        component=_component(excess),
+        maps=fruit_map(ground, numbers),
+    )
+
+
+def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Excess:
+    """The sums that where, when and component are read from."""
+    grasps = ground.base.grasps
+    names = pads_of(ground)
+    shape = (len(grasps), len(names), len(PHASES), 2)
+    amount, count = np.zeros(shape), np.zeros(shape)
+    for k, (seen, sight, field) in enumerate(zip(grasps, ground.sight.grasps, residual, strict=True)):
+        touching = seen.tracks.episode >= 0
+        left = sight.equations.left(field)
+        for pad in range(len(seen.links)):
+            own = np.flatnonzero(seen.pad_of_marker == pad)
+            left[:, own] -= _rigid(left[:, own], seen.tracks.place_mm[own], touching[:, own])
+        left /= seen.tracks.sd_mm[:, None]
+        normal = np.einsum("tnx,nx->tn", left, seen.tracks.normal) ** 2
+        shear = (left**2).sum(axis=2) - normal
+        phase = np.array(seen.case.history.phase)[seen.used]
+        for pad in range(len(seen.links)):
+            for at, name in enumerate(PHASES):
+                chosen = touching & (seen.pad_of_marker == pad) & (phase == name)[:, None]
+                place = names.index(seen.pad_names[pad])
+                samples = float(chosen.sum())
+                for component, (squares, each) in enumerate(((normal, 1.0), (shear, 2.0))):
+                    count[k, place, at, component] = each * samples
+                    amount[k, place, at, component] = (
+                        float(squares[chosen].sum()) - MARKER_EXCESS * each * samples
+                    )
+    return Excess(amount=np.maximum(amount, 0.0), count=count)
+
+
+def _rigid(
+    field: Float[np.ndarray, "f n 3"], place_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, "f n"]
+) -> Float[np.ndarray, "f n 3"]:
+    """The rigid motion in each frame's field that fits its touching markers best."""
+    modes = rigid_motion(place_mm)
+    weight = touching.astype(float)
+    normal = np.einsum("fn,nxk,nxl->fkl", weight, modes, modes, optimize=True) + 1e-6 * np.eye(6)
+    right = np.einsum("fn,nxk,fnx->fk", weight, modes, field, optimize=True)
+    motion = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.einsum("nxk,fk->fnx", modes, motion) * weight[..., None])
+
+
+def _where(ground: Ground, excess: Excess, numbers: Float[np.ndarray, " k"]) -> Where:
+    spots = best_spots(ground, numbers)
+    best = max(spots, key=lambda spot: spot.score, default=None)
+    if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
+        x, y, z = map(float, best.centre_mm)
+        return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
+    names = pads_of(ground)
+    if len(names) == 1:
+        return Where(region=f"pad {names[0]}")
+    pad = excess.most(excess.amount.sum(axis=(0, 2, 3)))
+    return Where(region="both" if pad is None else f"pad {names[pad]}")
+
+
+def _when(excess: Excess) -> str:
+    """The phase that has most of the excess, all of them standing equally long."""
+    count = excess.count.sum(axis=(0, 1, 3))
+    phase = excess.most(excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0))
+    return "all" if phase is None else PHASES[phase]
+
+
+def _component(excess: Excess) -> str:
+    part = excess.most(excess.amount.sum(axis=(0, 1, 2)))
+    return "both" if part is None else ("normal", "shear")[part]

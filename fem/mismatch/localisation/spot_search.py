@@ -1,0 +1,129 @@
+"""Where a ball of softer flesh would explain best what a fit leaves: over the flesh, then place by place.
+
+With y the whitened numbers of what is left and d those of a ball per unit drop of its modulus (fem.mismatch.
+sight, the points inside added up), the best drop is d.y / d.d, its standard score d.y / |d|: the adjoint
+score over the root of its Fisher information. Without that root all would seem to lie at the surface. Flesh
+cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then explains.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
+
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.solid.inclusion import fading
+
+GRID_MM = 3.0
+RADIUS_MM = 5.5
+RADII_MM = (4.0, 5.5, 7.5)
+CONE_DEG = 38.0
+"""Farther than this from the axis of every patch a soft spot cannot be seen."""
+APART_MM = 5.0
+"""Candidates are at least this far from each other."""
+OTHERS = 3
+MOST_DROP = 1.6
+"""What a ball without a modulus comes to (fem.solid.inclusion.drop_of)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spot:
+    """One place: the standard score there, and the best drop, 1 for all of the modulus to first order."""
+
+    centre_mm: Float[np.ndarray, "3"]
+    radius_mm: float
+    score: float
+    drop: float
+
+
+def best_spots(ground: Ground, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
+    """The best ball of softer flesh in RADII_MM each, then the best at up to OTHERS other places.
+
+    Depth and radius stand for each other to first order, hence the several radii at one place. `numbers` as
+    Sight.seen gives them.
+    """
+    centres = candidate_centres(ground)
+    seen = ground.sight.without_modulus(balls(ground, centres, RADIUS_MM) @ ground.sight.cells)
+    score, _ = bounded_score(seen, numbers)
+    best = centres[int(score.argmax())]
+    found = [polished(ground, numbers, best, radius_mm=radius) for radius in RADII_MM]
+    places = [best]
+    for number in np.argsort(-score):
+        if len(places) > OTHERS or score[number] <= 0:
+            break
+        if min(np.linalg.norm(centres[number] - place) for place in places) > APART_MM:
+            places.append(centres[number])
+            found.append(polished(ground, numbers, centres[number], radius_mm=RADIUS_MM))
+    return tuple(spot for spot in found if spot.score > 0)
+
+
+def candidate_centres(ground: Ground) -> Float[np.ndarray, "c 3"]:
+    """A grid of places in the flesh within CONE_DEG of some patch, seen from the fruit's middle."""
+    points = ground.points.point_mm.reshape(-1, 3)
+    low, high = points.min(axis=0), points.max(axis=0)
+    axes = [np.arange(a, b, GRID_MM) for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = grid[cKDTree(points).query(grid)[0] < GRID_MM / 2]
+    middle = (low + high) / 2
+    way = (grid - middle) / np.maximum(np.linalg.norm(grid - middle, axis=1, keepdims=True), 1e-9)
+    patches = np.vstack([patch_centres(seen) for seen in ground.base.grasps]) - middle
+    patches /= np.linalg.norm(patches, axis=1, keepdims=True)
+    return np.asarray(grid[(way @ patches.T).max(axis=1) > np.cos(np.deg2rad(CONE_DEG))])
+
+
+def patch_centres(seen: Seen) -> Float[np.ndarray, "p 3"]:
+    """The middle of each pad's load on the fruit."""
+    load = np.linalg.norm(seen.force_N, axis=2).sum(axis=0)
+    own = [load * (seen.pad_of_marker == pad) for pad in range(len(seen.links))]
+    return np.stack([weight @ seen.tracks.place_mm / weight.sum() for weight in own])
+
+
+def balls(ground: Ground, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
+    """How much of each of the flesh's points lies in each ball: (c, points)."""
+    points = ground.points.point_mm.reshape(-1, 3)
+    near = cKDTree(centres).sparse_distance_matrix(cKDTree(points), radius_mm + 0.5, output_type="coo_matrix")
+    weight = fading(near.data, radius_mm)
+    return csr_array(coo_array((weight, (near.row, near.col)), shape=(len(centres), len(points))).tocsr())
+
+
+def polished(
+    ground: Ground, numbers: Float[np.ndarray, " k"], centre_mm: Float[np.ndarray, "3"], *, radius_mm: float
+) -> Spot:
+    """The ball of this radius that explains most among those within APART_MM / 2 of this place."""
+    points = ground.points.point_mm.reshape(-1, 3)
+    near = np.linalg.norm(points - centre_mm, axis=1) < radius_mm + 1.5 * APART_MM
+    points, cells = points[near], ground.sight.without_modulus(ground.sight.cells[near])
+
+    def seen(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
+        return np.asarray(fading(np.linalg.norm(points - place, axis=1), radius_mm) @ cells)
+
+    def lost(place: Float[np.ndarray, "3"]) -> float:
+        shown = seen(place)
+        away = max(0.0, float(np.linalg.norm(place - centre_mm)) - APART_MM / 2)
+        return -float(bounded_score(shown, numbers)[0]) * float(np.exp(-away))
+
+    corners = centre_mm + np.vstack([np.zeros(3), 1.5 * np.eye(3)])
+    found = minimize(
+        lost,
+        centre_mm,
+        method="Nelder-Mead",
+        options={"initial_simplex": corners, "maxfev": 80, "xatol": 0.05, "fatol": 0.01},
+    ).x
+    shown = seen(found)
+    score, drop = bounded_score(shown, numbers)
+    return Spot(centre_mm=found, radius_mm=radius_mm, score=float(score), drop=float(drop))
+
+
+def bounded_score(
+    shown: Float[np.ndarray, "*b k"], numbers: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
+    """The signed root of what the best drop within +-MOST_DROP explains, and that drop."""
+    match = shown @ numbers
+    size = np.maximum((shown**2).sum(axis=-1), np.finfo(float).tiny)
+    drop = np.clip(match / size, -MOST_DROP, MOST_DROP)
+    gain = np.maximum(2 * drop * match - drop**2 * size, 0.0)
+    return np.asarray(np.sign(drop) * np.sqrt(gain)), np.asarray(drop)

@@ -1,0 +1,50 @@
+"""What the finder is handed: one fruit's mesh, and its recordings as histories in the fruit frame."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.error_budget import ErrorBudget
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.solid.linear_solid import Support
+
+
+@dataclass(frozen=True, kw_only=True)
+class PadMotion:
+    """One pad as the machine drove it, every frame of the recording.
+
+    `pose`: pad frame to fruit frame. `normal_N`: the pad's total normal force, all its markers, as recorded
+    (no offset taken out). `markers`: how many markers that is. `gel_N_per_mm`: normal
+    stiffness of the gel under one marker as its maker or a calibration says, or None.
+    """
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    normal_N: Float[np.ndarray, " t"]
+    markers: int
+    gel_N_per_mm: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspCase:
+    """One recording: its history (markers in and around the patch), and how its pads were driven.
+
+    `pads` in the order of `history.pads`.
+    """
+
+    name: str
+    history: GraspHistory
+    pads: tuple[PadMotion, ...]
+    support: Support
+
+
+@dataclass(frozen=True, kw_only=True)
+class MismatchCase:
+    """All recordings of one fruit, its flesh round the prior's pit, and what is assumed of them."""
+
+    mesh: FleshMesh
+    grasps: tuple[GraspCase, ...]
+    poisson_ratio: float
+    budget: ErrorBudget

@@ -1,0 +1,156 @@
+"""What the recordings see of every piece of flesh, in a few numbers per recording.
+
+The leading pattern of forces, U_1 with its share a_1(t), carries nearly all of a recording's load. The
+markers' displacement is looked at through waves psi_k(t) = a_1(t) p_k: polynomials p_k over each pad, three
+directions each. A field phi is seen as y_k = psi_k . W phi (fem.mismatch.model.marker_equations), whose
+noise has covariance
+
+    M_kl = psi_k . W psi_l
+
+and of softer flesh in a piece e, K0 - x K_e, one adjoint solve per wave shows every piece at once:
+
+    d_ke = s Lambda_k' K_e U_1,      Lambda_k = K0^-1 L sum_t a_1(t) (W psi_k)(t)
+
+Numbers are kept whitened: of unit variance, and independent. What the waves are too coarse to show counts as
+not seen, in the score of a piece and in its Fisher information alike.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial.legendre import legvander2d
+from scipy.sparse import csr_array
+
+from fem.mismatch.model.baseline import Baseline, Seen
+from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.parallel_map import side_by_side
+from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
+
+DEGREE = 2
+"""Of the polynomials over a pad: six, for each of three directions."""
+LEAST_INFORMATION = 1e-5
+"""Waves that rigid motions and scales explain to within this share carry nothing."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspSight:
+    """One recording's k whitened numbers.
+
+    `waves`: psi_k, mm. `whitening`: (waves, k). `moved`: Lambda_k of the whole flesh. `cells`: d for four
+    points in every element. `plain`: what s c(t) is seen as.
+    """
+
+    equations: MarkerEquations
+    waves: Float[np.ndarray, "v f n 3"]
+    whitening: Float[np.ndarray, "v k"]
+    moved: Float[np.ndarray, "k m 3"]
+    cells: Float[np.ndarray, "q k"]
+    plain: Float[np.ndarray, " k"]
+
+    def seen(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
+        """The whitened numbers of a field of displacement at the markers, mm."""
+        weighed = self.equations.weighed(field)
+        return np.asarray(self.whitening.T @ np.tensordot(self.waves, weighed, axes=3))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """All recordings' numbers side by side; the modulus of the whole flesh is free.
+
+    `cells`: of four points in every element, per unit drop of modulus there. `plain`: of one and the same
+    direction, a change of E, of unit length.
+    """
+
+    grasps: tuple[GraspSight, ...]
+    cells: Float[np.ndarray, "q k"]
+    plain: Float[np.ndarray, " k"]
+
+    @classmethod
+    def of(cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1) -> "Sight":
+        """`compliance`: s = 1/E of the plain model."""
+        grasps = tuple(
+            side_by_side(
+                lambda seen: _grasp_sight(base, seen, points, compliance), base.grasps, workers=workers
+            )
+        )
+        plain = np.concatenate([grasp.plain for grasp in grasps])
+        return cls(
+            grasps=grasps,
+            cells=np.hstack([grasp.cells for grasp in grasps]),
+            plain=plain / np.linalg.norm(plain),
+        )
+
+    def seen(self, fields: Sequence[Float[np.ndarray, "f n 3"]]) -> Float[np.ndarray, " k"]:
+        """The numbers of one field per recording, E taken out."""
+        together = [sight.seen(field) for sight, field in zip(self.grasps, fields, strict=True)]
+        return self.without_modulus(np.concatenate(together))
+
+    def without_modulus(self, numbers: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]:
+        """What a change of E cannot explain."""
+        return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
+
+
+def _grasp_sight(base: Baseline, seen: Seen, points: FleshStrain, compliance: float) -> GraspSight:
+    budget, solid = base.case.budget, base.solid_of(seen)
+    equations = MarkerEquations.of(
+        seen,
+        compliance=compliance,
+        gel_scale_sd=budget.gel_scale_sd,
+        alike=1.0,
+    )
+    shapes, share = _polynomials(seen), seen.shares[:, 0]
+    waves = share[:, None, None] * shapes[:, None]
+    weighed = np.stack([equations.weighed(wave) for wave in waves])
+    covariance = np.tensordot(waves, weighed, axes=([1, 2, 3], [1, 2, 3]))
+    touching = (seen.tracks.episode >= 0)[:, :, None]
+    whole = np.einsum("n,vtnx->v", equations.weight, (waves**2) * touching, optimize=True)
+    scale = 1 / np.sqrt(whole)
+    size, way = np.linalg.eigh(covariance * scale * scale[:, None])
+    keep = size > LEAST_INFORMATION
+    whitening = scale[:, None] * way[:, keep] / np.sqrt(size[keep])
+    forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
+    loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = seen.nodal_of(forces)
+    moved = solid.displacement(loads)
+    pushed = _push(points, seen.moved[0], solid.poisson_ratio)
+    plain = seen.tracks.unit_displacement * compliance
+    return GraspSight(
+        equations=equations,
+        waves=waves,
+        whitening=whitening,
+        moved=moved,
+        cells=compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T),
+        plain=whitening.T @ np.tensordot(weighed, plain, axes=3),
+    )
+
+
+def _polynomials(seen: Seen) -> Float[np.ndarray, "v n 3"]:
+    """Legendre polynomials up to DEGREE over each pad's markers, in each of three directions."""
+    orders = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+    shapes = []
+    for number, pad in enumerate(seen.case.history.pads):
+        flat = pad.rest_mm[:, :2]
+        low, high = flat.min(axis=0), flat.max(axis=0)
+        x, y = (2 * (flat - low) / np.maximum(high - low, 1e-9) - 1).T
+        values = legvander2d(x, y, [DEGREE, DEGREE]).reshape(len(flat), DEGREE + 1, DEGREE + 1)
+        own = seen.pad_of_marker == number
+        for i, j in orders:
+            for way in np.eye(3):
+                shape = np.zeros((len(own), 3))
+                shape[own] = values[:, i, j, None] * way
+                shapes.append(shape)
+    return np.stack(shapes)
+
+
+def _push(points: FleshStrain, moved: Float[np.ndarray, "n 3"], poisson_ratio: float) -> csr_array:
+    """K_e U for the flesh at each of the four points of every element: (4 m, 3 n)."""
+    stress = elastic_stress(points.strain(moved[None])[0], poisson_ratio=poisson_ratio)
+    flux = (stress * points.volume_mm3[..., None])[..., PLACE]  # (m, 4, 3, 3)
+    entries = np.swapaxes(flux @ points.slope, 2, 3).reshape(-1, 30)
+    dofs = (3 * points.mesh.tets[:, :, None] + np.arange(3)).reshape(-1, 30)
+    columns = np.repeat(dofs, 4, axis=0)
+    start = np.arange(0, columns.size + 1, 30)
+    shape = (len(entries), 3 * points.n_nodes)
+    return csr_array((entries.ravel(), columns.ravel(), start), shape=shape)

@@ -1,0 +1,313 @@
+"""The fruit as the plain model sees it, with everything that an effect changes at hand.
+
+Per recording the measured forces are brought to their few leading patterns; each is solved for once,
+
+    U_r = K0^-1 L f_r,        c(t) = sum_r a_r(t) L' U_r,        U(t) = sum_r a_r(t) U_r
+
+with L of fem.solid.pad_link: c is the response of the markers for E = 1 MPa, U that of the whole flesh, of
+which every effect inside the fruit is a function.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from fem.elements.assembly import assemble
+from fem.estimation.coloured_noise import variance_inflation
+from fem.estimation.compliance_fit import MarkerTracks
+from fem.estimation.denoised_force import ABOVE_NOISE, gel_force
+from fem.estimation.frame_thinning import loaded_frames, spacing
+from fem.estimation.unit_response import SMALLEST_SD_MM
+from fem.estimation.zero_drift import resting_force
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase
+from fem.parallel_map import side_by_side
+from fem.solid.linear_solid import Support, UnitModulusSolid
+from fem.solid.pad_link import PadLink, pad_link
+
+MOST_PATTERNS = 10
+PROBES = 8
+"""Random draws of errors of single markers' forces, from which the unevenness that they bring is taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seen:
+    """One recording seen by the plain model, frames `used` of it.
+
+    `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
+    (fem.estimation.denoised_force), `force_sd_N` what noise is left in one component, `patterns` and
+    `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm MPa, `response`: L' U_r,
+    the markers'.
+    `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame; `uneven`:
+    standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from errors of
+    single markers' forces: their scales, and what noise is left in the patterns.
+    """
+
+    case: GraspCase
+    used: Bool[np.ndarray, " t"]
+    links: tuple[PadLink, ...]
+    tracks: MarkerTracks
+    force_N: Float[np.ndarray, "f n 3"]
+    force_sd_N: float
+    patterns: Float[np.ndarray, "r n 3"]
+    shares: Float[np.ndarray, "f r"]
+    moved: Float[np.ndarray, "r m 3"]
+    response: Float[np.ndarray, "r n 3"]
+    pose: Float[np.ndarray, "p f 4 4"]
+    load: Float[np.ndarray, " f"]
+    uneven: Float[np.ndarray, "n 3"]
+
+    @property
+    def time_s(self) -> Float[np.ndarray, " f"]:
+        """Times of the frames used."""
+        return np.asarray(self.case.history.time_s[self.used])
+
+    @property
+    def pad_of_marker(self) -> Int[np.ndarray, " n"]:
+        """The number of each marker's pad."""
+        return self.case.history.pad_of_marker
+
+    @property
+    def pad_names(self) -> tuple[str, ...]:
+        """Names of the pads in order."""
+        return tuple(pad.name for pad in self.case.history.pads)
+
+    def nodal_of(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r c 3"]:
+        """Forces on the markers as forces on the skin's nodes."""
+        return _nodal(self.links, self.case, force_N)
+
+    def at_markers(self, moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement of the markers where the skin's nodes move so."""
+        return np.concatenate([link.seen(moved) for link in self.links], axis=1)
+
+    def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """What answers the patterns, as the recording's frames combine them."""
+        return np.asarray(np.tensordot(self.shares, by_pattern, axes=(1, 0)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Baseline:
+    """The solid for each kind of support, and the recordings seen by it. `solids` by support."""
+
+    case: MismatchCase
+    solids: dict[Support, UnitModulusSolid]
+    grasps: tuple[Seen, ...]
+
+    @property
+    def mesh(self) -> FleshMesh:
+        """The flesh round the prior's pit."""
+        return self.case.mesh
+
+    def solid_of(self, seen: Seen) -> UnitModulusSolid:
+        """The solid held as this recording's fruit was."""
+        return self.solids[seen.case.support]
+
+    def displacements(
+        self, nodal_N: Sequence[Float[np.ndarray, "_ m 3"]]
+    ) -> list[Float[np.ndarray, "_ m 3"]]:
+        """Of the whole flesh (times E) under loads of each recording, each held as its fruit was.
+
+        Loads solved for together cost half of those of one recording after the other.
+        """
+        found = [np.zeros(0)] * len(nodal_N)
+        for support, solid in self.solids.items():
+            own = [k for k, seen in enumerate(self.grasps) if seen.case.support == support]
+            moved = solid.displacement(np.concatenate([nodal_N[k] for k in own]))
+            cuts = np.cumsum([len(nodal_N[k]) for k in own])[:-1]
+            for k, part in zip(own, np.split(moved, cuts), strict=True):
+                found[k] = part
+        return found
+
+    def answer(self, seen: Seen, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
+        solid = self.solid_of(seen)
+        return seen.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
+
+
+def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
+    """Assembles, factorises and solves for the patterns; raises FemFailure as its parts do."""
+    parts = assemble(case.mesh.nodes_mm, case.mesh.tets)
+    solids: dict[Support, UnitModulusSolid] = {}
+    for grasp in case.grasps:
+        if grasp.support not in solids:
+            solid = UnitModulusSolid.factorise(
+                case.mesh, poisson_ratio=case.poisson_ratio, support=grasp.support, parts=parts
+            )
+            # No compliance of contact nodes is condensed here: the skin only gives places their numbers.
+            solids[grasp.support] = replace(solid, contact_nodes=np.sort(case.mesh.outer_nodes))
+    return Baseline(
+        case=case,
+        solids=solids,
+        grasps=tuple(
+            side_by_side(
+                lambda grasp: seen_through(
+                    grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd
+                ),
+                case.grasps,
+                workers=workers,
+            )
+        ),
+    )
+
+
+def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
+    """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces."""
+    history = case.history
+    used = loaded_frames(history)
+    pairs = [
+        (own, pad.pose[int(np.argmax(pad.normal_N)), :3, :3])
+        for own, pad in zip(history.pads, case.pads, strict=True)
+    ]
+    contacts = [_contacts(*pair)[used] for pair in pairs]
+    for own, contact in zip(history.pads, contacts, strict=True):
+        if not (contact >= 0).any():
+            raise FemFailure(
+                FemProblem.NO_LOAD,
+                f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
+                "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
+            )
+    grown, drift = _drift(history, np.stack([turn[:, 2] for _, turn in pairs]))
+    whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
+    steady = [
+        replace(own, force_N=own.force_N - own_drift)
+        for (own, _), own_drift in zip(
+            pairs, np.split(np.tensordot(grown, drift, axes=1), whose, axis=1), strict=True
+        )
+    ]
+    felt = [gel_force(own, turn, used) for own, (_, turn) in zip(steady, pairs, strict=True)]
+    force = np.concatenate([pad.force_N for pad in felt], axis=1)
+    sd_N = max(pad.sd_N for pad in felt)
+    noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
+    patterns, shares = _patterns(force, noisy_N)
+    patterns, shares = np.concatenate([patterns, drift]), np.column_stack([shares, grown[used]])
+    force = force + np.tensordot(grown[used], drift, axes=1)
+    links = tuple(pad_link(pad, solid) for pad in history.pads)
+    size = np.linalg.norm(force, axis=2).sum(axis=1)
+    rng = np.random.default_rng(0)
+    uneven = force_scale_sd * rng.normal(size=(PROBES, force.shape[1], 1))
+    uneven = uneven * np.tensordot(shares[size.argmax()], patterns, axes=1)
+    uneven += noisy_N * _left_of_noise(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
+    moved, probed = np.split(solid.displacement(loads), [len(patterns)])
+    on_skin = moved[:, solid.contact_nodes]
+    response = np.concatenate([link.seen(on_skin) for link in links], axis=1)
+    counts = [len(pad.rest_mm) for pad in history.pads]
+    sd = [max(pad.displacement_sd_mm, SMALLEST_SD_MM) for pad in history.pads]
+    lag1 = [pad.lag1 ** spacing(used) for pad in history.pads]
+    return Seen(
+        case=case,
+        used=used,
+        links=links,
+        tracks=MarkerTracks(
+            place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
+            normal=np.vstack([link.place.normal for link in links]),
+            position_mm=np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1),
+            unit_displacement=np.tensordot(shares, response, axes=(1, 0)),
+            gel_displacement_mm=np.concatenate(
+                [pad.gel_displacement_mm[used] for pad in history.pads], axis=1
+            ),
+            episode=np.concatenate(contacts, axis=1),
+            sd_mm=np.repeat(sd, counts),
+            lag1=np.repeat(lag1, counts),
+        ),
+        force_N=force,
+        force_sd_N=sd_N,
+        patterns=patterns,
+        shares=shares,
+        moved=moved,
+        response=response,
+        pose=np.stack([pad.pose[used] for pad in case.pads]),
+        load=size / size.max(),
+        uneven=_spread(links, probed[:, solid.contact_nodes]),
+    )
+
+
+def _drift(
+    history: GraspHistory, normals: Float[np.ndarray, "p 3"]
+) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
+    """What has grown in the recorded forces of pads that surely drift: its course, and unit patterns.
+
+    It is evenly spread and so small on each marker that noise would hide it: it is kept apart from what tells
+    gel from noise.
+    """
+    shares, patterns = [], []
+    for pad, normal in enumerate(normals):
+        resting = resting_force(history, pad, normal)
+        if resting is None or not resting.sure:
+            continue
+        own = history.pad_of_marker == pad
+        size = np.sqrt(own.sum())
+        shares.append(resting.rate_N_per_s * (history.time_s - resting.from_s) / size)
+        patterns.append(own[:, None] * normal / size)
+    count = len(history.pad_of_marker)
+    return (
+        np.reshape(shares, (len(shares), len(history.time_s))).T,
+        np.reshape(patterns, (len(patterns), count, 3)),
+    )
+
+
+PRESSED = 3.0
+"""A marker presses when its normal force exceeds so many standard deviations of its noise."""
+FEWEST_PRESSED = 6
+RIM, PEAK = 0.25, 20
+"""Markers that press less than this share of the mean of the PEAK that press most are on the patch's rim. The
+skin bends away there within a marker's width, a model is micrometres off, and they are left out."""
+
+
+def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
+    """Numbers of contacts without rims and frames in which the pad has let go, and counted anew after these.
+
+    A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be
+    noise. Where hardly any marker of the pad presses, all of them have let go.
+    """
+    normal = pad.force_N @ turn[:, 2]
+    pressed = (normal > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
+    loose = pressed.sum(axis=1) < FEWEST_PRESSED
+    gone = np.cumsum(loose)[:, None]
+    peak = np.sort(normal, axis=1)[:, -PEAK:].mean(axis=1)
+    inside = pressed & (normal > RIM * peak[:, None]) & ~loose[:, None]
+    number = np.where(inside, pad.episode + gone, -1)
+    known = np.unique(number[number >= 0])
+    return np.where(number >= 0, np.searchsorted(known, number), -1)
+
+
+def _left_of_noise(shares: Float[np.ndarray, "f r"], frame: int) -> float:
+    """Noise of one marker's force in one frame of the patterns, over its noise as recorded.
+
+    A pattern's own noise is that of a mean over the frames in which it acts.
+    """
+    return float(np.linalg.norm(shares[frame] / np.linalg.norm(shares, axis=0)))
+
+
+def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "n 3"]:
+    """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
+    found = []
+    for link in links:
+        seen = link.seen(moved)
+        own = seen - seen.mean(axis=1, keepdims=True)
+        found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
+    return np.concatenate(found)
+
+
+def _patterns(
+    force_N: Float[np.ndarray, "f n 3"], sd_N: float
+) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
+    """The leading patterns that exceed what noise alone would make (Marchenko and Pastur 1967)."""
+    flat = force_N.reshape(len(force_N), -1)
+    left, size, right = np.linalg.svd(flat, full_matrices=False)
+    above = size[:MOST_PATTERNS] > ABOVE_NOISE * sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
+    count = max(1, int(above.sum()))
+    return right[:count].reshape(count, -1, 3), left[:, :count] * size[:count]
+
+
+def _nodal(
+    links: Sequence[PadLink], case: GraspCase, patterns: Float[np.ndarray, "r n 3"]
+) -> Float[np.ndarray, "r c 3"]:
+    split = np.cumsum([len(pad.rest_mm) for pad in case.history.pads])[:-1]
+    parts = np.split(patterns, split, axis=1)
+    return np.asarray(sum(link.nodal_force(own) for link, own in zip(links, parts, strict=True)))

@@ -1,0 +1,28 @@
+"""How a recording's response changes with what is inside the fruit and with its surface, to first order."""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.sensitivity import inner_forces
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+
+LEADING = 4
+"""Force patterns whose response is followed: the others are hundredths of the first."""
+
+
+def inner_changes(ground: Ground, seen: Seen) -> dict[str, Float[np.ndarray, "f n 3"]]:
+    """dc/dp, mm MPa, for what moves no pad in fem.estimation.sensitivity: pit, surface, Poisson's ratio."""
+
+    def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
+        chosen = seen.moved[:LEADING]
+        causes, forces = inner_forces(ground.base.solid_of(seen), chosen, list(seen.links))
+        moved = ground.base.answer(seen, forces.reshape(-1, *forces.shape[2:]))
+        moved = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
+        shares = seen.shares[:, :LEADING]
+        return {
+            cause: np.asarray(np.tensordot(shares, own, axes=(1, 0)))
+            for cause, own in zip(causes, moved, strict=True)
+        }
+
+    return ground.kept(("inner", seen.case.name), compute)

@@ -1,0 +1,140 @@
+"""Flesh that hangs on nothing inside: how its inner surface and its skin move under loads and pressures.
+
+The inner surface is covered by c patches, hat functions phi_j of its corner nodes gathered to at most
+MOST_PATCHES. A pressure p_j on patch j is the nodal load B_j p_j, the patch's mean normal displacement
+B_j' u / a_j, with
+
+    B_j = integral of N phi_j n,        a_j = integral of phi_j,        n: out of the pit, into the flesh
+
+so that both do the same work. The pit is rigid and free: under pressures it moves until they balance. It
+hangs in springs so weak (HELD) that they carry next to nothing, and are there for when nothing touches it.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
+
+from fem.elements.shape_functions import TET_FACES, t6_gradient, t6_shape, tri_quadrature
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.tetrahedra import boundary_faces
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.rigid_core import rigid_modes
+
+MOST_PATCHES = 200
+AT_ONCE = 50
+HELD = 1e-3
+"""Stiffness (N/mm at E = 1 MPa, rotations at the pit's mean radius) of the springs that hold the pit."""
+
+
+@dataclass(frozen=True)
+class LooseFlesh:
+    """`compliance`: openings (times area) under pressures, the pit's own motion included; `skin`: the skin's
+    displacement under each; all for E = 1 MPa."""
+
+    solid: UnitModulusSolid
+    load: csr_array
+    area_mm2: Float[np.ndarray, " c"]
+    compliance: Float[np.ndarray, "c c"]
+    skin: Float[np.ndarray, "c o 3"]
+
+    @classmethod
+    def of(cls, bonded: UnitModulusSolid) -> "LooseFlesh":
+        """The same flesh, held alike, without its pit: one more factorisation and one solve per patch."""
+        mesh = bonded.mesh
+        solid = UnitModulusSolid.factorise(
+            replace(mesh, pit_nodes=np.zeros(0, dtype=mesh.pit_nodes.dtype)),
+            poisson_ratio=bonded.poisson_ratio,
+            support=bonded.support,
+            parts=bonded.parts,
+        )
+        load, area = patches(mesh)
+        count = load.shape[1]
+        skin = np.empty((count, len(bonded.contact_nodes), 3))
+        compliance = np.empty((count, count))
+        for start in range(0, count, AT_ONCE):
+            these = slice(start, min(start + AT_ONCE, count))
+            moved = solid.displacement(_as_loads(load[:, these]))
+            skin[these] = moved[:, bonded.contact_nodes]
+            compliance[these] = (load.T @ moved.reshape(len(moved), -1).T).T
+        return cls(
+            replace(solid, contact_nodes=bonded.contact_nodes),
+            load,
+            area,
+            (compliance + compliance.T) / 2 + _pit_gives(mesh, load),
+            skin,
+        )
+
+    def answer(
+        self, seen: Seen
+    ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
+        """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
+        the markers under each patch's pressure."""
+        loads = np.zeros((len(seen.patterns), len(self.solid.mesh.nodes_mm), 3))
+        loads[:, self.solid.contact_nodes] = seen.nodal_of(seen.patterns)
+        moved = self.solid.displacement(loads)
+        opening = (self.load.T @ moved.reshape(len(moved), -1).T).T
+        at_markers = seen.at_markers(np.concatenate([moved[:, self.solid.contact_nodes], self.skin]))
+        return at_markers[: len(moved)], opening, at_markers[len(moved) :]
+
+
+def loose_flesh(ground: Ground, seen: Seen) -> LooseFlesh:
+    """The flesh of this recording's support, made once."""
+    support = seen.case.support
+    return ground.kept(("loose flesh", support), lambda: LooseFlesh.of(ground.base.solid_of(seen)))
+
+
+def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
+    """B (3 n, c) and the patches' areas, mm2."""
+    faces = inner_faces(mesh)
+    points, weights = tri_quadrature()
+    x = mesh.nodes_mm[faces]
+    slope = np.einsum("qdn,knx->kqdx", t6_gradient(points), x)
+    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area's
+    hats = np.column_stack([1 - points.sum(axis=1), points])
+    pushes = np.einsum("q,qa,qh,kqx->khax", weights, t6_shape(points), hats, normal)
+    spread = np.einsum("q,qh,kq->kh", weights, hats, np.linalg.norm(normal, axis=2))
+    corners, place = np.unique(faces[:, :3], return_inverse=True)
+    patch = _gathered(mesh.nodes_mm[corners])[place].reshape(-1, 3)
+    rows = np.broadcast_to(3 * faces[:, None, :, None] + np.arange(3), pushes.shape)
+    columns = np.broadcast_to(patch[:, :, None, None], pushes.shape)
+    shape = (3 * len(mesh.nodes_mm), int(patch.max()) + 1)
+    load = coo_array((pushes.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
+    return load, np.bincount(patch.ravel(), weights=spread.ravel())
+
+
+def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
+    """T6 faces round the pit, their normals out of the flesh."""
+    _, whose = boundary_faces(mesh.tets[:, :4])
+    faces = mesh.tets[whose[:, :1], TET_FACES[whose[:, 1]]]
+    return np.asarray(faces[np.isin(faces, mesh.pit_nodes).all(axis=1)])
+
+
+def _gathered(corner_mm: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " k"]:
+    """A patch for each corner: its own, or where they are too many, that of the nearest of some."""
+    if len(corner_mm) <= MOST_PATCHES:
+        return np.arange(len(corner_mm))
+    chosen, away = [0], np.full(len(corner_mm), np.inf)
+    while len(chosen) < MOST_PATCHES:
+        away = np.minimum(away, np.linalg.norm(corner_mm - corner_mm[chosen[-1]], axis=1))
+        chosen.append(int(away.argmax()))
+    return np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])
+
+
+def _pit_gives(mesh: FleshMesh, load: csr_array) -> Float[np.ndarray, "c c"]:
+    """What the pit's own motion under the pressures adds to the openings, by work: H H' / HELD."""
+    pit = mesh.nodes_mm[mesh.pit_nodes]
+    centre = pit.mean(axis=0)
+    modes = rigid_modes(mesh.nodes_mm, centre_mm=centre).reshape(-1, 6)
+    modes[:, 3:] /= np.linalg.norm(pit - centre, axis=1).mean()
+    push = load.T @ modes
+    return np.asarray(push @ push.T) / HELD
+
+
+def _as_loads(columns: csr_array) -> Float[np.ndarray, "f n 3"]:
+    dense = columns.toarray().T
+    return np.ascontiguousarray(dense).reshape(len(dense), -1, 3)

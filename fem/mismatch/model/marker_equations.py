@@ -1,0 +1,187 @@
+"""Least squares over markers in all frames, with all that is each marker's or frame's own eliminated.
+
+Where a marker sits, its scale error and the fruit's rigid motion are unknown in every recording (fem.
+modulus_fit). With them eliminated a field phi weighs W phi, and fields make normal equations by products
+
+    N_ij = phi_i . W phi_j,      W = V - V A (A' V A + L)^-1 A' V
+
+V: inverse variance, the mean over each contact taken out; A: rigid motions and scales, L their priors. So
+much is the same whatever fields come; one more field costs two passes over the markers.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import cho_factor, cho_solve
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.estimation.compliance_fit import (
+    GAUGE_SD_MM,
+    MarkerTracks,
+    about_episode_mean,
+    marker_weight,
+    mean_radius_mm,
+    motion_equations,
+    rigid_motion,
+)
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.observation_delta import ARM_MM, wrench
+
+MARKER_EXCESS = 1.15
+"""Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
+ALIKE = 15.0
+"""How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame.
+So much less do they count together than if they were independent (a design effect). Effects that are not
+there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
+soft jaws gain ten times as much, and one that is there only twice."""
+
+
+@dataclass(frozen=True)
+class MarkerEquations:
+    """W of one recording's markers, in the form in which it is applied.
+
+    `free`: the fruit moves. `every_frame`: fields that each frame has any amount of: its rigid motion, and
+    the response to what noise adds to each force pattern. `own`: four fields that each marker may have any
+    amount of, with their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along
+    x, y, z that grows with the load (what scale errors of the forces around it bring). `inverse`: (own' V own
+    + L)^-1; `along`: own' V times `every_frame`.
+    """
+
+    tracks: MarkerTracks
+    weight: Float[np.ndarray, " n"]
+    every_frame: Float[np.ndarray, "n 3 k"]
+    own: Float[np.ndarray, "f n 3 4"]
+    inverse: Float[np.ndarray, "n 4 4"]
+    along: Float[np.ndarray, "n 4 m"]
+    motions: tuple[np.ndarray, bool]
+    free: bool
+
+    @classmethod
+    def of(
+        cls, seen: Seen, *, compliance: float, gel_scale_sd: float, alike: float = ALIKE
+    ) -> "MarkerEquations":
+        """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
+
+        `alike`: how many numbers count as one; 1 where what is left is held against noise itself.
+        """
+        tracks = seen.tracks
+        weight = marker_weight(tracks) / (MARKER_EXCESS * alike)
+        noise_N = seen.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
+        felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
+        free = seen.case.support == "free"
+        every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
+        load = np.broadcast_to(seen.load[:, None, None], tracks.position_mm.shape)
+        grows = about_episode_mean(load, tracks.episode)
+        own = np.concatenate(
+            [
+                about_episode_mean(tracks.gel_displacement_mm, tracks.episode)[..., None],
+                grows[..., None] * np.eye(3),
+            ],
+            axis=3,
+        )
+        scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * seen.uneven])
+        normal = np.einsum("n,tnxa,tnxb->nab", weight, own, own, optimize=True)
+        normal[:, np.arange(4), np.arange(4)] += scale**-2
+        inverse = np.linalg.inv(normal)
+        along = np.einsum("n,tnxa,nxl->natl", weight, own, every_frame, optimize=True).reshape(
+            len(weight), 4, -1
+        )
+        equations = motion_equations(every_frame, weight, tracks.episode)
+        equations -= np.einsum("nak,nal->kl", along, inverse @ along, optimize=True)
+        prior = np.ones(every_frame.shape[2])
+        if free:
+            prior[:6] = GAUGE_SD_MM**-2
+        equations[np.diag_indices_from(equations)] += np.tile(prior, len(tracks.position_mm))
+        return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations), free)
+
+    def weighed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """W phi, 1/mm for a field in mm; its sum with another field is their product."""
+        return np.asarray(self.weight[:, None] * self.left(field))
+
+    def left(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """What motions, scales and places leave of a field, mm; zero out of contact."""
+        mine = about_episode_mean(field, self.tracks.episode)
+        motion, amounts = self._fitted(mine)
+        moved = np.einsum("nxl,tl->tnx", self.every_frame, motion, optimize=True)
+        mine = mine - about_episode_mean(moved, self.tracks.episode)
+        return np.asarray(mine - np.einsum("tnxa,na->tnx", self.own, amounts, optimize=True))
+
+    def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
+        """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
+
+        About its mean over a contact: no more is known of a marker that may sit anywhere.
+        """
+        if not self.free:
+            return np.zeros((len(field), 3))
+        motion, _ = self._fitted(about_episode_mean(field, self.tracks.episode))
+        return np.asarray(motion[:, 3:6] / mean_radius_mm(self.tracks.place_mm))
+
+    def _fitted(
+        self, mine: Float[np.ndarray, "f n 3"]
+    ) -> tuple[Float[np.ndarray, "f k"], Float[np.ndarray, "n 4"]]:
+        """Amounts of what each frame may have any amount of, and of what each marker may."""
+        weighted = self.weight[:, None] * mine
+        seen = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
+        amounts = (self.inverse @ seen[..., None])[..., 0]
+        right = np.einsum("nxl,tnx->tl", self.every_frame, weighted, optimize=True)
+        motion = cho_solve(self.motions, right.ravel() - np.einsum("nam,na->m", self.along, amounts))
+        amounts -= (self.inverse @ (self.along @ motion)[..., None])[..., 0]
+        return np.asarray(motion.reshape(right.shape)), np.asarray(amounts)
+
+
+SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3
+"""A priori: pads' places, their turns, and the share of force that scales of single markers leave uneven."""
+CENTRE_SD_MM, NO_WEIGHT_N = 10.0, 1e-6
+"""How far the centre of weight may lie from the middle between the pads; a weight that is none."""
+
+
+@dataclass(frozen=True)
+class BalanceEquations:
+    """W of the six sums of force and moment of a fruit that nothing but its pads holds.
+
+    Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, an
+    imbalance that grows with the load, from the scales of single markers, and the fruit's own weight.
+    """
+
+    measured: Float[np.ndarray, "f 6"]
+    weight: Float[np.ndarray, "6"]
+    nuisances: Float[np.ndarray, "k f 6"]
+    inverse: Float[np.ndarray, "k k"]
+
+    @classmethod
+    def of(cls, seen: Seen, *, weight_N: float = 0.0) -> "BalanceEquations":
+        """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
+        position, force = seen.tracks.position_mm, seen.force_N
+        centre = position.mean(axis=(0, 1))
+        columns, spreads = [], []
+        for pad in range(len(seen.links)):
+            own = np.where((seen.pad_of_marker == pad)[None, :, None], force, 0.0)
+            total = own.sum(axis=1)
+            for way in np.eye(3):
+                columns.append(np.hstack([np.zeros_like(total), np.cross(way, total) / ARM_MM]))
+                columns.append(wrench(np.cross(way, own), position, centre_mm=centre) * np.pi / 180)
+                spreads += [SHIFT_SD_MM, TURN_SD_DEG]
+        load = np.linalg.norm(force, axis=2).sum(axis=1) / len(seen.links)
+        for way in np.eye(6):
+            columns.append(load[:, None] * way)
+            spreads.append(UNEVEN)
+        for k, way in enumerate(np.eye(6)):
+            columns.append(np.tile(way, (len(force), 1)))
+            spreads.append(max(weight_N, NO_WEIGHT_N) * (1.0 if k < 3 else CENTRE_SD_MM / ARM_MM))
+        noise = seen.force_sd_N
+        around = np.abs(position - centre).reshape(-1, 3)
+        reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM
+        count = len(seen.pad_of_marker) * variance_inflation(seen.tracks.lag1[:1])[0]
+        weight = 1 / (noise**2 * count * np.concatenate([np.ones(3), reach**2]))
+        nuisances = np.stack(columns)
+        flat = nuisances.reshape(len(columns), -1)
+        weighted = (nuisances * weight).reshape(len(columns), -1)
+        inverse = np.linalg.inv(weighted @ flat.T + np.diag(np.array(spreads) ** -2.0))
+        return cls(wrench(force, position, centre_mm=centre), weight, nuisances, inverse)
+
+    def weighed(self, field: Float[np.ndarray, "f 6"]) -> Float[np.ndarray, "f 6"]:
+        """W phi, 1/N for a field in N."""
+        weighted = self.weight * field
+        amounts = self.inverse @ np.tensordot(self.nuisances, weighted, axes=2)
+        return np.asarray(weighted - self.weight * np.tensordot(amounts, self.nuisances, axes=1))

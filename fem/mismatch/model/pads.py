@@ -1,0 +1,79 @@
+"""One pad among a recording's pads: its markers, its frame, the response to what it alone does."""
+
+from functools import partial
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.estimation.sensitivity import SLIDE_MM
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.solid.pad_link import slid
+
+
+def pads_of(ground: Ground) -> list[str]:
+    """Names of all pads of a case's recordings."""
+    return list(dict.fromkeys(pad for seen in ground.base.grasps for pad in seen.pad_names))
+
+
+def own_markers(seen: Seen, pad: int) -> Bool[np.ndarray, "1 n 1"]:
+    """Which markers are this pad's, ready to mask fields."""
+    return np.asarray(seen.pad_of_marker == pad)[None, :, None]
+
+
+def turn_of(seen: Seen, pad: int) -> Float[np.ndarray, "3 3"]:
+    """Pad axes in the fruit frame, as columns, at the greatest force."""
+    return np.asarray(
+        seen.pose[pad, int(np.argmax(np.linalg.norm(seen.force_N, axis=2).sum(axis=1))), :3, :3]
+    )
+
+
+def pad_force(seen: Seen, pad: int) -> Float[np.ndarray, "f 3"]:
+    """Total force of one pad on the fruit, N."""
+    return np.asarray(seen.force_N[:, seen.pad_of_marker == pad].sum(axis=1))
+
+
+def response_to(
+    ground: Ground, seen: Seen, force_N: Float[np.ndarray, "r n 3"]
+) -> Float[np.ndarray, "r n 3"]:
+    """Displacement (times E) of all markers under any forces on the markers."""
+    solid = ground.base.solid_of(seen)
+    loads = np.zeros((len(force_N), len(ground.base.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = seen.nodal_of(force_N)
+    return ground.base.answer(seen, loads)
+
+
+def slid_response(ground: Ground, seen: Seen, pad: int) -> Float[np.ndarray, "2 f n 3"]:
+    """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
+
+    By central differences; of all pads at once, kept.
+    """
+    kept = ground.kept(("slid", seen.case.name), partial(_slid_responses, ground, seen))
+    return np.asarray(kept[pad])
+
+
+def _slid_responses(ground: Ground, seen: Seen) -> Float[np.ndarray, "p 2 f n 3"]:
+    solid, pads = ground.base.solid_of(seen), range(len(seen.links))
+    split = np.cumsum([len(other.rest_mm) for other in seen.case.history.pads])[:-1]
+    patterns = np.split(seen.patterns, split, axis=1)
+    unmoved = [link.nodal_force(own) for link, own in zip(seen.links, patterns, strict=True)]
+    links, loads = [], []
+    for pad in pads:
+        for way in turn_of(seen, pad).T[:2]:
+            for step in (SLIDE_MM, -SLIDE_MM):
+                link = slid(seen.links[pad], solid, step * way)
+                nodal = [link.nodal_force(patterns[k]) if k == pad else unmoved[k] for k in pads]
+                links.append([link if k == pad else seen.links[k] for k in pads])
+                whole = np.zeros((len(seen.patterns), len(ground.base.mesh.nodes_mm), 3))
+                whole[:, solid.contact_nodes] = sum(nodal)
+                loads.append(whole)
+    moved = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
+    ends = [
+        np.concatenate([link.seen(own) for link in several], axis=1)
+        for several, own in zip(links, np.split(moved, len(links)), strict=True)
+    ]
+    found = [
+        seen.over_time((ahead - back) / (2 * SLIDE_MM))
+        for ahead, back in zip(ends[::2], ends[1::2], strict=True)
+    ]
+    return np.stack(found).reshape(len(seen.links), 2, *found[0].shape)

@@ -1,0 +1,79 @@
+"""Flesh of another linear law, in the space of what the plain one does and its first corrections.
+
+K(theta) = sum_i a_i(theta) K_i is projected (Galerkin) on
+
+    V = [U, K0^-1 D U, (K0^-1 D)^2 U, (K0^-1 D)^3 U],      D = dK/dtheta
+
+for the patterns U of a recording. Its answer agrees with the full one to the seventh power of theta in the
+work done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems,
+chapter 11), and costs nothing once V is there.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.forward_model import Ground
+
+CORRECTIONS = 3
+Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
+"""K_i: from displacements to the forces that they cost, for E = 1 MPa."""
+
+
+@dataclass(frozen=True)
+class ReducedLaw:
+    """One recording. `parts`: V' K_i V; `load`: V' f; `seen`: the markers' displacement in each of V."""
+
+    parts: Float[np.ndarray, "i q q"]
+    load: Float[np.ndarray, "q r"]
+    seen: Float[np.ndarray, "q n 3"]
+    shares: Float[np.ndarray, "f r"]
+    first: Float[np.ndarray, "f n 3"]
+
+    def response(self, amounts: Sequence[float]) -> Float[np.ndarray, "f n 3"]:
+        """c(t) where the law is sum_i amounts_i K_i, mm MPa."""
+        stiffness = np.tensordot(np.asarray(amounts, dtype=float), self.parts, axes=(0, 0))
+        size = np.sqrt(np.diag(self.parts[0]))
+        scaled = stiffness / np.outer(size, size)
+        moved = np.linalg.lstsq(scaled, self.load / size[:, None], rcond=1e-10)[0] / size[:, None]
+        return np.asarray(np.tensordot(self.shares @ moved.T, self.seen, axes=(1, 0)))
+
+
+def reduced_laws(ground: Ground, *, derivative: Operator, parts: Sequence[Operator]) -> list[ReducedLaw]:
+    """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
+    grasps = ground.base.grasps
+    first = np.cumsum([0, *(len(seen.moved) for seen in grasps)])
+    steps = [np.concatenate([seen.moved for seen in grasps])]
+    for _ in range(CORRECTIONS):
+        cost = np.split(derivative(steps[-1]), first[1:-1])
+        steps.append(-np.concatenate(ground.base.displacements(cost)))
+    pulled = [[part(step) for step in steps] for part in parts]
+    return [
+        _of_recording(
+            ground,
+            seen,
+            np.concatenate([step[a:b] for step in steps]),
+            [np.concatenate([step[a:b] for step in own]) for own in pulled],
+        )
+        for seen, a, b in zip(grasps, first, first[1:], strict=False)
+    ]
+
+
+def _of_recording(
+    ground: Ground, seen: Seen, space: Float[np.ndarray, "q m 3"], pulled: Sequence[np.ndarray]
+) -> ReducedLaw:
+    """`pulled`: what each part's law costs of each field of the space."""
+    solid, count = ground.base.solid_of(seen), len(seen.moved)
+    flat = space.reshape(len(space), -1)
+    projected = []
+    for force in pulled:
+        own = flat @ force.reshape(len(space), -1).T
+        projected.append((own + own.T) / 2)
+    load = flat @ (solid.stiffness @ seen.moved.reshape(count, -1).T)
+    at_markers = seen.at_markers(space[:, solid.contact_nodes])
+    return ReducedLaw(
+        np.stack(projected), load, at_markers, seen.shares, seen.over_time(at_markers[count : 2 * count])
+    )

@@ -1,0 +1,224 @@
+"""How fruit moves under measured forces when its stress is not the linear one: found with one factor.
+
+    K0 v + B' d(s v, history) / s = L f,        v = u / s = E u
+
+d: what the law's stress (for E = 1 MPa) has beyond the linear one, a function of the strain of all frames up
+to now. With v0 the linear answer, every round asks
+
+    v <- v + (v0 - K0^-1 B' d(s v) / s - v) / k
+
+for all frames of all recordings at once, the whole history being that of the round before. k, per frame, is
+half of the largest stiffness over the linear one (1 for a law that softens): below that the round would
+overshoot. Rounds are accelerated by mixing the last few (Anderson 1965, "Iterative procedures for nonlinear
+integral equations", Journal of the ACM 12).
+Source of the scheme: Kachanov's method of variable elasticity parameters, with the initial stiffness.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.model.baseline import Baseline, Seen
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.path_frames import PathFrames, path_frames
+
+MOST_ROUNDS, MEMORY = 40, 4
+"""Searches of cases with these effects end after 1 to 10 rounds."""
+CLOSE_MM = 6e-4
+"""Rounds end when none asks a node of the skin to move more than this: a tenth of a marker's noise."""
+
+RUN_AWAY = 1e6
+"""N per MPa of the modulus: forces on a node that no flesh makes."""
+SMALL_SHARE = 1e-4
+"""Fields of force smaller than this share of the largest are left out of a round."""
+
+Departure = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
+"""Displacement (mm) in all frames in order of time to nodal forces B' d of unit modulus."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathState:
+    """The chosen frames of all recordings one after the other. `linear`: v0; `first` of each recording."""
+
+    base: Baseline
+    frames: tuple[PathFrames, ...]
+    linear: Float[np.ndarray, "f n 3"]
+
+    @classmethod
+    def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
+        """Under the recordings' forces."""
+        fields = [_combined(seen, own) for seen, own in zip(base.grasps, frames, strict=True)]
+        return cls(base=base, frames=frames, linear=np.concatenate(fields))
+
+    @property
+    def first(self) -> list[int]:
+        """Where each recording begins among the frames, and the end."""
+        return [0, *np.cumsum([len(own.chosen) for own in self.frames]).tolist()]
+
+    def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """K0^-1 of nodal forces, each recording with its own support."""
+        found = np.empty_like(force)
+        held = np.repeat([seen.case.support for seen in self.base.grasps], np.diff(self.first))
+        for support, solid in self.base.solids.items():
+            own = np.flatnonzero(held == support)
+            turn, parts = _few(force[own])
+            found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
+        return found
+
+    def at_markers(self, field: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
+        """Of every recording, in all frames used."""
+        found = []
+        for seen, own, a, b in zip(self.base.grasps, self.frames, self.first, self.first[1:], strict=False):
+            seen_at = seen.at_markers(field[a:b][:, self.base.solid_of(seen).contact_nodes])
+            found.append(np.tensordot(own.mix, seen_at, axes=1))
+        return found
+
+
+def _few(
+    fields: Float[np.ndarray, "f n 3"],
+) -> tuple[Float[np.ndarray, "f r"], Float[np.ndarray, "r n 3"]]:
+    """The few fields, orthogonal, of which all are made: frames that differ by their load alone share one."""
+    flat = fields.reshape(len(fields), -1)
+    size, turn = np.linalg.eigh(flat @ flat.T)
+    kept = size > SMALL_SHARE**2 * max(float(size[-1]), 1e-300)
+    kept[-1] = True
+    return turn[:, kept], (turn[:, kept].T @ flat).reshape(-1, *fields.shape[1:])
+
+
+def _combined(seen: Seen, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
+    return np.asarray(np.tensordot(seen.shares[own.chosen], seen.moved, axes=1))
+
+
+def settled(
+    state: PathState,
+    departure: Departure,
+    *,
+    compliance: float,
+    stiffer: Float[np.ndarray, " f"],
+    start: Float[np.ndarray, "f n 3"] | None,
+    together: bool,
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess,
+    None for zero.
+
+    `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where rounds run away, or where the last of
+    MOST_ROUNDS still asks the skin to move by more than CLOSE_MM.
+    """
+    skin = state.base.mesh.outer_nodes
+    slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
+    more = np.zeros_like(state.linear) if start is None else start
+    tried: list[Float[np.ndarray, "f n 3"]] = []
+    steps: list[Float[np.ndarray, "f n 3"]] = []
+    for _ in range(MOST_ROUNDS):
+        step = (first_round(state, departure, compliance=compliance, start=more) - more) / slower
+        left_mm = compliance * float(np.abs((step * slower)[:, skin]).max())
+        if left_mm < CLOSE_MM:
+            return np.asarray(more + step)
+        tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
+        more = _mixed(tried, steps, skin, together=together)
+    raise FemFailure(
+        FemProblem.NOT_CONVERGED,
+        f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law still moves the skin by "
+        f"{1e3 * left_mm:.2g} µm after {MOST_ROUNDS} rounds, expected {1e3 * CLOSE_MM:.2g} µm at most",
+    )
+
+
+def first_round(
+    state: PathState,
+    departure: Departure,
+    *,
+    compliance: float,
+    start: Float[np.ndarray, "f n 3"] | None = None,
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 that the law's stress in the field v0 + start (None: v0) brings: to first order in the law.
+
+    Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
+    """
+    force = departure(compliance * (state.linear if start is None else state.linear + start))
+    if not np.abs(force).max() < RUN_AWAY:
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
+        )
+    return -state.response(force) / compliance
+
+
+def _mixed(
+    tried: Sequence[Float[np.ndarray, "f n 3"]],
+    steps: Sequence[Float[np.ndarray, "f n 3"]],
+    skin: Int[np.ndarray, " o"],
+    *,
+    together: bool,
+) -> Float[np.ndarray, "f n 3"]:
+    """The next try: the mix of those so far whose step is least at the skin, and that step.
+
+    Each frame has a mix of its own, or all have one together: where later frames remember what earlier ones
+    did, mixing each by itself throws the later ones off.
+    """
+    more = tried[-1] + steps[-1]
+    if len(steps) == 1:
+        return np.asarray(more)
+    rows = 1 if together else len(more)
+    last = steps[-1][:, skin].reshape(rows, -1)
+    changes = np.stack([step[:, skin].reshape(rows, -1) - last for step in steps[:-1]], axis=1)
+    gram = changes @ np.swapaxes(changes, 1, 2)
+    size = np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-30
+    shares = np.linalg.solve(gram + 1e-8 * size * np.eye(len(gram[0])), changes @ last[..., None])[..., 0]
+    for k, (one, step) in enumerate(zip(tried[:-1], steps[:-1], strict=True)):
+        more = more - shares[:, k, None, None] * (one + step - tried[-1] - steps[-1])
+    return np.asarray(more)
+
+
+MOST_RUNS = 6
+NEAR, FARTHEST = 1e-2, 20.0
+"""A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
+
+
+def path_state(ground: Ground, *, frames: int, remembers: bool) -> PathState:
+    """The ground's recordings by about so many frames, chosen once."""
+
+    def compute() -> PathState:
+        return PathState.of(ground.base, path_frames(ground.base.grasps, frames, remembers=remembers))
+
+    return ground.kept(("path", frames, remembers), compute)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A law by its parameters, in units in which they are far or near, and v - v0 of it."""
+
+    law: Float[np.ndarray, " p"]
+    more: Float[np.ndarray, "f n 3"]
+
+
+def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+    """v - v0 for the law of these parameters: a mean of other runs, with weights that add up to one.
+
+    The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs,
+    and their mean far from all of them. None without runs.
+    """
+    if not runs:
+        return None
+    away = np.stack([run.law - law for run in runs])
+    near, weight = NEAR, np.full(len(away), np.inf)
+    while np.abs(weight).sum() > FARTHEST:
+        weight = np.linalg.solve(away @ away.T + near**2 * np.eye(len(away)), np.ones(len(away)))
+        weight /= weight.sum()
+        near *= 3
+    return np.asarray(sum(w * run.more for w, run in zip(weight, runs, strict=True)))
+
+
+def keep_run(
+    ground: Ground, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
+) -> None:
+    """One more run of the search, the newest first, in the place of the oldest."""
+    run = Run(law, more.astype(np.float32))
+    ground.keep_found(("runs", name), (run, *ground.found_before(("runs", name)))[:MOST_RUNS])
+
+
+def first_guess(ground: Ground, name: str, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+    """`guess` from the search's own runs with a law of this name."""
+    return guess(ground.found_before(("runs", name)), law)

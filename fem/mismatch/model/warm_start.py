@@ -1,0 +1,20 @@
+"""Where a search starts from: the solutions that the same search has found before.
+
+A search of parameters (fem.mismatch.selection.refinement) solves the same model again and again for
+parameters that differ little; the solutions of one belong to it alone. A call without a search's warm
+starts begins from nothing, so that it gives the same answer whatever was asked before.
+"""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class WarmStarts:
+    """What one search has found, each under the key of the model that found it. Values are never changed."""
+
+    found: dict[object, tuple[Any, ...]] = field(default_factory=dict)
+
+    def copy(self) -> "WarmStarts":
+        """For another search that goes on from here by itself."""
+        return WarmStarts(dict(self.found))

@@ -1,0 +1,159 @@
+"""One fruit's recordings, start to end: is there a mismatch, where, what is it, does modelling it help."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+
+import numpy as np
+
+from fem.estimation.compliance_fit import CompliantFit, fit_compliance
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effect import Remarked
+from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
+from fem.mismatch.localisation.residual_places import located
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.touched_skin import with_touched_skin
+from fem.mismatch.next_grasp import next_grasp
+from fem.mismatch.reported_values import candidates, traces
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
+from fem.mismatch.selection.cross_validation import held_out
+from fem.mismatch.selection.detection import LEVEL, best_beyond_usual, of_sound, p_values
+from fem.mismatch.selection.model_selection import Sound, named
+from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.selection.predictive_checks import checks
+from fem.mismatch.selection.refinement import Refit
+from fem.mismatch.selection.screening import LinearRound, linear_round
+
+
+def explain(
+    case: MismatchCase, *, progress: Callable[[str], None] | None = None, workers: int = 1
+) -> Explanation:
+    """The answer for all recordings of a case together, found by so many threads.
+
+    Raises FemFailure where none can be seen at all.
+    """
+    seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(name: str) -> Iterator[None]:
+        if progress is not None:
+            progress(name)
+        started = time.perf_counter()
+        yield
+        seconds[name] = round(time.perf_counter() - started, 2)
+
+    with stage("plain model"):
+        ground, fits = plain_ground(case, workers=workers)
+        recorded = ground.each(lambda seen: Recorded.of(ground, seen))
+    with stage("all effects, linear"):
+        linear = linear_round(ground, recorded, EFFECTS)
+        statistics = detection_statistics(linear, recorded, ground.softness)
+        p_value, each = p_values(statistics)
+        detected = p_value < LEVEL
+    with stage("short list, in full"):
+        count = sum(one.own.shape[1] for one in recorded)
+        sound = Sound(
+            chi2=count * of_sound("what is left"),
+            most_chi2=count * of_sound("what is left", 0.95),
+            softness=ground.softness,
+        )
+        found = named(ground, linear, detected=detected, sound=sound)
+    best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
+    null = (linear.products, linear.nuisances)
+    after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
+    before = modulus_of(ground)
+    ranking = candidates(ground, found, linear)
+    with stage("proof"):
+        proof = held_out(ground, recorded, null, after)
+        foretold = traces(ground, recorded, null, after)
+    with stage("where and when"):
+        residual = [linear.products.beyond(k, linear.null) for k in range(len(recorded))]
+        place = located(ground, residual)
+    return Explanation(
+        detected=detected,
+        p_value=p_value,
+        statistics=each,
+        where=place.where if best is None else _where(place.where, best),
+        when=place.when,
+        component=place.component,
+        ranking=ranking,
+        verdict=found.verdict,
+        before=before,
+        after=before if best is None else ranking[0].modulus or before,
+        heldout=proof,
+        next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
+        cells=modulus_cells(ground, fits),
+        variance=analysis_of_variance(ground, fits),
+        traces=foretold,
+        checks=checks(foretold, ground.base.grasps, rng=np.random.default_rng(0)),
+        maps=place.maps,
+        notes=(
+            *(
+                f"{name} could not be tried: {why}."
+                for name, why in {**linear.without, **found.without}.items()
+            ),
+            *([] if best is None else _remarks(best, ranking[0].parameters)),
+        ),
+        seconds=seconds,
+    )
+
+
+NOT_SETTLED = "the search for the parameters of {name} has not settled; they may lie beyond their error bars."
+
+
+def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
+    """What the effects themselves have to say of the parameters found."""
+    said = [] if best.settled else [NOT_SETTLED.format(name=best.name)]
+    for effect in best.effects:
+        if isinstance(effect, Remarked):
+            own = f"{effect.name}." if len(best.effects) > 1 else ""
+            said.append(
+                effect.remark({k.removeprefix(own): v for k, v in parameters.items() if k.startswith(own)})
+            )
+    return [remark for remark in said if remark]
+
+
+def _where(seen: Where, best: Refit) -> Where:
+    """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
+    for effect, choice, own in zip(best.effects, best.choices, best.parameters, strict=True):
+        if effect.name == "soft_spot":
+            x, y, z = (own[f"centre_mm.{k}"] for k in range(3))
+            return Where(region="flesh", centre_mm=(x, y, z), radius_mm=own["radius_mm"])
+        if any(choice in grasp.pad_names for grasp in best.ground.base.grasps):
+            return Where(region=f"pad {choice}")
+    return seen
+
+
+def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[Ground, list[CompliantFit]]:
+    """The plain model with 1/E of the recordings' median."""
+    first = baseline(case, workers=workers)
+    base = with_touched_skin(first, compliance=_median_compliance(_fits(first)), workers=workers)
+    fits = _fits(base)
+    return Ground(base=base, compliance=_median_compliance(fits), workers=workers), fits
+
+
+def _fits(base: Baseline) -> list[CompliantFit]:
+    scale_sd = base.case.budget.gel_scale_sd
+    return [
+        fit_compliance(seen.tracks, scale_sd=scale_sd, fruit_moves=seen.case.support == "free")
+        for seen in base.grasps
+    ]
+
+
+def _median_compliance(fits: Sequence[CompliantFit]) -> float:
+    return float(np.median([fit.compliance for fit in fits]))
+
+
+def detection_statistics(
+    linear: LinearRound, recorded: Sequence[Recorded], softness: float
+) -> dict[str, float]:
+    """The numbers that fem.mismatch.selection.detection ranks, by the flesh's softness against the gel."""
+    count = sum(one.own.shape[1] for one in recorded)
+    return {
+        "best single": best_beyond_usual(((one.kind, one.gain) for one in linear.shown), softness),
+        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / softness**2,
+        "what is left": linear.null.chi2 / count,
+    }

@@ -1,0 +1,63 @@
+"""The proof: what a model foretells of recordings that its fit did not see."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem.estimation.compliance_fit import about_episode_mean
+from fem.mismatch.evidence.linear_evidence import Products, Recorded
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.result import HeldOut
+
+
+def held_out(
+    ground: Ground,
+    recorded: Sequence[Recorded],
+    before: tuple[Products, Sequence[int]],
+    after: tuple[Products, Sequence[int]],
+) -> HeldOut | None:
+    """Each recording in turn left out of both fits, and foretold; None where there is but one.
+
+    What is left of the markers' motion over the response, root mean square: as forces follow displacements in
+    proportion, the normalised force residual. `noise_rms`: what the sensors' noise alone would leave.
+    """
+    count = len(recorded)
+    if count < 2:
+        return None
+    lost = [
+        sum(_left(products, columns, k, count) for k in range(count)) for products, columns in (before, after)
+    ]
+    whole = sum(_size(ground, one) for one in recorded)
+    noise = sum(
+        float((one.markers.tracks.sd_mm**2 * (3 * (one.markers.tracks.episode >= 0)).sum(axis=0)).sum())
+        for one in recorded
+    )
+    return HeldOut(
+        rms_before=float(np.sqrt(lost[0] / whole)),
+        rms_after=float(np.sqrt(lost[1] / whole)),
+        noise_rms=float(np.sqrt(noise / whole)),
+    )
+
+
+def predictive(products: Products, columns: Sequence[int]) -> float | None:
+    """Sum over recordings of ln p(recording | all others); None where there are no others."""
+    count = len(products.rows)
+    if count < 2:
+        return None
+    whole = products.fit(columns).log_evidence
+    return sum(
+        whole - products.fit(columns, keep=[j for j in range(count) if j != k]).log_evidence
+        for k in range(count)
+    )
+
+
+def _left(products: Products, columns: Sequence[int], k: int, count: int) -> float:
+    """Sum of squares, mm2, left of recording k by the fit to the others."""
+    others = products.fit(columns, keep=[j for j in range(count) if j != k])
+    return float((products.beyond(k, others) ** 2).sum())
+
+
+def _size(ground: Ground, one: Recorded) -> float:
+    tracks = one.seen.tracks
+    response = about_episode_mean(ground.compliance * tracks.unit_displacement, tracks.episode)
+    return float((response**2).sum())

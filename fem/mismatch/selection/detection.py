@@ -1,0 +1,89 @@
+"""Is there a mismatch at all: a few statistics, and how they come out where there is none.
+
+Gain (ln evidence) of the best single effect over the flesh's softness (Ground.softness), beyond what that
+effect gains on nine of ten sound recordings; of the best pair over softness squared; and what the plain model
+leaves per number. So gains grow on sound recordings, and some effects are sooner seen there than others.
+Each is held against the same statistic of sound recordings of other fruits
+(fem.mismatch.selection.null_reference, made by a solver of its own), on a scale x on which those are about
+normal (asinh of gains, ln of shares). The bank has few fruits and several recordings of each, which are
+alike; with a fruit's own departure b and a recording's w,
+
+    x = m + b + w,      z = (x - m) / sd(x of another fruit),      sd^2 = B (1 + 1/F) + W (1 + 1/n)
+
+m: mean over F fruits, B and W: variances between and within fruits (one-way random effects: Searle, Casella
+and McCulloch 1992, Variance Components, chapter 3), n recordings. The greatest z is held against the bank's
+own greatest in the same way, so that many looks do not add up to a false alarm; its place in Student's
+distribution with F - 1 degrees of freedom is the p-value.
+"""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.stats import t as student
+
+from fem.mismatch.selection.null_reference import FRUITS, NAMES, NULLS, USUAL
+
+LEVEL = 0.05
+"""p-values below it are a mismatch."""
+
+
+def best_beyond_usual(gains: Iterable[tuple[str, float]], softness: float) -> float:
+    """The first statistic, from what every kind of signature gains."""
+    return max((gain / softness - USUAL.get(kind, 0.0) for kind, gain in gains), default=0.0)
+
+
+def usual_gain(kind: str, softness: float) -> float:
+    """What a kind of signature gains on most sound recordings at most."""
+    return softness * USUAL.get(kind, 0.0)
+
+
+def usual_in_full(effect: str, softness: float) -> float:
+    """What an effect's full model does, or the more usual of two joined by "+".
+
+    It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
+    gain on sound recordings what the whole does not.
+    """
+    own = [[value for kind, value in USUAL.items() if kind.split()[0] == part] for part in effect.split("+")]
+    return softness * max(min(values, default=0.0) for values in own)
+
+
+def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+    """The one p-value, and each statistic's own."""
+    return p_values_beside(statistics, np.array(NULLS), np.array(FRUITS))
+
+
+def p_values_beside(
+    statistics: Mapping[str, float], bank: Float[np.ndarray, "n 3"], fruits: Int[np.ndarray, " n"]
+) -> tuple[float, dict[str, float]]:
+    """The same beside any bank: a row per recording, columns as in NAMES, and whose it is."""
+    known = _scaled(bank)
+    mean, spread, freedom = _of_another_fruit(known, fruits)
+    z = (_scaled(np.array([[statistics[name] for name in NAMES]]))[0] - mean) / spread
+    most = ((known - mean) / spread).max(axis=1, keepdims=True)
+    usual, of_usual, _ = _of_another_fruit(most, fruits)
+    p = float(student.sf((z.max() - usual[0]) / of_usual[0], freedom))
+    each = student.sf(z, freedom)
+    return p, dict(zip(NAMES, each.tolist(), strict=True))
+
+
+def _scaled(values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    return np.column_stack([np.arcsinh(values[:, :2]), np.log(values[:, 2])])
+
+
+def _of_another_fruit(
+    values: Float[np.ndarray, "n k"], fruits: Int[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], int]:
+    """Mean and standard deviation of a recording of a fruit that is not in the bank; degrees of freedom."""
+    own = [values[fruits == fruit] for fruit in np.unique(fruits)]
+    means = np.stack([one.mean(axis=0) for one in own])
+    within = np.stack([one.var(axis=0, ddof=1) for one in own]).mean(axis=0)
+    each, count = len(values) / len(own), len(own)
+    between = np.maximum(means.var(axis=0, ddof=1) - within / each, 0.0)
+    spread = np.sqrt(between * (1 + 1 / count) + within * (1 + 1 / len(values)))
+    return means.mean(axis=0), spread, count - 1
+
+
+def of_sound(name: str, share: float = 0.5) -> float:
+    """What a share of the bank's recordings stay below in one statistic."""
+    return float(np.quantile(np.array(NULLS)[:, NAMES.index(name)], share))

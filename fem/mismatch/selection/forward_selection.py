@@ -1,0 +1,32 @@
+"""What else is at work beside an effect that has been refitted: all other signatures about its model."""
+
+from dataclasses import replace
+
+from fem.mismatch.evidence.discrepancy_prior import beside
+from fem.mismatch.selection.refinement import Refit
+from fem.mismatch.selection.screening import LinearRound, Shown, senseless
+
+
+def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
+    """Every signature of other effects with its amount there, and how much it adds in ln evidence.
+
+    Greatest first, none that makes no sense. The refitted effect's own parameters are free to move along
+    their slopes.
+    """
+    mine = {effect.name for effect in known.effects}
+    others = [one for one in linear.shown if one.effect.name not in mine]
+    columns = [j for one in others for j in one.columns]
+    slopes = [known.products.columns[j] for j in known.slopes]
+    plain = beside(known.effects, linear.products.columns, linear.nuisances)
+    products, chosen = linear.products.about(known.ground, known.response, [*plain, *columns], slopes)
+    place = dict(zip([*plain, *columns], chosen, strict=False))
+    free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
+    before = products.fit(free).log_evidence
+    found: list[tuple[float, Shown]] = []
+    for one in others:
+        own = [place[j] for j in one.columns]
+        fit = products.fit([*free, *own])
+        amounts = fit.amounts[-len(own) :]
+        if not senseless(products, own, amounts):
+            found.append((fit.log_evidence - before, replace(one, amounts=amounts)))
+    return sorted(found, key=lambda pair: -pair[0])

@@ -1,0 +1,277 @@
+"""Which explanation: the linear round's short list refitted in full, and what to call it.
+
+Probabilities are those of the refitted explanations and of none, by evidence tempered by TEMPER: models of
+two effects are alike in their faults too. Explanations whose probability is
+within LIKE of the best cannot be told apart. Two effects at once must earn it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.effect import Witnessed
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.pads import pads_of
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection.detection import of_sound, usual_gain, usual_in_full
+from fem.mismatch.selection.forward_selection import added
+from fem.mismatch.selection.refinement import Refit, refit
+from fem.mismatch.selection.screening import LinearRound, Shown
+
+SINGLES, PAIRS = 5, 2
+TEMPER = 1.5
+HOPE = 0.15
+"""Share of the best linear gain from which an effect is worth its nonlinear refit."""
+ENOUGH, EQUAL = 0.9, 0.5
+"""Once a refit gains such a share of all that there is to gain, only near equals of it in the linear round
+are refitted too."""
+ALWAYS = ("pit_size",)
+"""Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
+OTHER_PAD = 0.5
+"""Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
+misplaced pads the wrong one gained as much or a little more."""
+LIKE = 1 / 20
+PAIR_GAIN, PAIR_LEFT = 15.0, 0.5
+"""ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
+and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
+leave at most: what smooths over half a fault is no second effect. Beside single effects by another solver a
+second one that is not there adds 13 at most in firm flesh."""
+PAIR_PLAIN = 25.0
+"""ln evidence, times the flesh's softness, that it must add where the single leaves no more than sound
+recordings do: beside such single effects one that is not there adds 20 at most."""
+PAIR_SHARE = 0.01
+"""Share of the single's gain that it must add where that one's law bends: such a law is never right to the
+last percent, and its neighbours stand for what is left. Beside a hard plastic set that gains 50,000 a damage
+that is not there adds 80, and 15 % to E; a gain that is there adds 5 % to another's."""
+NOT_DETECTED = TEMPER * 3.0
+"""By so much ln evidence none leads where nothing was detected: 95 % to 5."""
+LEFT, MUCH = 0.6, 0.3
+"""Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
+recordings leave; where it leaves more of both, it is none of the catalogue."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranked:
+    """One explanation: its name, its gain in ln evidence (all channels, beyond what is usual on sound
+    recordings), its probability, its refit."""
+
+    name: str
+    gain: float
+    probability: float
+    shown: tuple[Shown, ...]
+    refit: Refit | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Named:
+    """The ranking, best first (none is one of them), and the verdict.
+
+    `without`: explanations whose model could not be computed, and why.
+    """
+
+    ranking: tuple[Ranked, ...]
+    verdict: str | tuple[str, ...]
+    without: dict[str, str]
+
+
+@dataclass(frozen=True)
+class _Tried:
+    name: str
+    gain: float
+    shown: tuple[Shown, ...] = ()
+    refit: Refit | None = None
+    failed: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sound:
+    """What sound recordings of this size and flesh show (fem.mismatch.selection.null_reference).
+
+    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `softness`: of
+    this flesh (fem.mismatch.model.forward_model).
+    """
+
+    chi2: float
+    most_chi2: float
+    softness: float
+
+    def beyond(self, one: Shown, gain: float | None = None) -> float:
+        """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
+        return (one.gain if gain is None else gain) - usual_gain(one.kind, self.softness)
+
+    def in_full(self, name: str) -> float:
+        """What a refitted effect gains even there."""
+        return usual_in_full(name, self.softness)
+
+    @property
+    def least(self) -> float:
+        """What the best effect gains beyond its usual on all but a few: less names nothing."""
+        return self.softness * max(of_sound("best single", 0.95), 0.0)
+
+
+def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
+    """Refits the best singles and pairs; where nothing was detected none is the first."""
+    best: dict[str, Shown] = {}
+    for one in sorted(linear.shown, key=sound.beyond, reverse=True):
+        best.setdefault(one.effect.name, one)
+    found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
+    polished, failed = None, list[_Tried]()
+    if detected:
+        found = _singles(ground, linear, found, sound)
+        if found and found[0].refit is not None:
+            # first: a second effect must not stand for what more rounds would still gain
+            found[0] = polished = _polished(ground, linear, found[0], found[0].refit, sound)
+        if found and found[0].refit is not None:
+            pairs = _pairs(ground, linear, found[0], found[0].refit, sound)
+            found += [one for one in pairs if one.refit is not None]
+            failed = [one for one in pairs if one.refit is None]
+    none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
+    found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
+    if found[0].refit is not None and found[0] is not polished:
+        found[0] = _polished(ground, linear, found[0], found[0].refit, sound)
+    weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
+    weight /= weight.sum()
+    ranking = tuple(
+        Ranked(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
+        for one, p in zip(found, weight, strict=True)
+    )
+    verdict = _verdict(linear, ranking, sound) if detected else NONE
+    without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
+    return Named(ranking=ranking, verdict=verdict, without=without)
+
+
+def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound: Sound) -> list[_Tried]:
+    """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
+    most = max((one.gain for one in found), default=0.0)
+    best, tried = 0.0, []
+    for number, one in enumerate(found):
+        enough = best > ENOUGH * (linear.null.chi2 - sound.chi2) / 2
+        hopeful = number < SINGLES and one.gain > (EQUAL if enough else HOPE) * most
+        again = _refitted(ground, linear, one, best, sound) if hopeful or one.name in ALWAYS else one
+        tried.append(again)
+        best = max(best, again.gain if again.refit is not None else 0.0)
+    for _ in found:
+        tried.sort(key=lambda one: -one.gain)
+        if tried[0].refit is not None:
+            break
+        again = _refitted(ground, linear, tried[0], best, sound)
+        tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
+    return tried
+
+
+def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
+    """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
+    found, failed = [], ""
+    for shown in _pads_that_may_be(ground, [(own.gain, own) for own in linear.shown], *one.shown):
+        try:
+            again = refit(ground, linear, (shown,), beat=best)
+        except FemFailure as failure:
+            failed = failure.detail
+            continue
+        gain = _gain(linear, again, sound)
+        found.append(replace(one, gain=gain, shown=(shown,), refit=again))
+        best = max(best, gain)
+    return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
+
+
+def _pads_that_may_be(ground: Ground, gains: Sequence[tuple[float, Shown]], one: Shown) -> list[Shown]:
+    """A signature, and where it is a pad's those of other pads that gain nearly as much.
+
+    One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
+    """
+    pads = pads_of(ground)
+    if one.signature.label not in pads:
+        return [one]
+    same = [(gain, own) for gain, own in gains if own.effect.name == one.effect.name]
+    most = max(gain for gain, _ in same)
+    return [
+        one,
+        *(
+            own
+            for gain, own in same
+            if own.signature.label in pads
+            and own.signature.label != one.signature.label
+            and gain > OTHER_PAD * most
+        ),
+    ]
+
+
+def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
+    """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
+    beside = sum(
+        effect.beside(again.ground, own, choice)
+        for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
+        if isinstance(effect, Witnessed)
+    )
+    moved = again.log_evidence - linear.null.log_evidence
+    return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.name)
+
+
+def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
+    """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
+    no model could be computed, without a refit.
+    """
+    found = []
+    least = max(PAIR_GAIN, sound.least)
+    if single.fit.chi2 <= sound.most_chi2:
+        least = max(least, PAIR_PLAIN * sound.softness)
+    if any(spec.strain_power for effect in single.effects for spec in effect.parameters):
+        least = max(least, PAIR_SHARE * best.gain)
+    may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
+    gains = added(linear, single)
+    best_of: dict[str, tuple[float, Shown]] = {}
+    for gain, other in sorted(
+        ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
+    ):
+        best_of.setdefault(other.effect.name, (gain, other))
+    for gain, other in list(best_of.values())[:PAIRS]:
+        if gain < least:
+            continue
+        tried, failed = [], ""
+        for second in _pads_that_may_be(ground, gains, other):
+            both = (*best.shown, second)
+            try:
+                again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
+            except FemFailure as failure:
+                failed = failure.detail
+                continue
+            if not again.at_an_end[-1]:
+                tried.append((_gain(linear, again, sound), again, both))
+        if not tried:
+            if failed:
+                found.append(_Tried(f"{best.name}+{other.effect.name}", -np.inf, failed=failed))
+            continue
+        gained, again, both = max(tried, key=lambda pair: pair[0])
+        if gained > best.gain + least and again.fit.chi2 < may_leave:
+            found.append(_Tried(again.name, gained, both, again))
+    return found
+
+
+def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit, sound: Sound) -> _Tried:
+    """The refit carried on for as long as it gains."""
+    try:
+        again = refit(ground, linear, one.shown, known=first)
+    except FemFailure:
+        return one
+    if again.log_evidence <= first.log_evidence:
+        return replace(one, refit=replace(first, last_gain=again.last_gain))
+    if again.at_an_end[-1] and not first.at_an_end[-1]:
+        return one
+    return replace(one, gain=_gain(linear, again, sound), refit=again)
+
+
+def _verdict(linear: LinearRound, ranking: Sequence[Ranked], sound: Sound) -> str | tuple[str, ...]:
+    first = next((one for one in ranking if one.name != NONE), None)
+    if first is None or first.refit is None or first.gain <= sound.least:
+        return UNKNOWN
+    before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
+    if after > max(LEFT * before, MUCH * sound.chi2):
+        return UNKNOWN
+    alike = tuple(
+        one.name
+        for one in ranking
+        if one.name != NONE and one.probability >= LIKE * first.probability and one.gain > 0
+    )
+    return alike[0] if len(alike) == 1 else alike

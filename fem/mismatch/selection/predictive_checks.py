@@ -1,0 +1,75 @@
+"""Numbers of each recording that a model must give back, foretold from the other recordings.
+
+How the approach bends with the load, how it goes on in the hold, the work that does not come back: none of
+them is what the fit makes small (posterior predictive checks: Gelman et al. 2013, Bayesian Data Analysis,
+chapter 6).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.mismatch.model.baseline import Seen
+from fem.mismatch.result import Check, GraspTrace
+
+COPIES = 100
+"""Noisy copies of a trace from which a check's standard deviation is taken."""
+UNITS = {"approach at half the load": "1", "creep in the hold": "mm", "loop area": "N mm"}
+
+
+def checks(
+    traces: Sequence[GraspTrace], grasps: Sequence[Seen], *, rng: np.random.Generator
+) -> tuple[Check, ...]:
+    """Measured, and foretold by both models; sd from the markers' noise."""
+    found = []
+    for trace, seen in zip(traces, grasps, strict=True):
+        noise = _noise_mm(seen) * rng.standard_normal((COPIES, len(trace.time_s)))
+        copies = [_numbers(trace, trace.after_mm + one) for one in noise]
+        measured, before, after = (
+            _numbers(trace, x) for x in (trace.given_mm, trace.before_mm, trace.after_mm)
+        )
+        found += [
+            Check(
+                name=f"{trace.grasp}: {name}",
+                measured=measured[name],
+                before=before[name],
+                after=after[name],
+                sd=float(np.std([one[name] for one in copies])),
+                unit=UNITS[name],
+            )
+            for name in measured
+        ]
+    return tuple(found)
+
+
+def _noise_mm(seen: Seen) -> Float[np.ndarray, " f"]:
+    """Of the mean of the markers in contact, frame by frame."""
+    tracks = seen.tracks
+    sd = float((tracks.sd_mm * np.sqrt(variance_inflation(tracks.lag1))).mean())
+    return np.asarray(sd / np.sqrt(np.maximum((tracks.episode >= 0).sum(axis=1), 1)))
+
+
+def _numbers(trace: GraspTrace, approach_mm: Float[np.ndarray, " f"]) -> dict[str, float]:
+    """Of the first loading and of the first hold; those that the recording has."""
+    phase, force = np.array(trace.phase), trace.force_N
+    loading = _first_run(phase == "load")
+    found = {}
+    if len(loading) > 2:
+        top, start = loading[-1], loading[0]
+        half = loading[int(np.argmin(np.abs(force[loading] - (force[top] + force[start]) / 2)))]
+        rise = approach_mm[top] - approach_mm[start]
+        found["approach at half the load"] = float((approach_mm[half] - approach_mm[start]) / rise)
+    hold = _first_run(phase == "hold")
+    if len(hold) > 1:
+        found["creep in the hold"] = float(approach_mm[hold[-1]] - approach_mm[hold[0]])
+    if (phase == "unload").any():
+        found["loop area"] = float(np.trapezoid(force, approach_mm))
+    return found
+
+
+def _first_run(chosen: np.ndarray) -> np.ndarray:
+    """The first unbroken run of frames."""
+    frames = np.flatnonzero(chosen)
+    return frames[: int(np.argmax(np.r_[np.diff(frames) > 1, True])) + 1] if len(frames) else frames

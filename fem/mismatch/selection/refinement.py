@@ -1,0 +1,377 @@
+"""One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
+
+Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by
+differences, are columns like any other; their amounts are the step, their covariance the parameters'. The
+evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
+"""
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.effect import Effect, ParameterSpec, Response, StartsElsewhere
+from fem.mismatch.evidence.discrepancy_prior import beside
+from fem.mismatch.evidence.linear_evidence import Fit, Products
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.selection.screening import LinearRound, Shown
+
+ROUNDS, POLISH = 3, 6
+"""Rounds at most: of the short list, of the winner."""
+CHANCE = 0.7
+"""An explanation that even with what its slopes promise gains less than such a share of another is left."""
+STEP = 0.03
+"""Difference step as a share of the prior spread."""
+LEAST_GAIN = 0.3
+"""A round that gains less ln evidence is the last."""
+MOST_STEP = 1.0
+MARGIN = 1e-3
+SAME_E = 0.01
+STANDS_FOR_E = "as if gripper_compliance"
+OTHER_START = 0.8
+"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
+nothing, and the search ends nearer to the truth from there."""
+TRUST = 10.0
+MOST_ALONE = 12
+NEARER, LEAST_SHARE = 0.6, 0.2
+"""By how much a start is taken nearer to nothing where it has no model, and how near at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refit:
+    """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
+
+    `ahead`: of each parameter a step on the scale searched, and the response so far on.
+    `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
+    `ground`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
+    from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
+    bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
+    """
+
+    effects: tuple[Effect, ...]
+    choices: tuple[str, ...]
+    parameters: tuple[dict[str, float], ...]
+    covariance: Float[np.ndarray, "p p"]
+    response: Response
+    ahead: tuple[tuple[float, Response], ...]
+    products: Products
+    nuisances: tuple[int, ...]
+    slopes: tuple[int, ...]
+    fit: Fit
+    log_evidence: float
+    ground: Ground
+    at_an_end: tuple[bool, ...]
+    last_gain: float
+
+    @property
+    def settled(self) -> bool:
+        """Whether the search reached its tolerance."""
+        return self.last_gain < LEAST_GAIN
+
+    def near(self) -> Products:
+        """The linearised model with its slopes trusted for TRUST standard deviations only.
+
+        Of what a recording alone has seen the others would else foretell anything.
+        """
+        other = copy(self.products)
+        other.columns = list(other.columns)
+        for column, sd in zip(self.slopes, TRUST * self.fit.sd[-len(self.slopes) :], strict=True):
+            own = other.columns[column]
+            other.columns[column] = replace(own, sd=min(own.sd, float(sd)))
+        return other
+
+    @property
+    def name(self) -> str:
+        """Effects' names, sorted and joined."""
+        return "+".join(sorted(effect.name for effect in self.effects))
+
+
+def refit(
+    ground: Ground,
+    linear: LinearRound,
+    shown: Sequence[Shown],
+    *,
+    known: Refit | None = None,
+    starts: Sequence[dict[str, float] | None] = (),
+    near: Ground | None = None,
+    beat: float = 0.0,
+) -> Refit:
+    """The effects of these signatures, refitted.
+
+    Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
+
+    `known`: a first refit of the same, to be carried on for as long as it gains. `starts`: parameters to
+    start from where they are known, `near` the ground that they were found on; else the amounts say. `beat`:
+    what another explanation gains; one that cannot come near it is not followed to its end.
+    """
+    specs = [spec for one in shown for spec in one.effect.parameters]
+    if known is not None:
+        starts, near = known.parameters, known.ground
+    search = _Search(ground if near is None else near, linear, tuple(shown), specs)
+    now, _ = search.followed(search.begun(ground, starts or [None] * len(shown)))
+    gained = float("inf")
+    for _ in range(ROUNDS if known is None else POLISH):
+        if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
+            break
+        step = now.fit.amounts[-len(specs) :]
+        step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
+        ahead = next(
+            (
+                tried
+                for share in (1.0, 0.3)
+                if search.merit(tried := search.bounded(now.at + share * step)) > now.merit
+            ),
+            None,
+        )
+        gained = 0.0
+        if ahead is not None:
+            gained = search.merit(ahead) - now.merit
+            now = search.linearised(ahead)
+        now, again = search.followed(now)
+        if again:
+            gained = float("inf")
+        elif gained < LEAST_GAIN:
+            break
+    parameters, first = [], 0
+    values = search.plain(now.at)
+    for one in shown:
+        names = [spec.name for spec in one.effect.parameters]
+        parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
+        first += len(names)
+    count = len(specs)
+    # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
+    along = np.eye(len(now.fit.amounts))[-count:]
+    along[:, 0] = search.power
+    return Refit(
+        effects=tuple(one.effect for one in shown),
+        choices=tuple(one.signature.label for one in shown),
+        parameters=tuple(parameters),
+        covariance=along @ now.fit.covariance @ along.T,
+        response=now.response,
+        ahead=now.ahead,
+        products=now.products,
+        nuisances=now.chosen[: len(now.chosen) - count],
+        slopes=now.chosen[len(now.chosen) - count :],
+        fit=now.fit,
+        log_evidence=now.log_evidence,
+        ground=search.ground,
+        at_an_end=search.at_an_end(now.at),
+        last_gain=gained,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Linearised:
+    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths."""
+
+    at: Float[np.ndarray, " p"]
+    merit: float
+    log_evidence: float
+    response: Response
+    ahead: tuple[tuple[float, Response], ...]
+    products: Products
+    chosen: tuple[int, ...]
+    fit: Fit
+
+
+class _Search:
+    """Parameters of several effects on the scale of the search, and the model linearised about them."""
+
+    def __init__(
+        self, ground: Ground, linear: LinearRound, shown: tuple[Shown, ...], specs: Sequence[ParameterSpec]
+    ) -> None:
+        found_before = ground.warm_starts or WarmStarts()
+        self.ground = replace(ground, warm_starts=found_before.copy())
+        self.linear, self.shown = linear, shown
+        effects = [one.effect for one in shown]
+        self.nuisances = beside(effects, linear.products.columns, linear.nuisances)
+        self.log = np.array([spec.log for spec in specs])
+        low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
+        self.low, self.high = self._scale(low), self._scale(high)
+        quarter = (self.high - self.low) / 4
+        own = [spec.spread for spec in specs]
+        self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
+        self.power = np.array([spec.strain_power for spec in specs])
+        self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
+        self.known: dict[bytes, tuple[Response, float]] = {}
+        self.alone: dict[tuple[str, str, tuple[float, ...], float], Response] = {}
+
+    def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        return np.asarray(
+            np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
+        )
+
+    def begun(self, ground: Ground, starts: Sequence[dict[str, float] | None]) -> _Linearised:
+        """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
+
+        Where an effect knows another start that gains about as much, at that one.
+
+        Raises FemFailure where there is none down to LEAST_SHARE of the linear amounts either.
+        """
+        share, before = 1.0, None
+        while True:
+            values: list[float] = []
+            for one, start in zip(self.shown, starts, strict=True):
+                own = one.effect.start(ground, one.signature, share * one.amounts) if start is None else start
+                values += [own[spec.name] for spec in one.effect.parameters]
+            try:
+                now = self.linearised(self.scaled(values))
+                break
+            except FemFailure:
+                share *= NEARER
+                if share < LEAST_SHARE or values == before:
+                    raise
+                before = values
+        first = 0
+        for one, start in zip(self.shown, starts, strict=True):
+            end = first + len(one.effect.parameters)
+            if start is None and isinstance(one.effect, StartsElsewhere):
+                other = one.effect.other_start(ground, one.signature.label)
+                if other is not None:
+                    tried = [*values[:first], *other.values(), *values[end:]]
+                    plain = self.linear.null.log_evidence
+                    if self.merit(self.scaled(tried)) - plain > OTHER_START * (now.merit - plain):
+                        values = tried
+                        now = self.linearised(self.scaled(tried))
+            first = end
+        return now
+
+    def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
+        return self.bounded(self._scale(np.array(values, dtype=float)))
+
+    def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
+        margin = MARGIN * (self.high - self.low)
+        return np.asarray(np.clip(at, self.low + margin, self.high - margin))
+
+    def at_an_end(self, at: Float[np.ndarray, " p"]) -> tuple[bool, ...]:
+        """Of each effect whether a parameter has come to the end of its bounds."""
+        margin = 1.01 * MARGIN * (self.high - self.low)
+        ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
+        first = np.cumsum([0, *(len(one.effect.parameters) for one in self.shown)])
+        return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
+
+    def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
+        return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
+
+    def respond(self, at: Float[np.ndarray, " p"]) -> Response:
+        """The effects' departures from the plain model, added up."""
+        values, found, first = self.plain(at), [], 0
+        for one in self.shown:
+            names = [spec.name for spec in one.effect.parameters]
+            own = dict(zip(names, values[first : first + len(names)], strict=True))
+            found.append(self._alone(one, own))
+            first += len(names)
+        return found[0] if len(found) == 1 else _together(self.ground, found)
+
+    def _alone(self, one: Shown, own: dict[str, float]) -> Response:
+        """One effect's response; those of last time are kept, for when another's parameters vary."""
+        key = (one.effect.name, one.signature.label, tuple(own.values()), self.ground.compliance)
+        if key not in self.alone:
+            if len(self.alone) >= MOST_ALONE:
+                del self.alone[next(iter(self.alone))]
+            self.alone[key] = one.effect.respond(self.ground, own, one.signature.label)
+        return self.alone[key]
+
+    def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
+        """The model with the fit's 1/E taken up where the response depends on it; whether it was.
+
+        Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
+        jaws that seem to give way stand for each other: those are left out of that fit.
+        """
+        if not self.power.any():
+            return now, False
+        firm = [j for j in now.chosen if now.products.columns[j].name != STANDS_FOR_E]
+        share = 1 + float(now.products.fit(firm).amounts[0])
+        if abs(share - 1) < SAME_E or share <= 0:
+            return now, False
+        self.ground = replace(self.ground, compliance=self.ground.compliance * share)
+        self.known = {}
+        return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
+
+    def merit(self, at: Float[np.ndarray, " p"]) -> float:
+        """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
+        try:
+            return self._about(at)[1]
+        except FemFailure:
+            return float("-inf")
+
+    def _about(self, at: Float[np.ndarray, " p"]) -> tuple[Response, float]:
+        key = at.tobytes()
+        if key not in self.known:
+            response = self.respond(at)
+            products, chosen = self.linear.products.about(self.ground, response, self.nuisances)
+            self.known = {key: (response, products.fit(chosen).log_evidence)}
+        return self.known[key]
+
+    def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
+        """The model about these parameters, its slopes as columns.
+
+        Laplace: what the slopes would still gain is not there to be had, their widths count.
+        """
+        response, merit = self._about(at)
+        slopes: list[Column] = []
+        steps: list[tuple[float, Response]] = []
+        for k, spread in enumerate(self.spread):
+            step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
+            try:
+                ahead = self.respond(at + step * np.eye(len(at))[k])
+            except FemFailure:
+                step = -step
+                ahead = self.respond(at + step * np.eye(len(at))[k])
+            steps.append((float(step), ahead))
+            slopes.append(
+                Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
+            )
+        products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
+        fit = products.fit(chosen)
+        own = slice(len(fit.amounts) - len(slopes), None)
+        still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
+        return _Linearised(
+            at=at,
+            merit=merit,
+            log_evidence=float(fit.log_evidence - still),
+            response=response,
+            ahead=tuple(steps),
+            products=products,
+            chosen=chosen,
+            fit=fit,
+        )
+
+
+def _slope(ground: Ground, here: Response, ahead: Response, step: float) -> list[Field]:
+    """d(what the recordings show) / d(parameter)."""
+    fields = []
+    for k in range(len(here.unit)):
+        markers = ground.compliance * (ahead.unit[k] - here.unit[k])
+        if here.shift_mm is not None and ahead.shift_mm is not None:
+            markers = markers + ahead.shift_mm[k] - here.shift_mm[k]
+        balance = None
+        if here.balance is not None and ahead.balance is not None:
+            balance = (ahead.balance[k] - here.balance[k]) / step
+        rest = None
+        if here.rest is not None and ahead.rest is not None:
+            rest = (ahead.rest[k] - here.rest[k]) / step
+        fields.append(Field(markers=markers / step, balance=balance, rest=rest))
+    return fields
+
+
+def _together(ground: Ground, responses: Sequence[Response]) -> Response:
+    """Small departures add."""
+    unit, shift, balance, rest = [], [], [], []
+    for k, seen in enumerate(ground.base.grasps):
+        plain = seen.tracks.unit_displacement
+        unit.append(plain + sum(own.unit[k] - plain for own in responses))
+        shift.append(
+            sum((own.shift_mm[k] for own in responses if own.shift_mm is not None), np.zeros_like(plain))
+        )
+        zero = np.zeros((len(plain), 6))
+        balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
+        nothing = np.zeros(len(seen.links))
+        rest.append(sum((own.rest[k] for own in responses if own.rest is not None), nothing))
+    return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)

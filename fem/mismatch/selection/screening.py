@@ -1,0 +1,149 @@
+"""The linear round: every effect's best signature, and every pair of them, by evidence."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.effect import Effect, Signature, Witnessed
+from fem.mismatch.evidence.discrepancy_prior import SEEMING, lookalikes
+from fem.mismatch.evidence.linear_evidence import Fit, Products, Recorded
+from fem.mismatch.evidence.nuisances import common_nuisances
+from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.observation_delta import Column
+from fem.parallel_map import side_by_side
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shown:
+    """One signature of one effect among the columns of a case, and how well it does alone.
+
+    `gain`: ln evidence over that of the nuisances alone, with what is said `beside` (fem.mismatch.effect).
+    """
+
+    effect: Effect
+    signature: Signature
+    columns: tuple[int, ...]
+    amounts: Float[np.ndarray, " k"]
+    gain: float
+    beside: float
+    chi2_drop: float
+
+    @property
+    def kind(self) -> str:
+        """Under which name fem.mismatch.selection.detection knows what it gains on sound recordings."""
+        return f"{self.effect.name} {self.signature.label}" if self.signature.apart else self.effect.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearRound:
+    """All products of a case; `null`: the fit of the nuisances; `best`: each effect's best, best first.
+
+    `pairs`: gains of pairs of best signatures, greatest first. `without`: effects, or one way of theirs to
+    show, that could not be computed, and why.
+    """
+
+    products: Products
+    nuisances: tuple[int, ...]
+    null: Fit
+    shown: tuple[Shown, ...]
+    best: tuple[Shown, ...]
+    pairs: tuple[tuple[float, Shown, Shown], ...]
+    without: dict[str, str]
+
+
+def linear_round(
+    ground: Ground,
+    recorded: Sequence[Recorded],
+    effects: Sequence[Effect],
+    *,
+    seeming: Mapping[str, tuple[float, float]] = SEEMING,
+) -> LinearRound:
+    """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
+
+    `seeming`: mean and standard deviation of what the model's own error seems to show of some of them.
+    """
+    seen: list[tuple[Effect, Signature]] = []
+    without: dict[str, str] = {}
+    answers = side_by_side(lambda effect: _signatures(ground, effect), effects, workers=ground.workers)
+    for effect, answer in zip(effects, answers, strict=True):
+        if isinstance(answer, FemFailure):
+            without[effect.name] = answer.detail
+        else:
+            seen += [(effect, signature) for signature in answer if not signature.untried]
+            without |= {f"{effect.name} ({s.label})": s.untried for s in answer if s.untried}
+    known = [*common_nuisances(ground), *lookalikes(ground, seen, seeming)]
+    columns: list[Column] = list(known)
+    found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+    for effect, signature in seen:
+        first = len(columns) + 1
+        columns += signature.columns
+        found.append((effect, signature, tuple(range(first, len(columns) + 1))))
+    products = Products(ground, recorded, columns)
+    own = tuple(range(1, len(known) + 1))
+    null = products.fit(own)
+    shown = tuple(_shown(ground, products, own, null, *one) for one in found)
+    best: dict[str, Shown] = {}
+    for one in sorted(shown, key=lambda s: -s.gain):
+        best.setdefault(one.effect.name, one)
+    pairs = []
+    for a, b in combinations(best.values(), 2):
+        both = (*a.columns, *b.columns)
+        fit = products.fit([*own, *both])
+        if not senseless(products, both, fit.amounts[-len(both) :]):
+            pairs.append((fit.log_evidence - null.log_evidence + a.beside + b.beside, a, b))
+    return LinearRound(
+        products=products,
+        nuisances=own,
+        null=null,
+        shown=shown,
+        best=tuple(best.values()),
+        pairs=tuple(sorted(pairs, key=lambda pair: -pair[0])),
+        without=without,
+    )
+
+
+def _signatures(ground: Ground, effect: Effect) -> Sequence[Signature] | FemFailure:
+    try:
+        return effect.signatures(ground)
+    except FemFailure as failure:
+        return failure
+
+
+def _shown(
+    ground: Ground,
+    products: Products,
+    own: tuple[int, ...],
+    null: Fit,
+    effect: Effect,
+    signature: Signature,
+    columns: tuple[int, ...],
+) -> Shown:
+    fit = products.fit([*own, *columns])
+    amounts = fit.amounts[-len(columns) :]
+    wrong = senseless(products, columns, amounts)
+    moved = fit.log_evidence - null.log_evidence
+    beside = 0.0
+    if isinstance(effect, Witnessed):
+        said = effect.beside(ground, effect.start(ground, signature, amounts), signature.label)
+        beside = min(said, max(moved, 0.0))
+    gain = moved + beside
+    return Shown(
+        effect=effect,
+        signature=signature,
+        columns=columns,
+        amounts=amounts,
+        gain=min(gain, 0.0) if wrong else gain,
+        beside=beside,
+        chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
+    )
+
+
+def senseless(products: Products, columns: Sequence[int], amounts: Float[np.ndarray, " k"]) -> bool:
+    """Whether an amount has the wrong sign."""
+    return any(
+        products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)
+    )

@@ -1,0 +1,246 @@
+"""Residual and tangent of a fruit at finite strain, in the unknowns that its pit and its support leave.
+
+Unknowns: the loose nodes' displacements; six border motions (those of the pit, or of three nodes that hold a
+fruit without one); for a free fruit six multipliers of the mean rigid motion. Only the loose block is
+factorised, always in one pattern; border and multipliers are dense and few:
+
+    [ K   W ] [ x ]   [ a ]         (S - W' K^-1 W) y = b - W' K^-1 a,   x = K^-1 (a - W y)
+    [ W'  S ] [ y ] = [ b ]
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+
+from fem.solid.finite_rotation import resultant, rigid_fit, turned, turning_stiffness
+from fem.solid.finite_strain_elements import FiniteFlesh
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.rigid_core import pit_centre_mm, rigid_modes
+from fem.sparse.solver import Analysis, Factor, analyse
+
+
+@dataclass(frozen=True)
+class FiniteState:
+    """Displacements of all nodes, shift and rotation of the pit, the multipliers, the flesh's own forces."""
+
+    moved_mm: Float[np.ndarray, "n 3"]
+    shift_mm: Float[np.ndarray, "3"]
+    turn: Float[np.ndarray, "3 3"]
+    multipliers: Float[np.ndarray, " c"]
+    force_N: Float[np.ndarray, "n 3"] = field(repr=False)
+
+
+@dataclass(frozen=True)
+class BorderedTangent:
+    """The factor of the loose block with its border; without one, the factor alone."""
+
+    factor: Factor
+    border: Float[np.ndarray, "k b"]
+    swept: Float[np.ndarray, "k b"]
+    schur: Float[np.ndarray, "b b"]
+
+    @classmethod
+    def of(
+        cls, factor: Factor, border: Float[np.ndarray, "k b"], corner: Float[np.ndarray, "b b"]
+    ) -> "BorderedTangent":
+        """One solve for each column of the border."""
+        swept = factor.solve(border) if border.shape[1] else border
+        return cls(factor, border, swept, corner - border.T @ swept)
+
+    def solve(self, residual: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
+        """The step that takes the residual away, were the problem linear; sign: K step = + residual."""
+        k = len(self.border)
+        loose = self.factor.solve(residual[:k, None])[:, 0]
+        if not self.border.shape[1]:
+            return loose
+        rest = np.linalg.solve(self.schur, residual[k:] - self.border.T @ loose)
+        return np.concatenate([loose - self.swept @ rest, rest])
+
+
+@dataclass
+class _Pattern:
+    """The analysis of the loose block, made at the first tangent and good for all that follow."""
+
+    analysis: Analysis | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class FiniteBalance:
+    """The problem that `fem.solid.newton` solves: the flesh under one load."""
+
+    solid: UnitModulusSolid
+    flesh: FiniteFlesh
+    load: Float[np.ndarray, "n 3"]
+    load_size: float
+    loose: Int[np.ndarray, " k"]
+    held: Int[np.ndarray, " h"]
+    arm_mm: Float[np.ndarray, "p 3"]
+    means: Float[np.ndarray, "d c"]
+    linear_tangent: BorderedTangent
+    pattern: _Pattern
+
+    @classmethod
+    def of(cls, solid: UnitModulusSolid, flesh: FiniteFlesh) -> "FiniteBalance":
+        """Without load. The linear tangent uses the solid's own factor."""
+        mesh, free = solid.mesh, solid.support == "free"
+        is_pit = np.zeros(len(mesh.nodes_mm), dtype=bool)
+        is_pit[mesh.pit_nodes] = True
+        stays = np.diff(solid.kinematics.indptr) == 0
+        loose = np.flatnonzero(~stays & ~np.repeat(is_pit, 3))
+        held = np.flatnonzero(stays & ~np.repeat(is_pit, 3)) if free else np.zeros(0, dtype=np.int64)
+        centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes) if is_pit.any() else np.zeros(3)
+        # mean motions in mm (rotations at the size of the fruit), times a stiffness: the columns of B
+        length = mesh.volume_mm3 ** (1 / 3)
+        scale = length * np.array([1.0, 1.0, 1.0, length, length, length])
+        body = solid.free_body
+        means = (
+            np.linalg.solve(body.inertia, body.body_forces.T).T * scale
+            if free
+            else np.zeros((is_pit.size * 3, 0))
+        )
+        rest = cls(
+            solid=solid,
+            flesh=flesh,
+            load=np.zeros(mesh.nodes_mm.shape),
+            load_size=1.0,
+            loose=loose,
+            held=held,
+            arm_mm=mesh.nodes_mm[mesh.pit_nodes] - centre,
+            means=means,
+            linear_tangent=BorderedTangent(
+                solid.factor, np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0))
+            ),
+            pattern=_Pattern(),
+        )
+        return replace(rest, linear_tangent=rest._linear_tangent())
+
+    def under(self, load: Float[np.ndarray, "n 3"]) -> "FiniteBalance":
+        """The same under dead forces on the nodes; those on pit nodes act on the pit."""
+        loaded = replace(self, load=load)
+        at_rest = self._reduced(load, self.arm_mm)
+        return replace(loaded, load_size=max(float(np.linalg.norm(at_rest)), 1e-300))
+
+    @property
+    def primal(self) -> int:
+        """Loose dofs and border motions."""
+        return len(self.loose) + self._n_border
+
+    @property
+    def _n_border(self) -> int:
+        return 6 if len(self.arm_mm) else len(self.held)
+
+    def state(self, moved_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
+        """The state nearest to a displacement: the pit's nodes moved rigidly, the support's not at all."""
+        moved = np.zeros_like(moved_mm)
+        kept = np.concatenate([self.loose, self.held])
+        moved.ravel()[kept] = moved_mm.ravel()[kept]
+        shift, turn = np.zeros(3), np.eye(3)
+        if len(self.arm_mm):
+            shift, turn = rigid_fit(self.arm_mm, moved_mm[self.solid.mesh.pit_nodes])
+        return self._state(moved, shift, turn, np.zeros(self.means.shape[1]))
+
+    def admissible(self, moved_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
+        """`state`, of a part of the displacement where the whole would turn elements inside out."""
+        share = 1.0
+        while True:
+            state = self.state(share * moved_mm)
+            if np.isfinite(state.force_N).all():
+                return state
+            share = share / 2 if share > 1e-3 else 0.0
+
+    def between(self, first: FiniteState, second: FiniteState, share: float) -> FiniteState:
+        """The state at `share` of the way from the first to the second (beyond it, above one)."""
+        return self.admissible(first.moved_mm + share * (second.moved_mm - first.moved_mm))
+
+    def residual(self, state: FiniteState) -> Float[np.ndarray, " d"]:
+        """Forces of the flesh and of the multipliers less the load, then the mean rigid motion."""
+        nodal = state.force_N - self.load
+        nodal = nodal + (self.means @ state.multipliers).reshape(nodal.shape)
+        mean = self.means.T @ state.moved_mm.ravel()
+        return np.concatenate([self._reduced(nodal, self.arm_mm @ state.turn.T), mean])
+
+    def size(self, residual: Float[np.ndarray, " d"]) -> float:
+        """The 2-norm, as a share of the load's."""
+        return float(np.linalg.norm(residual)) / self.load_size
+
+    def moved(self, state: FiniteState, step: Float[np.ndarray, " d"], share: float) -> FiniteState:
+        """The pit's rotation step turns it further; multipliers are taken as they come."""
+        multipliers = state.multipliers + step[self.primal :]
+        if share == 0:
+            return replace(state, multipliers=multipliers)
+        moved = state.moved_mm.copy()
+        moved.ravel()[self.loose] += share * step[: len(self.loose)]
+        border = share * step[len(self.loose) : self.primal]
+        shift, turn = state.shift_mm, state.turn
+        if len(self.arm_mm):
+            shift, turn = shift + border[:3], turned(turn, border[3:])
+        else:
+            moved.ravel()[self.held] += border
+        return self._state(moved, shift, turn, multipliers)
+
+    def tangent(self, state: FiniteState) -> BorderedTangent:
+        """Assembled and factorised; the order of elimination is found once."""
+        stiffness = self.flesh.stiffness(state.moved_mm)
+        loose = csr_array(stiffness[self.loose][:, self.loose])
+        if self.pattern.analysis is None:
+            self.pattern.analysis = analyse(loose)
+        factor = self.pattern.analysis.factorise(loose)
+        motions = self._border_motions(self.arm_mm @ state.turn.T)
+        border, corner = self._border(stiffness, motions)
+        if len(self.arm_mm):
+            nodal = state.force_N - self.load + (self.means @ state.multipliers).reshape(self.load.shape)
+            turning = turning_stiffness(self.arm_mm @ state.turn.T, nodal[self.solid.mesh.pit_nodes])
+            corner[3:6, 3:6] += turning
+        return BorderedTangent.of(factor, border, corner)
+
+    def _linear_tangent(self) -> BorderedTangent:
+        """With the solid's own factor, which holds the pit's motions on a base, and not in a free fruit."""
+        motions = self._border_motions(self.arm_mm)
+        if self.solid.kinematics.shape[1] == self.primal:
+            return BorderedTangent.of(self.solid.factor, np.zeros((self.primal, 0)), np.zeros((0, 0)))
+        return BorderedTangent.of(self.solid.factor, *self._border(self.solid.stiffness, motions))
+
+    def _border(
+        self, stiffness: csr_array, motions: csr_array
+    ) -> tuple[Float[np.ndarray, "k b"], Float[np.ndarray, "b b"]]:
+        """W and S: how the border motions and the multipliers couple with the loose dofs and each other."""
+        n_border, n = motions.shape[1], motions.shape[1] + self.means.shape[1]
+        pulled = (stiffness @ motions).toarray()
+        border = np.hstack([pulled[self.loose], self.means[self.loose]])
+        corner = np.zeros((n, n))
+        corner[:n_border, :n_border] = motions.T @ pulled
+        corner[:n_border, n_border:] = motions.T @ self.means
+        corner[n_border:, :n_border] = corner[:n_border, n_border:].T
+        return border, corner
+
+    def _border_motions(self, arm_mm: Float[np.ndarray, "p 3"]) -> csr_array:
+        """Nodal displacements (3 n, b) of each border motion, the pit at its present place."""
+        n = self.load.size
+        dofs, values = self.held, np.eye(len(self.held))
+        if len(arm_mm):
+            dofs = (3 * self.solid.mesh.pit_nodes[:, None] + np.arange(3)).ravel()
+            values = rigid_modes(arm_mm, centre_mm=np.zeros(3)).reshape(-1, 6)
+        row = np.repeat(dofs, values.shape[1])
+        column = np.tile(np.arange(values.shape[1]), len(dofs))
+        return csr_array((values.ravel(), (row, column)), shape=(n, values.shape[1]))
+
+    def _reduced(
+        self, nodal: Float[np.ndarray, "n 3"], arm_mm: Float[np.ndarray, "p 3"]
+    ) -> Float[np.ndarray, " d"]:
+        """What nodal forces do on the loose dofs and the border motions."""
+        flat = nodal.ravel()
+        on_border = resultant(arm_mm, nodal[self.solid.mesh.pit_nodes]) if len(arm_mm) else flat[self.held]
+        return np.concatenate([flat[self.loose], on_border])
+
+    def _state(
+        self,
+        moved_mm: Float[np.ndarray, "n 3"],
+        shift_mm: Float[np.ndarray, "3"],
+        turn: Float[np.ndarray, "3 3"],
+        multipliers: Float[np.ndarray, " c"],
+    ) -> FiniteState:
+        if len(self.arm_mm):
+            moved_mm[self.solid.mesh.pit_nodes] = shift_mm + self.arm_mm @ (turn - np.eye(3)).T
+        return FiniteState(moved_mm, shift_mm, turn, multipliers, self.flesh.force_N(moved_mm))

@@ -1,0 +1,127 @@
+"""The flesh, or the part of it that matters, in pieces small enough for a processor's cache.
+
+A law of the flesh is asked for all frames of a few hundred elements at once: what it remembers (a set, a
+damage) is then an array of that piece alone. Frames are the last axis, so that every component of a tensor is
+worked on for all of them together; single precision is a thousand times finer than the rounds need.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from fem.parallel_map import side_by_side
+from fem.solid.strain_field import FleshStrain
+
+ELEMENTS = 200
+"""Elements to a piece."""
+
+Tensors = Float[np.ndarray, "m 4 3 3 f"]
+"""[j, i] of a gradient du_i/dX_j or a first Piola stress P_ij, at four points of m elements in all frames."""
+
+PieceLaw = Callable[[Tensors], Tensors]
+"""Displacement gradients, frames in order of time, to stress (for E = 1 MPa)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """`tets`: nodes of the mesh of each element; `nodes` they touch; `gather` sums elements' forces there."""
+
+    tets: Int[np.ndarray, "m 10"]
+    nodes: Int[np.ndarray, " n"]
+    slope: Float[np.ndarray, "m 12 10"]
+    weighted: Float[np.ndarray, "m 10 12"]
+    volume_mm3: Float[np.ndarray, "m 4"]
+    gather: csr_array
+
+    def gradient(self, moved: Float[np.ndarray, "n d"], frames: int) -> Tensors:
+        """Of nodal displacements, x, y and z in all frames side by side."""
+        return np.asarray((self.slope @ moved[self.tets]).reshape(len(self.tets), 4, 3, 3, frames))
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def forces(self, stress: Tensors) -> Float[np.ndarray, "n d"]:
+        """On `nodes`; not finite where a search for the displacement has run away."""
+        own = self.weighted @ stress.reshape(len(stress), 12, -1)
+        return np.asarray(self.gather @ own.reshape(-1, own.shape[2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleshPieces:
+    """Pieces of a mesh of `n_nodes`, worked on by so many threads."""
+
+    n_nodes: int
+    pieces: tuple[Piece, ...]
+    workers: int
+
+    @classmethod
+    def of(cls, points: FleshStrain, wanted: Bool[np.ndarray, " m"], *, workers: int = 1) -> "FleshPieces":
+        """Of the wanted elements of a mesh."""
+        chosen = np.flatnonzero(wanted)
+        parts = np.array_split(chosen, max(1, -(-len(chosen) // ELEMENTS))) if len(chosen) else []
+        pieces = tuple(_piece(points, own) for own in parts)
+        return cls(n_nodes=points.n_nodes, pieces=pieces, workers=workers)
+
+    @classmethod
+    def whole(cls, points: FleshStrain, *, workers: int = 1) -> "FleshPieces":
+        """All elements."""
+        return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool), workers=workers)
+
+    def forces(self, moved: Float[np.ndarray, "f n 3"], law: PieceLaw) -> Float[np.ndarray, "f n 3"]:
+        """On all nodes, from the law's stress."""
+        frames, flat = len(moved), _frames_last(moved)
+        total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)
+        forces = side_by_side(
+            lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
+        )
+        with np.errstate(over="ignore", invalid="ignore"):
+            for piece, own in zip(self.pieces, forces, strict=True):
+                total[piece.nodes] += own
+        return np.ascontiguousarray(np.moveaxis(total.reshape(-1, 3, frames), 2, 0), dtype=np.float64)
+
+    @property
+    def volume_mm3(self) -> Float[np.ndarray, "m 4"]:
+        """Of the points of all pieces, one after the other."""
+        return np.concatenate([piece.volume_mm3 for piece in self.pieces])
+
+    def measured(
+        self, moved: Float[np.ndarray, "f n 3"], measure: Callable[[Tensors], Float[np.ndarray, "m 4 f"]]
+    ) -> Float[np.ndarray, "m 4 f"]:
+        """A measure of the displacement gradient at the points of all pieces."""
+        frames, flat = len(moved), _frames_last(moved)
+        return np.concatenate(
+            side_by_side(
+                lambda piece: measure(piece.gradient(flat, frames)), self.pieces, workers=self.workers
+            )
+        )
+
+
+def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
+    tets = points.mesh.tets[own]
+    nodes, local = np.unique(tets, return_inverse=True)
+    slope = points.slope[own].astype(np.float32)
+    volume = points.volume_mm3[own]
+    weighted = (slope * volume[..., None, None].astype(np.float32)).reshape(-1, 12, 10)
+    ones = np.ones(tets.size, dtype=np.float32)
+    return Piece(
+        tets=tets,
+        nodes=nodes,
+        slope=slope.reshape(-1, 12, 10),
+        weighted=np.ascontiguousarray(np.swapaxes(weighted, 1, 2)),
+        volume_mm3=volume,
+        gather=csr_array((ones, (local.ravel(), np.arange(tets.size))), shape=(len(nodes), tets.size)),
+    )
+
+
+def _frames_last(moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "n d"]:
+    return np.ascontiguousarray(np.moveaxis(moved, 0, 2), dtype=np.float32).reshape(moved.shape[1], -1)
+
+
+def exceeded_by(
+    share: float, values: Float[np.ndarray, "m 4"], volume_mm3: Float[np.ndarray, "m 4"]
+) -> float:
+    """The value that this share of the volume exceeds."""
+    order = np.argsort(-values, axis=None)
+    filled = np.cumsum(volume_mm3.ravel()[order])
+    return float(values.ravel()[order][np.searchsorted(filled, share * filled[-1])])

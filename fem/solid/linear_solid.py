@@ -1,0 +1,200 @@
+"""Displacement of the flesh under loads for E = 1 MPa; divide by E in MPa for the real one."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.sparse import csr_array
+
+from fem.elements.assembly import Stiffness, assemble
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.solid.free_body import FreeBody
+from fem.solid.rigid_core import pit_centre_mm, reduced, reduction, rigid_modes
+from fem.sparse.solver import Factor, factorise
+
+Support = Literal["free", "base"]
+#: skin nodes at most this high above the lowest point are held by a base
+BASE_HEIGHT_MM = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitModulusSolid:
+    """Flesh of E = 1 MPa around a rigid, bonded, freely moving pit; factorised once, solved for many loads.
+
+    support "free": held by nothing. Any load is first balanced by a smooth body force, linear over the flesh
+    (what inertia would do), and of the displacements that differ by a rigid motion the one is given whose
+    translation and rotation vanish in the mean over the flesh. The compliance stays symmetric.
+    support "base": skin nodes within 0.2 mm of the lowest z do not move.
+    `contact_nodes`: skin nodes whose compliance among each other is wanted (`contact_compliance`).
+    """
+
+    mesh: FleshMesh
+    poisson_ratio: float
+    support: Support
+    parts: Stiffness
+    stiffness: csr_array
+    kinematics: csr_array
+    factor: Factor
+    free_body: FreeBody
+    contact_nodes: Int[np.ndarray, " c"]
+
+    @classmethod
+    def factorise(
+        cls,
+        mesh: FleshMesh,
+        *,
+        poisson_ratio: float,
+        support: Support,
+        parts: Stiffness | None = None,
+        contact_nodes: Int[np.ndarray, " c"] | None = None,
+    ) -> "UnitModulusSolid":
+        """Assemble K0(nu), tie the pit's nodes to its six motions, hold what the support holds, factorise.
+
+        `parts`, from fem.elements.assembly.assemble(mesh.nodes_mm, mesh.tets), spares the assembly for
+        another nu.
+        Raises FemFailure: BAD_POISSON_RATIO, NO_BASE, SINGULAR_STIFFNESS.
+        """
+        parts = assemble(mesh.nodes_mm, mesh.tets) if parts is None else parts
+        stiffness = parts.for_unit_modulus(poisson_ratio=poisson_ratio)
+        motions = reduction(mesh.nodes_mm, mesh.pit_nodes)
+        moving = _moving(mesh, motions.shape[1], support)
+        kinematics = csr_array(motions[:, np.flatnonzero(moving)])
+        nodes = np.zeros(0, dtype=np.int64) if contact_nodes is None else contact_nodes
+        columns = _dofs(mesh, nodes)
+        factor = factorise(
+            reduced(stiffness, kinematics),
+            last=(np.cumsum(moving) - 1)[columns[moving[columns]]],
+        )
+        return cls(
+            mesh=mesh,
+            poisson_ratio=poisson_ratio,
+            support=support,
+            parts=parts,
+            stiffness=stiffness,
+            kinematics=kinematics,
+            factor=factor,
+            free_body=FreeBody.of(mesh),
+            contact_nodes=nodes,
+        )
+
+    def displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """Nodal displacements times E, mm MPa, for each of f loads given as forces on the nodes, N.
+
+        Forces on pit nodes act on the pit as a whole. Raises BAD_LOAD: wrong shape or non-finite numbers.
+        """
+        load = self._columns(nodal_force_N)
+        free = self.support == "free"
+        if free:
+            load = self.free_body.balance(load)
+        moved = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
+        if free:
+            moved = self.free_body.without_rigid_motion(moved)
+        return np.ascontiguousarray(moved.T).reshape(nodal_force_N.shape)
+
+    @cached_property
+    def contact_compliance(self) -> Float[np.ndarray, "d d"]:
+        """Displacement times E of the contact nodes' dofs (three a node, in order) under unit forces on them.
+
+        mm MPa / N; symmetric; what `displacement` gives, without a solve for each. A free fruit's is P A P'
+        with P of fem.solid.free_body and A the compliance of the fruit held at its pit (or three nodes);
+        zero where a base holds.
+        """
+        dofs = (3 * self.contact_nodes[:, None] + np.arange(3)).ravel()
+        rows = self.kinematics[dofs]
+        held = np.zeros((len(dofs), len(dofs)))
+        moves = np.flatnonzero(np.diff(rows.indptr))
+        held[np.ix_(moves, moves)] = self.factor.last_compliance()
+        if self.support == "base":
+            return held
+        body = self.free_body
+        moved = self.kinematics @ self.factor.solve(self.kinematics.T @ body.body_forces)
+        rigid = body.modes[dofs] @ np.linalg.inv(body.inertia)
+        across = moved[dofs] @ rigid.T
+        return np.asarray(held - across - across.T + rigid @ (body.body_forces.T @ moved) @ rigid.T)
+
+    def unbalance(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
+        """Resultant force (N) and moment (N mm, about the flesh's centroid) of each load."""
+        return np.asarray(self.free_body.resultant(self._columns(nodal_force_N)).T)
+
+    def energy(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
+        """U' K0 U of each field, twice the strain energy for E = 1 MPa: N mm MPa where U is in mm MPa."""
+        columns = displacement.reshape(len(displacement), -1).T
+        return np.asarray(np.einsum("df,df->f", columns, self.stiffness @ columns))
+
+    def pit_motion(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
+        """Translation (mm MPa) and rotation (rad MPa) of the pit about the mean of its nodes."""
+        nodes = self.mesh.pit_nodes
+        if not len(nodes):
+            return np.zeros((len(displacement), 6))
+        centre_mm = pit_centre_mm(self.mesh.nodes_mm, nodes)
+        modes = rigid_modes(self.mesh.nodes_mm[nodes], centre_mm=centre_mm).reshape(-1, 6)
+        moved = displacement[:, nodes].reshape(len(displacement), -1)
+        return np.asarray(np.linalg.lstsq(modes, moved.T, rcond=None)[0].T)
+
+    def _columns(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "d f"]:
+        n = len(self.mesh.nodes_mm)
+        if (
+            nodal_force_N.ndim != 3
+            or nodal_force_N.shape[1:] != (n, 3)
+            or not np.isfinite(nodal_force_N).all()
+        ):
+            raise FemFailure(
+                FemProblem.BAD_LOAD,
+                f"loads have the shape {nodal_force_N.shape} or hold non-finite numbers; "
+                f"(loads, {n}, 3) finite forces in N are expected",
+            )
+        return nodal_force_N.reshape(len(nodal_force_N), 3 * n).T
+
+
+def _moving(mesh: FleshMesh, n_motions: int, support: Support) -> Bool[np.ndarray, " d"]:
+    """Which columns of T stay: a free fruit is held at its pit (or three nodes), a based one at its base."""
+    n_free_dofs = 3 * (len(mesh.nodes_mm) - len(mesh.pit_nodes))
+    moving = np.ones(n_motions, dtype=bool)
+    if support == "base":
+        moving[_dofs(mesh, _base_nodes(mesh))] = False
+    elif len(mesh.pit_nodes):
+        moving[n_free_dofs:] = False
+    else:
+        moving[_three_two_one(mesh)] = False
+    return moving
+
+
+def _dofs(mesh: FleshMesh, nodes: np.ndarray) -> np.ndarray:
+    """Columns of T that are the displacements of these (free) nodes."""
+    before = nodes - np.searchsorted(mesh.pit_nodes, nodes)
+    return (3 * before[:, None] + np.arange(3)).ravel()
+
+
+def _base_nodes(mesh: FleshMesh) -> np.ndarray:
+    """Skin nodes on the base; raises NO_BASE where they do not span an area."""
+    skin = mesh.outer_nodes
+    height = mesh.nodes_mm[skin, 2]
+    held = skin[height <= height.min() + BASE_HEIGHT_MM]
+    spread = np.linalg.svd(mesh.nodes_mm[held] - mesh.nodes_mm[held].mean(axis=0), compute_uv=False)
+    if len(held) < 3 or spread[1] < 0.1:
+        raise FemFailure(
+            FemProblem.NO_BASE,
+            f"only {len(held)} skin nodes lie within {BASE_HEIGHT_MM} mm of the lowest point, too few to "
+            "hold the fruit; mesh finer at the base (refine_at_mm) or use the support 'free'",
+        )
+    return np.asarray(held)
+
+
+def _three_two_one(mesh: FleshMesh) -> np.ndarray:
+    """Six dofs of three far-apart skin nodes that hold a fruit without a pit, one rigid motion each."""
+    skin = mesh.outer_nodes
+    x = mesh.nodes_mm[skin]
+    a = int(np.linalg.norm(x - x.mean(axis=0), axis=1).argmax())
+    b = int(np.linalg.norm(x - x[a], axis=1).argmax())
+    axis = (x[b] - x[a]) / np.linalg.norm(x[b] - x[a])
+    away = np.linalg.norm(np.cross(x - x[a], axis), axis=1)
+    c = int(away.argmax())
+    normal = np.cross(axis, x[c] - x[a])
+    across = np.delete(np.arange(3), np.abs(axis).argmax())
+    out = np.abs(normal).argmax()
+    return np.concatenate(
+        [_dofs(mesh, skin[[a]]), _dofs(mesh, skin[[b]])[across], _dofs(mesh, skin[[c]])[[out]]]
+    )

@@ -1,0 +1,92 @@
+"""How one pad's markers hang on the contact nodes of a fruit: sparse maps of force and displacement."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array, kron
+
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import SurfacePoints, locate
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.traction import TractionField, marker_weights
+
+OFF_SKIN_MM = 3.0
+"""Markers farther than this from the skin of the mesh are a failure: registration has put them on the
+surface."""
+
+
+@dataclass(frozen=True)
+class PadLink:
+    """One pad's markers on a solid's contact nodes.
+
+    Nodal forces are L f = `plain` f + `rigid` (`balance` f) (fem.solid.traction, brought to the nodes),
+    dofs node by node. Displacements are read off by the transpose, L' u: the mean over what carries a
+    marker's force, so that forces do the same work on either side, f (L' u) = (L f) u. L keeps force and
+    moment, so L' reads rigid motions exactly, and the traction's sharpening makes it exact to second order
+    elsewhere. At the markers' own points, those on the rim of a hard pad, where the traction is steepest,
+    come out 13 % too low, and with them E by 3 %.
+    """
+
+    place: SurfacePoints
+    skin: SurfacePoints
+    weights: csr_array
+    plain: csr_array
+    rigid: Float[np.ndarray, "d 6"]
+    balance: Float[np.ndarray, "6 m"]
+
+    def nodal_force(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
+        """Forces on the contact nodes; total force and moment are the markers' own."""
+        flat = force_N.reshape(len(force_N), -1).T
+        nodal = self.plain @ flat + self.rigid @ (self.balance @ flat)
+        return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
+
+    def seen(self, moved: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
+        """Displacement of the markers when the contact nodes move so."""
+        flat = moved.reshape(len(moved), -1).T
+        read = self.plain.T @ flat + self.balance.T @ (self.rigid.T @ flat)
+        return np.ascontiguousarray(read.T).reshape(len(moved), -1, 3)
+
+
+def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:
+    """The skin nodes that these grasps load or read, sorted; raises FemFailure (off-surface)."""
+    found = [np.zeros(0, dtype=np.int64)]
+    for history in histories:
+        for pad in history.pads:
+            place = locate(mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
+            between, _ = marker_weights(pad.rest_mm, place.point_mm)
+            skin = locate(mesh, between, within_mm=OFF_SKIN_MM)
+            found += [place.face_nodes.ravel(), skin.face_nodes.ravel()]
+    return np.unique(np.concatenate(found))
+
+
+def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:
+    """How one pad's markers sit on the solid; raises FemFailure (off-surface)."""
+    place = locate(solid.mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
+    between, weights = marker_weights(pad.rest_mm, place.point_mm)
+    return _linked(place, locate(solid.mesh, between, within_mm=OFF_SKIN_MM), weights, solid)
+
+
+def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"]) -> PadLink:
+    """The same pad a little elsewhere on the skin, to first order."""
+    mesh = solid.mesh
+    return _linked(link.place.slid(mesh, way_mm), link.skin.slid(mesh, way_mm), link.weights, solid)
+
+
+def _linked(
+    place: SurfacePoints, skin: SurfacePoints, weights: csr_array, solid: UnitModulusSolid
+) -> PadLink:
+    field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
+    plain, rigid, balance = field.matrices()
+    nodes = solid.contact_nodes
+    spread = csr_array(kron(skin.among(nodes).interpolation.T, np.eye(3), format="csr"))
+    return PadLink(
+        place=place,
+        skin=skin,
+        weights=weights,
+        plain=csr_array(spread @ plain),
+        rigid=spread @ rigid,
+        balance=balance,
+    )

@@ -1,0 +1,151 @@
+"""How the stiffness changes when the flesh changes its shape.
+
+Nodes move by e V, V the velocity field; gradients become grad u (1 - e grad V), volumes grow by e div V, and
+
+    d/de a(u, v) = integral of  sigma(u) : grad v div V - sigma(grad u grad V) : grad v
+                                - sigma(u) : (grad v grad V)
+
+with sigma the linear elastic stress for E = 1 MPa (Sokolowski and Zolesio 1992, Introduction to Shape
+Optimization, section 2.11, for elasticity).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import csr_array
+from scipy.spatial import cKDTree
+
+from fem.elements.assembly import unit_lame_constants
+from fem.elements.shape_functions import TET_EDGES, t10_gradient
+from fem.mesh.flesh_mesh import FleshMesh
+
+_CORNERS = np.vstack([np.zeros(3), np.eye(3)])
+POINTS = np.vstack([np.full(3, 1 / 4), 1 / 6 + _CORNERS / 3])
+SHARES = np.array([-0.8, 0.45, 0.45, 0.45, 0.45])
+"""Five points, exact to degree 3 (Hammer and Stroud 1956, Numerical Integration over Simplexes).
+
+Of straight elements that takes in grad u, grad v and the linear part of V's slope: against differences of
+assembled solids 0.4 % is left on a mesh of ten thousand dofs, with four points of degree 2 it is 1.6 %.
+"""
+WAVE_MM = 20.0
+"""Length of the waves by which a scanned surface is off: what photos leave is smooth."""
+PAD_FADES_MM, LEAST_STEEP = 10.0, 0.5
+"""How far from a pad's markers the skin still moves with the pad; never where it turns away by over 60
+degrees."""
+_BATCH = 2048
+
+
+def stiffness_change(
+    mesh: FleshMesh,
+    poisson_ratio: float,
+    displacement: Float[np.ndarray, "f n 3"],
+    velocities: Float[np.ndarray, "p n 3"],
+) -> Float[np.ndarray, "p f n 3"]:
+    """(dK0/de) u for each velocity field and displacement: forces on the nodes for E = 1 MPa.
+
+    Only elements in which a velocity is not uniform take part.
+    """
+    mu, lame = unit_lame_constants(poisson_ratio)
+    change = np.zeros((len(velocities), *displacement.shape))
+    uneven = [np.ptp(v[mesh.tets], axis=1).max(axis=1) > 1e-12 for v in velocities]
+    for start in range(0, len(mesh.tets), _BATCH):
+        part = np.zeros(len(mesh.tets), dtype=bool)
+        part[start : start + _BATCH] = True
+        if not any((part & chosen).any() for chosen in uneven):
+            continue
+        tets = mesh.tets[part]
+        slope, measure = _slopes(mesh.nodes_mm[tets])
+        strained = np.einsum("mqxn,fmni->mqfix", slope, displacement[:, tets], optimize=True)
+        stress = _stress(strained, mu, lame)
+        for k, velocity in enumerate(velocities):
+            own = uneven[k][part]
+            if not own.any():
+                continue
+            g = np.einsum("mqxn,mni->mqix", slope[own], velocity[tets[own]], optimize=True)
+            turned = strained[own] @ g[:, :, None]
+            flux = np.trace(g, axis1=2, axis2=3)[:, :, None, None, None] * stress[own]
+            flux -= _stress(turned, mu, lame) + stress[own] @ np.swapaxes(g, 2, 3)[:, :, None]
+            force = np.einsum("mq,mqfix,mqxn->mnfi", measure[own], flux, slope[own], optimize=True)
+            flat = force.reshape(-1, displacement.shape[0] * 3)
+            _add_rows(change[k], tets[own].ravel(), flat)
+    return change
+
+
+def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
+    """The pit moved along x, y, z (per mm), and made larger about its middle (per unit of ln scale).
+
+    In the flesh the motion fades from the pit to the skin, in proportion to the distances to both. Edges
+    inside stay straight: so they bear the most before an element folds.
+    """
+    on_pit = _share_of_pit(mesh)
+    middle = mesh.nodes_mm[mesh.pit_nodes].mean(axis=0)
+    shift = on_pit[None, :, None] * np.eye(3)[:, None, :]
+    growth = on_pit[:, None] * (mesh.nodes_mm - middle)
+    velocities = np.concatenate([shift, growth[None]])
+    middles, ends = mesh.tets[:, 4:].ravel(), mesh.tets[:, TET_EDGES].reshape(-1, 2)
+    inside = ~np.isin(middles, np.concatenate([mesh.outer_nodes, mesh.pit_nodes]))
+    velocities[:, middles[inside]] = velocities[:, ends[inside]].mean(axis=2)
+    return velocities
+
+
+def skin_velocities(
+    mesh: FleshMesh, pads: Sequence[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "3"]]] = ()
+) -> Float[np.ndarray, "6 n 3"]:
+    """Six waves of the skin along its normal, cosines and sines of WAVE_MM along x, y and z, fading inward.
+
+    With independent amounts of variance sd^2 / 3 they are a surface error of that sd everywhere.
+    `pads`: points on the skin and their mean outward normal. There the skin moves along that one, by as much
+    as brings it to the same surface: the markers of a pad keep their distances whatever skin they meet. Along
+    its own normals it would spread them where it rises, and C would fall with the patch's width.
+    """
+    nodes = mesh.nodes_mm
+    skin = mesh.outer_nodes
+    corners = nodes[mesh.outer_faces[:, :3]]
+    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = np.zeros_like(nodes)
+    for corner in range(6):
+        np.add.at(normal, mesh.outer_faces[:, corner], area)
+    normal[skin] /= np.linalg.norm(normal[skin], axis=1)[:, None]
+    outward = normal[skin[cKDTree(nodes[skin]).query(nodes)[1]]]
+    for points, axis in pads:
+        steep = outward @ axis
+        near = np.maximum(1 - cKDTree(points).query(nodes)[0] / PAD_FADES_MM, 0) * (steep > LEAST_STEEP)
+        slide = axis / np.maximum(steep, LEAST_STEEP)[:, None] - outward
+        outward = outward + near[:, None] * slide
+    fading = 1 - _share_of_pit(mesh) if len(mesh.pit_nodes) else np.ones(len(nodes))
+    phase = 2 * np.pi / WAVE_MM * (nodes - nodes[skin].mean(axis=0)).T
+    waves = np.concatenate([np.cos(phase), np.sin(phase)])
+    return np.asarray(waves[:, :, None] * (fading[:, None] * outward))
+
+
+def _share_of_pit(mesh: FleshMesh) -> Float[np.ndarray, " n"]:
+    """One on the pit, zero on the skin."""
+    to_pit = cKDTree(mesh.nodes_mm[mesh.pit_nodes]).query(mesh.nodes_mm)[0]
+    to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(mesh.nodes_mm)[0]
+    return np.asarray(to_skin / (to_skin + to_pit))
+
+
+def _slopes(
+    x: Float[np.ndarray, "m 10 3"],
+) -> tuple[Float[np.ndarray, "m q 3 10"], Float[np.ndarray, "m q"]]:
+    """dN/dx and the volume at each point of each element."""
+    reference = t10_gradient(POINTS)
+    jacobian = np.einsum("qin,mnx->mqix", reference, x, optimize=True)
+    slope = np.linalg.solve(jacobian, np.broadcast_to(reference, (len(x), *reference.shape)))
+    return slope, np.linalg.det(jacobian) * SHARES / 6
+
+
+def _stress(gradient: Float[np.ndarray, "*b 3 3"], mu: float, lame: float) -> Float[np.ndarray, "*b 3 3"]:
+    """mu (g + g') + lambda tr g."""
+    trace = np.trace(gradient, axis1=-2, axis2=-1)[..., None, None]
+    return np.asarray(mu * (gradient + np.swapaxes(gradient, -1, -2)) + lame * trace * np.eye(3))
+
+
+def _add_rows(
+    total: Float[np.ndarray, "f n 3"], rows: Int[np.ndarray, " e"], values: Float[np.ndarray, "e k"]
+) -> None:
+    """total[:, rows] += values, row by row."""
+    number = total.shape[1]
+    gather = csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(number, len(rows)))
+    total += (gather @ values).reshape(number, -1, 3).transpose(1, 0, 2)

@@ -1,0 +1,51 @@
+"""Small strain in the layout of fem.solid.flesh_pieces: the linear law's stress and what laws measure."""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.elements.assembly import unit_lame_constants
+from fem.solid.flesh_pieces import Tensors
+
+Points = Float[np.ndarray, "m 4 f"]
+
+
+def symmetric(gradient: Tensors) -> Tensors:
+    """Small strain."""
+    return np.asarray((gradient + np.swapaxes(gradient, 2, 3)) / 2)
+
+
+def trace(tensors: Tensors) -> Points:
+    """Sum of the three on the diagonal."""
+    return np.asarray(tensors[:, :, 0, 0] + tensors[:, :, 1, 1] + tensors[:, :, 2, 2])
+
+
+def on_diagonal(tensors: Tensors, more: Points) -> Tensors:
+    """The tensors with this added to their diagonals, in place."""
+    for i in range(3):
+        tensors[:, :, i, i] += more
+    return tensors
+
+
+def linear_stress(gradient: Tensors, *, poisson_ratio: float) -> Tensors:
+    """2 mu eps + lambda tr(eps) I for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    return on_diagonal(mu * (gradient + np.swapaxes(gradient, 2, 3)), lame * trace(gradient))
+
+
+def strain_energy(gradient: Tensors, *, poisson_ratio: float) -> Points:
+    """W = mu eps : eps + lambda/2 tr(eps)^2 for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    strain = symmetric(gradient)
+    return np.asarray(mu * (strain**2).sum(axis=(2, 3)) + lame / 2 * trace(strain) ** 2)
+
+
+def deviator(gradient: Tensors) -> Tensors:
+    """Small strain without its change of volume."""
+    strain = symmetric(gradient)
+    return on_diagonal(strain, -trace(strain) / 3)
+
+
+def von_mises(shear: Tensors, *, poisson_ratio: float) -> Points:
+    """sqrt(3/2 s : s) over E of a strain deviator, s = 2 mu times it."""
+    mu, _ = unit_lame_constants(poisson_ratio)
+    return np.asarray(2 * mu * np.sqrt(1.5 * (shear**2).sum(axis=(2, 3))))

@@ -1,0 +1,85 @@
+"""Strains of the whole flesh from nodal displacements, and forces on its nodes from stresses.
+
+What an effect inside the fruit changes is a stress, point by point: B' sigma brings it to the nodes, and the
+factorised stiffness of the plain model to the pads. Stresses and strains are symmetric: six numbers, xx, yy,
+zz, yz, xz, xy, the shear parts of a strain counted once (not doubled).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_array
+
+from fem.elements.assembly import unit_lame_constants
+from fem.elements.gradients import inverse_3x3
+from fem.elements.shape_functions import t10_gradient, t10_shape
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.recovery import FOUR
+
+ROW, COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
+COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+"""How often each of the six counts in a double contraction."""
+PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
+
+
+@dataclass(frozen=True, kw_only=True)
+class FleshStrain:
+    """Four points in each of m elements: `slope` dN/dx, `volume_mm3` of each point, `gather` to nodes."""
+
+    n_nodes: int
+    point_mm: Float[np.ndarray, "m 4 3"]
+    volume_mm3: Float[np.ndarray, "m 4"]
+    slope: Float[np.ndarray, "m 4 3 10"]
+    mesh: FleshMesh
+    gather: csr_array
+
+    @classmethod
+    def of(cls, mesh: FleshMesh) -> "FleshStrain":
+        """The points of a mesh; exact for strains that are linear in straight elements."""
+        x = mesh.nodes_mm[mesh.tets]
+        reference = t10_gradient(FOUR[:, 1:])
+        jacobian = (reference.reshape(12, 10) @ x).reshape(-1, 4, 3, 3)
+        inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
+        rows = mesh.tets.ravel()
+        return cls(
+            n_nodes=len(mesh.nodes_mm),
+            point_mm=t10_shape(FOUR[:, 1:]) @ x,
+            volume_mm3=det / 24,
+            slope=inverse.transpose(2, 3, 0, 1) @ reference,
+            mesh=mesh,
+            gather=csr_array(
+                (np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(mesh.nodes_mm), len(rows))
+            ),
+        )
+
+    def strain(self, moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 4 6"]:
+        """Small strains of displacement fields."""
+        nodal = np.moveaxis(moved, 0, 1).reshape(len(moved[0]), -1)[self.mesh.tets]
+        gradient = (self.slope.reshape(-1, 12, 10) @ nodal).reshape(len(nodal), 4, 3, len(moved), 3)
+        strain = (gradient[:, :, ROW, :, COLUMN] + gradient[:, :, COLUMN, :, ROW]) / 2  # (6, m, 4, f)
+        return np.ascontiguousarray(np.moveaxis(strain, (0, 3), (3, 0)))
+
+    def forces(self, stress: Float[np.ndarray, "f m 4 6"]) -> Float[np.ndarray, "f n 3"]:
+        """B' sigma: the nodal forces that stress fields exert, sum of sigma : grad N."""
+        flux = np.moveaxis(stress * self.volume_mm3[..., None], 0, -1)[:, :, PLACE]  # (m, 4, 3, 3, f)
+        count = len(stress)
+        flat = flux.reshape(len(flux), 12, 3 * count)
+        own = np.swapaxes(self.slope.reshape(-1, 12, 10), 1, 2) @ flat
+        summed = (self.gather @ own.reshape(-1, 3 * count)).reshape(self.n_nodes, 3, count)
+        return np.ascontiguousarray(np.moveaxis(summed, 2, 0))
+
+
+def elastic_stress(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -> Float[np.ndarray, "*b 6"]:
+    """2 mu eps + lambda tr(eps) I for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    stress = 2 * mu * strain
+    stress[..., :3] += lame * strain[..., :3].sum(axis=-1, keepdims=True)
+    return np.asarray(stress)
+
+
+def energy_density(strain: Float[np.ndarray, "*b 6"], *, poisson_ratio: float) -> Float[np.ndarray, "*b"]:
+    """eps : D : eps / 2 for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    trace = strain[..., :3].sum(axis=-1)
+    return np.asarray(mu * (strain**2 @ COUNT) + lame / 2 * trace**2)

@@ -1,0 +1,149 @@
+"""Where every number goes in a multifrontal elimination: all that follows from the pattern alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Int
+from scipy.sparse import csr_array
+
+from fem.sparse.elimination_order import elimination_tree, same_pattern_groups
+from fem.sparse.extend_add import Landing
+from fem.sparse.front_entries import Entries, front_entries, ranges
+from fem.sparse.supernodes import Supernodes, supernodes
+
+#: levels of the tree whose boundaries shape the order within a front
+_LEVELS = 8
+
+
+@dataclass(frozen=True)
+class Fronts:
+    """Dense fronts in the order of elimination; children come before parents, subtrees are runs of fronts.
+
+    order: dofs in the order of elimination.
+    start, rows: front s eliminates start[s] to start[s + 1] of them and changes `rows[s]` (positions in the
+    order, ascending).
+    entries: where the numbers of the matrix go.
+    shelf[s]: shelf and place of what it leaves for its parent; shelf_size: numbers on the two shelves.
+    first_below[s]: the first pivot of the subtree that ends with front s.
+    """
+
+    order: Int[np.ndarray, " d"]
+    start: list[int]
+    rows: list[Int[np.ndarray, " _"]]
+    parent: list[int]
+    landing: list[Landing | None]
+    entries: list[Entries]
+    shelf: list[tuple[int, int]]
+    shelf_size: list[int]
+    first_below: list[int]
+
+
+def fronts(matrix: csr_array) -> Fronts:
+    """Nested dissection, supernodes, and all index maps, for a symmetric pattern stored in full."""
+    groups = same_pattern_groups(matrix)
+    tree = elimination_tree(groups)
+    nodes = supernodes(tree, groups.size)
+    pivots = _in_long_runs(nodes, len(tree.order))
+    ordered = np.concatenate(pivots)
+    position = np.empty(len(ordered), dtype=np.int64)
+    position[ordered] = np.arange(len(ordered))
+    group = tree.order[ordered]
+    size = groups.size[group]
+    offset = np.concatenate([[0], np.cumsum(size)])
+    order = groups.members[ranges(groups.start[group], size)]
+    last_group = np.cumsum([len(p) for p in pivots])
+    start = np.concatenate([[0], offset[last_group]])
+    counts = np.array([len(r) for r in nodes.rows])
+    split = np.cumsum(counts)
+    at = np.concatenate(nodes.rows)
+    front = np.repeat(np.arange(len(counts)), counts)
+    key = np.sort(front * len(ordered) + position[at])
+    at = key - front * len(ordered)
+    weight = np.concatenate([[0], np.cumsum(size[at])])
+    rows = np.split(ranges(offset[at], size[at]), weight[split[:-1]])
+    starts, parent = start.tolist(), nodes.parent
+    shelf, shelf_size = _shelves(rows, parent)
+    first = list(range(len(parent)))
+    for s, p in enumerate(parent):
+        if p >= 0:
+            first[p] = min(first[p], first[s])
+    return Fronts(
+        order=order,
+        start=starts,
+        rows=rows,
+        parent=parent,
+        landing=[_landing(s, starts, rows, parent) for s in range(len(parent))],
+        entries=front_entries(matrix, groups, group, order=order, start=starts, rows=rows),
+        shelf=shelf,
+        shelf_size=shelf_size,
+        first_below=[starts[f] for f in first],
+    )
+
+
+def _in_long_runs(nodes: Supernodes, n: int) -> list[Int[np.ndarray, " _"]]:
+    """Pivots of each supernode, reordered so that what a descendant's front touches of them lies together.
+
+    Any order within a dense front is as good as another, so this costs nothing, and updates are added in long
+    stretches. Pivots are sorted by the branches that lead to the first and to the last front that touch them.
+    """
+    count = len(nodes.parent)
+    depth, branches = [0] * count, [0] * count
+    for s in range(count - 1, -1, -1):
+        p = nodes.parent[s]
+        if p >= 0:
+            depth[s] = depth[p] + 1
+    path = np.zeros((count, max(depth) + _LEVELS + 2), dtype=np.int8)
+    for s in range(count - 1, -1, -1):
+        p = nodes.parent[s]
+        if p >= 0:
+            path[s] = path[p]
+            path[s, depth[p]] = min(branches[p], 127)
+            branches[p] += 1
+    touching = np.repeat(np.arange(count), [len(r) for r in nodes.rows])
+    touched = np.concatenate(nodes.rows)
+    owner = np.empty(n, dtype=np.int64)
+    pivots = np.concatenate(nodes.pivots)
+    owner[pivots] = np.repeat(np.arange(count), [len(p) for p in nodes.pivots])
+    first, last = owner.copy(), owner.copy()
+    first[touched[::-1]] = touching[::-1]
+    last[touched] = touching
+    level = np.array(depth)[owner]
+    keys = [owner]
+    for k in range(_LEVELS):
+        keys += [path[first, level + k], path[last, level + k]]
+    ordered = np.lexsort(keys[::-1])
+    return np.split(ordered, np.cumsum([len(p) for p in nodes.pivots])[:-1])
+
+
+def _landing(s: int, start: list[int], rows: list[np.ndarray], parent: list[int]) -> Landing | None:
+    p = parent[s]
+    if p < 0:
+        return None
+    n_pivots = start[p + 1] - start[p]
+    below = int(np.searchsorted(rows[s], start[p + 1]))
+    among_rows = n_pivots + np.searchsorted(rows[p], rows[s][below:])
+    return Landing.at(np.concatenate([rows[s][:below] - start[p], among_rows]), n_pivots=n_pivots)
+
+
+def _shelves(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int, int]], list[int]]:
+    """Shelf and place of what each front leaves for its parent, and the size of both shelves.
+
+    Even and odd levels of the tree have a shelf each. A front's children lie on top of one when it puts
+    its own on top of the other, so that both are stacks, and their memory is used again and again.
+    """
+    level, place = [0] * len(parent), [0] * len(parent)
+    for s in range(len(parent) - 1, -1, -1):
+        if parent[s] >= 0:
+            level[s] = 1 - level[parent[s]]
+    top, size, first_child = [0, 0], [0, 0], [-1] * len(parent)
+    for s, p in enumerate(parent):
+        if first_child[s] >= 0:
+            top[1 - level[s]] = place[first_child[s]]
+        if p < 0:
+            continue
+        place[s] = top[level[s]]
+        top[level[s]] += len(rows[s]) ** 2
+        size[level[s]] = max(size[level[s]], top[level[s]])
+        if first_child[p] < 0:
+            first_child[p] = s
+    return list(zip(level, place, strict=True)), size

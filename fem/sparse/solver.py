@@ -1,0 +1,123 @@
+"""The one border to sparse direct solvers: factorise once, solve for many right-hand sides.
+
+Nothing else in the code knows which solver is behind it. Here: the multifrontal Cholesky factorisation of
+fem.sparse.multifrontal on a METIS nested-dissection order. See docs/decisions/0002.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.sparse.condensed_compliance import compliance
+from fem.sparse.fronts import Fronts, fronts
+from fem.sparse.multifrontal import CholeskyFactor, NotPositiveDefinite, cholesky
+
+
+@runtime_checkable
+class Factor(Protocol):
+    """A factorised matrix K."""
+
+    def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
+        """K^-1 load, column by column."""
+        ...
+
+    def last_compliance(self) -> Float[np.ndarray, "c c"]:
+        """K^-1 on the dofs named as `last`, in their order: dense, symmetric; (0, 0) if none were named."""
+        ...
+
+
+@runtime_checkable
+class Analysis(Protocol):
+    """What the pattern of nonzeros alone decides; good for all matrices that share it (Newton steps)."""
+
+    def factorise(self, stiffness: csr_array) -> Factor:
+        """Factorise a matrix of the analysed pattern; raises SINGULAR_STIFFNESS like `factorise`."""
+        ...
+
+
+def solver_name() -> str:
+    """The solver in use, for records."""
+    return "multifrontal Cholesky (drupe) on a METIS order"
+
+
+def factorise(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Factor:
+    """Factorise a symmetric positive definite matrix; raises SINGULAR_STIFFNESS where it is not one.
+
+    Both triangles are stored. `last`: the dofs among which `Factor.last_compliance` is wanted.
+    """
+    return analyse(stiffness, last=last).factorise(stiffness)
+
+
+def analyse(stiffness: csr_array, *, last: Int[np.ndarray, " c"] | None = None) -> Analysis:
+    """Plan the elimination for the pattern of a symmetric matrix; its values do not matter."""
+    if (np.diff(stiffness.indptr) == 0).any():
+        raise _singular("a node belongs to no element")
+    stiffness = _canonical(stiffness)
+    last = np.zeros(0, dtype=np.int64) if last is None else last
+    return _Plan(fronts(stiffness), last, stiffness.indptr, stiffness.indices)
+
+
+@dataclass(frozen=True)
+class _Plan:
+    fronts: Fronts
+    last: Int[np.ndarray, " c"]
+    indptr: Int[np.ndarray, " d1"]
+    indices: Int[np.ndarray, " e"]
+
+    def factorise(self, stiffness: csr_array) -> Factor:
+        stiffness = _canonical(stiffness)
+        same = np.array_equal(stiffness.indptr, self.indptr)
+        if not (same and np.array_equal(stiffness.indices, self.indices)):
+            raise ValueError("the matrix has other nonzeros than the one that was analysed; analyse it anew")
+        try:
+            factor = _Factorised(cholesky(self.fronts, stiffness.data), self.last)
+        except NotPositiveDefinite as error:
+            raise _singular("a pivot is not positive") from error
+        probe = np.random.default_rng(0).standard_normal((stiffness.shape[0], 1))
+        answer = factor.solve(probe)
+        missed = float(np.abs(stiffness @ answer - probe).max())
+        if not (missed < 1e-6 and float((probe * answer).sum()) > 0):
+            raise _singular(f"a trial load is missed by {missed:.1e} of itself")
+        return factor
+
+
+@dataclass(frozen=True)
+class _Factorised:
+    cholesky: CholeskyFactor
+    last: Int[np.ndarray, " c"]
+
+    def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
+        return self.cholesky.solve(load)
+
+    def last_compliance(self) -> Float[np.ndarray, "c c"]:
+        return compliance(self.cholesky, self.last)
+
+
+def _canonical(stiffness: csr_array) -> csr_array:
+    """The same matrix with sorted columns, each once, and with every nonzero's mirror image.
+
+    Products of sparse matrices leave out sums that vanish exactly, on one side of the diagonal perhaps and
+    not on the other; the elimination counts on both.
+    """
+    if not stiffness.has_canonical_format:
+        stiffness = stiffness.copy()
+        stiffness.sum_duplicates()
+    across = stiffness.tocsc()
+    same = np.array_equal(across.indptr, stiffness.indptr)
+    if same and np.array_equal(across.indices, stiffness.indices):
+        return stiffness
+    here = stiffness.tocoo()
+    places = (np.concatenate([here.row, here.col]), np.concatenate([here.col, here.row]))
+    return coo_array((np.tile(here.data / 2, 2), places), shape=stiffness.shape).tocsr()
+
+
+def _singular(why: str) -> FemFailure:
+    return FemFailure(
+        FemProblem.SINGULAR_STIFFNESS,
+        f"the stiffness matrix is not positive definite ({why}); look for loose or folded elements, "
+        "or a base that does not hold the fruit",
+    )
