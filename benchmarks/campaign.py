@@ -42,9 +42,9 @@ from pipeline.problem import BatchRefused
 from recon.failure import ReconFailure
 from recon.mesh_file import read_mesh
 from recon.photos import read_photo
-from tactile.failure import TactileFailure
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import read_recording
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import read_recording
+from tactile.tactile_failure import TactileFailure
 
 MOST_CPU_S, MOST_WALL_S = 20, 90
 """Of processor time: a sound batch takes 0.1 s. Of the clock: waiting for ever takes no processor time."""

@@ -11,7 +11,7 @@ from recon.mat import mat_mapping, standard_mat
 from recon.mesh_file import mesh_bytes
 from recon.pit import place_pit
 from recon.priors import load_prior
-from tactile.recording import GelPad, Recording, write_recording
+from tactile.io.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]
 BATCH = """category = "mine.toml"

@@ -25,7 +25,7 @@ from samples.grasp import simulate
 from samples.grasp_plan import hold_along, two_cycles
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit, scanned_skin
-from tactile.recording import Recording, write_recording
+from tactile.io.recording import Recording, write_recording
 
 FINENESS = Fineness(degrees=(0, 5, 10, 15, 28, 45), along=3, depths=(0, 0.2, 0.5, 1))
 KINDS: tuple[Category, ...] = ("nectarine", "plum", "nectarine", "nectarine", "pdms_ball")

@@ -8,7 +8,7 @@ from field_fruit import Fruit
 
 from recon.pit import place_pit
 from recon.priors import load_prior
-from tactile.recording import GelPad, Recording
+from tactile.io.recording import GelPad, Recording
 
 Change = Callable[[Fruit, Fruit, np.random.Generator], Fruit]
 

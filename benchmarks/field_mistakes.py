@@ -32,7 +32,7 @@ from pipeline.task import fruit_task
 from recon.mesh_file import write_mesh
 from recon.priors import load_prior
 from tactile.checks.of_recording import recording_findings
-from tactile.recording import write_recording
+from tactile.io.recording import write_recording
 
 
 def E_range_MPa(category: str) -> tuple[float, float] | None:

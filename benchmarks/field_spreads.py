@@ -30,7 +30,7 @@ from tactile.checks.of_recording import other_arrangements
 from tactile.checks.pressing import Pressing, heaviest, like_neighbours, noise_shares, pressing_of
 from tactile.checks.relation import relation_of
 from tactile.checks.time_order import drift_of, dropped_steps, release_less_touch_mm, roughness, turns_share
-from tactile.recording import GelPad, Recording
+from tactile.io.recording import GelPad, Recording
 
 
 def of_recording(one: Recording, vertices: np.ndarray, faces: np.ndarray) -> Iterator[tuple[str, float]]:

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from samples.raw_grasp import write_raw_grasp, write_sensor
-from tactile.recording import GelPad, read_recording
+from tactile.io.recording import GelPad, read_recording
 
 
 def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:

@@ -23,12 +23,12 @@ from threadpoolctl import threadpool_limits
 
 from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from samples.gel_press import BallPose, GelBlock, Pressed, gel_block, pressed
-from tactile.ball_press import ball_lookup, ball_print
-from tactile.camera import on_face
-from tactile.gel_fields import GelFields, fields_of
-from tactile.photometric import PhotometricDepth
+from tactile.gel.ball_press import ball_lookup, ball_print
+from tactile.gel.fields import GelFields, fields_of
+from tactile.gel.photometric import PhotometricDepth
+from tactile.gel_camera import on_face
+from tactile.markers.tracking import TrackedMarkers, follow, reference_of
 from tactile.sensors import Camera, Light, Sensor, marker_grid
-from tactile.tracking import TrackedMarkers, follow, reference_of
 
 E_MPA, NU, THICKNESS_MM, FRICTION = 0.2, 0.48, 4.0, 0.6
 BALL_MM, CALIBRATION_BALL_MM, DEPTH_MM = 15.0, 6.0, 0.7

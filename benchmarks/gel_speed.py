@@ -14,10 +14,10 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from tactile.gel_fields import fields_of
-from tactile.marker_places import places_of
+from tactile.gel.fields import fields_of
+from tactile.markers.reference_places import places_of
+from tactile.markers.tracking import TrackedMarkers, follow, reference_of, track
 from tactile.sensors import Camera, Sensor, marker_grid
-from tactile.tracking import TrackedMarkers, follow, reference_of, track
 
 SIZE = (640, 480)
 PX_PER_MM, DEPTH_MM = 30.0, 16.0

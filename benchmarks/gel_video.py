@@ -20,10 +20,10 @@ import cv2
 import matplotlib as mpl
 import numpy as np
 
-from tactile.marker_image import grey
-from tactile.markers import inside
+from tactile.markers.contrast import grey
+from tactile.markers.marker_detection import inside
+from tactile.markers.tracking import Reference, reference_of, track
 from tactile.stick import stick_ratio
-from tactile.tracking import Reference, reference_of, track
 
 EMPTY_FRAMES = 25
 CONTACT_PX = 0.8

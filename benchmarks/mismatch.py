@@ -30,7 +30,7 @@ from pipeline.finding import finding
 from pipeline.outcome import FruitEnded
 from pipeline.problem import BatchRefused
 from recon.failure import ReconFailure
-from tactile.failure import TactileFailure
+from tactile.tactile_failure import TactileFailure
 
 REFUSED = (BatchRefused, FruitEnded, ReconFailure, TactileFailure, FemFailure)
 BROKEN = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError, AttributeError)

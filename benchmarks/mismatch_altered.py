@@ -11,8 +11,8 @@ import numpy as np
 
 from pipeline.layout import CaseFolder
 from tactile.contact import Phase, find_contact
+from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.noise import Noise
-from tactile.recording import GelPad, Recording, read_recording
 
 WHOLE, LOAD_ONLY, NOT_TURNED = "whole", "load-only", "no-grasp-4"
 NOISIER = {"noise-2": 2.0, "noise-4": 4.0, "noise-8": 8.0}

@@ -48,7 +48,7 @@ from samples.grasp import simulate
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.scenes.shape import KINDS
-from tactile.recording import write_recording
+from tactile.io.recording import write_recording
 
 MOST_ERROR = 0.02
 """Largest relative error of the modulus of a single fruit, end to end."""

@@ -19,10 +19,10 @@ import numpy as np
 
 from tactile.contact import find_contact
 from tactile.contact_course import Course, contact_course
-from tactile.failure import TactileFailure
 from tactile.from_tac3d import recording_of_tac3d, rest_of
-from tactile.recording import GelPad, Recording, read_recording, write_recording
-from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.io.recording import GelPad, Recording, read_recording, write_recording
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.tactile_failure import TactileFailure
 
 WHEEL = "pytac3d==3.3.0.9"
 

@@ -13,20 +13,20 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.scratch import scratch
 from pipeline.whole_file import put
 from recon.plain_file import NotReadable, read_text, toml_of
-from tactile.ball_press import ball_lookup, ball_print
 from tactile.from_frames import recording_of
-from tactile.gel_fields import layer_of
-from tactile.gel_slab import SpringBed
-from tactile.gel_stiffness import GelGain, gel_gain
-from tactile.pictures import read_picture
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import GelPad
-from tactile.sensor_file import read_sensor
+from tactile.gel.ball_press import ball_lookup, ball_print
+from tactile.gel.fields import layer_of
+from tactile.gel.press_modulus import GelGain, gel_gain
+from tactile.gel.shading_file import write_lookup
+from tactile.gel.slab import SpringBed
+from tactile.io.pictures import read_picture
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import GelPad
+from tactile.io.sensor_file import read_sensor
 from tactile.sensors import Camera
-from tactile.shading_file import write_lookup
 
 MOST_BYTES = 4_000_000
-"""Of a description, as its reader has it (tactile.sensor_file)."""
+"""Of a description, as its reader has it (tactile.io.sensor_file)."""
 WRITTEN_BY = "# written by drupe calibrate"
 """First line of every description written, by which a later run knows its own."""
 

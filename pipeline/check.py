@@ -26,11 +26,11 @@ from recon.pit import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain
 from tactile.checks.finding import Finding
 from tactile.correction import corrected
-from tactile.failure import TactileFailure
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import read_recording
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import read_recording
+from tactile.io.recording_fields import first_line
 from tactile.recording_digest import recording_digest
-from tactile.recording_fields import first_line
+from tactile.tactile_failure import TactileFailure
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most

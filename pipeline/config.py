@@ -25,7 +25,7 @@ from recon.coin import Coin, coin_named
 from recon.failure import ReconFailure
 from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.priors import LEAST_POISSON_RATIO
-from tactile.decimal_number import meant
+from tactile.io.decimal_number import meant
 
 MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""

@@ -25,7 +25,7 @@ from pipeline.places import batch_trees, require_file_apart
 from pipeline.problem import BatchRefused, Problem
 from pipeline.whole_file import put
 from recon.plain_file import NotReadable, read_text
-from tactile.decimal_number import decimal_number, meant
+from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES = 4_000_000
 """As fruits.csv: at 200 bytes a row, 50 batches a day for a year."""

@@ -14,18 +14,18 @@ from pipeline.scratch import scratch
 from pipeline.whole_file import put
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
-from tactile.converted import Converted
-from tactile.failure import TactileFailure
-from tactile.field_tables import read_field_table
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
-from tactile.load_cell import is_trace, read_trace
-from tactile.raw_grasp import read_raw_grasp
-from tactile.raw_h5 import holds_images_only, raw_of
-from tactile.recording import GelPad, Recording, opened, read_recording, write_recording
-from tactile.sensor_file import read_sensor
-from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
-from tactile.tac3d_file import write_source
+from tactile.io.converted import Converted
+from tactile.io.field_tables import read_field_table
+from tactile.io.load_cell import is_trace, read_trace
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.raw_h5 import holds_images_only, raw_of
+from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
+from tactile.io.sensor_file import read_sensor
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.io.tac3d_arrays import write_source
+from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
 WRITTEN_BY = "drupe convert"

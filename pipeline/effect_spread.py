@@ -12,7 +12,7 @@ from pipeline.flesh_effects import in_the_model
 from pipeline.grasp import place_grasp
 from pipeline.grasped import GraspedFruit
 from pipeline.task import FruitTask
-from tactile.failure import TactileFailure
+from tactile.tactile_failure import TactileFailure
 
 
 @dataclass(frozen=True, kw_only=True)

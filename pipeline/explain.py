@@ -40,7 +40,7 @@ from recon.failure import ReconFailure
 from recon.plain_file import NotReadable, read_text
 from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
-from tactile.failure import TactileFailure
+from tactile.tactile_failure import TactileFailure
 
 ANSWERED, NO_ANSWER = 0, 3
 PAGE_TITLE = ": where simulation and recording differ</title>"

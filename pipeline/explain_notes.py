@@ -12,9 +12,9 @@ from pipeline.grasp import PlacedGrasp
 from pipeline.grasped import GraspedFruit, owner_of
 from pipeline.problem import BatchRefused, Problem
 from pipeline.whose import owner_findings
-from tactile.failure import TactileFailure
+from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_AIR_FRAMES
-from tactile.recording import GelPad, IndenterPad, Recording, read_recording
+from tactile.tactile_failure import TactileFailure
 
 ONE_RECORDING = (
     "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "

@@ -18,8 +18,8 @@ from pipeline.flesh import poisson_ratio
 from pipeline.grasp import grasp_case, touched_by_pad
 from pipeline.grasped import GraspedFruit, grasped_fruit
 from pipeline.problem import BatchRefused, Problem
-from tactile.failure import TactileFailure
-from tactile.recording import IndenterPad, read_recording
+from tactile.io.recording import IndenterPad, read_recording
+from tactile.tactile_failure import TactileFailure
 
 TRACE_SEED = 20261120
 

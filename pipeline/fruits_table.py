@@ -12,7 +12,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 from recon.priors import LEAST_POISSON_RATIO
-from tactile.decimal_number import decimal_number, meant
+from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""

@@ -17,10 +17,10 @@ from tactile.checks.finding import Finding
 from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.recording import GelPad, Recording, read_recording
+from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 @dataclass(frozen=True)

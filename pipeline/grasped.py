@@ -31,8 +31,8 @@ from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
 from reports.surface_sd_map import surface_sd_map
 from tactile.checks.finding import Finding
-from tactile.failure import TactileFailure
-from tactile.recording import Recording
+from tactile.io.recording import Recording
+from tactile.tactile_failure import TactileFailure
 
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""

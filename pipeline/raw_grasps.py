@@ -15,8 +15,8 @@ from pipeline.cache import stage_key
 from pipeline.layout import raw_grasp_files
 from pipeline.whole_file import put
 from tactile.from_frames import recording_of
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import write_recording
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import write_recording
 
 
 @dataclass(frozen=True, kw_only=True)

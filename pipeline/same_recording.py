@@ -10,7 +10,7 @@ from pipeline.layout import BatchFolder
 from pipeline.records import FruitRecord, ModulusRecord
 from recon.plain_file import printable
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def refuse_copy(source: str, first: str | None) -> None:

@@ -26,7 +26,7 @@ from pipeline.task import FruitTask
 from recon.failure import ReconFailure
 from reports.mesh_picture import mesh_picture
 from reports.view_plan_picture import view_plan_picture
-from tactile.failure import TactileFailure
+from tactile.tactile_failure import TactileFailure
 
 
 def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from recon.priors import known_categories
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 NOT_SAID = frozenset({"", "unknown"})
 """What a recording says that names no fruit and no category; `drupe convert` writes "unknown" where it is

@@ -20,7 +20,7 @@ from samples.grasp import simulate
 from samples.grasp_plan import planned_grasps
 from samples.hexahedra import SHIPPED, Fineness
 from samples.photos import PhotoOptions, write_photos
-from tactile.recording import write_recording
+from tactile.io.recording import write_recording
 
 __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]
 

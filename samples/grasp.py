@@ -14,7 +14,7 @@ from samples.grasp_plan import Hold, Programme
 from samples.hexahedra import SHIPPED, Fineness, flesh_bricks
 from samples.sensor_noise import SensorNoise, measured
 from samples.squeeze import Moment, Squeeze, at_rest, squeeze_of, step
-from tactile.recording import GelPad, Recording
+from tactile.io.recording import GelPad, Recording
 
 SENSOR = "20x20 marker gel"
 MARKER_AREA_MM2 = 1.0

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.gel_images import GelLook, gel_image, smooth_field
-from tactile.recording import GelPad, Recording
+from tactile.io.recording import GelPad, Recording
 from tactile.sensors import Camera
 
 Progress = Callable[[str], None]

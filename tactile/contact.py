@@ -7,9 +7,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.io.recording import GelPad, Recording
 from tactile.noise import FEWEST_AIR_FRAMES, Noise, noise_in_air, noise_in_contact
-from tactile.recording import GelPad, Recording
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 BEYOND_NOISE = 4.0
 """A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
-from tactile.recording import GelPad, IndenterPad, Recording
+from tactile.io.recording import GelPad, IndenterPad, Recording
 
 
 @dataclass(frozen=True, kw_only=True)

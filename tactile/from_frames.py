@@ -6,19 +6,26 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.converted import Converted
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.frame_checks import gaps_said
-from tactile.gaps import at_times, filled
-from tactile.gel_fields import fields_of
-from tactile.marker_places import places_of
-from tactile.pad_frames import Progress, camera_of, losses_said, of_frames, of_markers, tracked_markers
-from tactile.raw_grasp import RawGrasp, RawPad, View
-from tactile.recording import GelPad, Recording
+from tactile.gel.fields import fields_of
+from tactile.gel.shading_file import shading_of
+from tactile.io.converted import Converted
+from tactile.io.frame_checks import gaps_said
+from tactile.io.raw_grasp import RawGrasp, RawPad, View
+from tactile.io.recording import GelPad, Recording
+from tactile.layer_stiffness import layer_stiffness
+from tactile.markers.gaps import at_times, filled
+from tactile.markers.pad_frames import (
+    Progress,
+    camera_of,
+    losses_said,
+    of_frames,
+    of_markers,
+    tracked_markers,
+)
+from tactile.markers.reference_places import places_of
+from tactile.markers.tracking import reference_of
 from tactile.sensors import Sensor
-from tactile.shading_file import shading_of
-from tactile.stiffness import layer_stiffness
-from tactile.tracking import reference_of
+from tactile.tactile_failure import TactileFailure, TactileProblem
 from tactile.view_edge import edge_said
 
 

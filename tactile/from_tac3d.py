@@ -5,12 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.converted import Converted
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.frame_checks import gaps_said
-from tactile.gaps import at_times
-from tactile.recording import GelPad, Recording, marker_area_mm2
-from tactile.tac3d import Tac3D
+from tactile.io.converted import Converted
+from tactile.io.frame_checks import gaps_said
+from tactile.io.recording import GelPad, Recording, marker_area_mm2
+from tactile.io.tac3d import Tac3D
+from tactile.markers.gaps import at_times
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 APART_S = 0.5
 """Clocks of two fingers that differ by more are not one clock."""

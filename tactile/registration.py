@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tactile.contact import Contact, PadContact
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FARTHEST_SHARE = 0.15
 """A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on

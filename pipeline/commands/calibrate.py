@@ -37,7 +37,7 @@ def calibrate(
         from pipeline.calibrate import Presses
         from pipeline.calibrate import calibrate as calibrate_sensor
         from pipeline.progress import StageLines
-        from tactile.failure import TactileFailure
+        from tactile.tactile_failure import TactileFailure
 
     presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)
     try:

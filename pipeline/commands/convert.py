@@ -48,7 +48,7 @@ def convert(
         from pipeline.convert import Wanted
         from pipeline.convert import convert as convert_source
         from pipeline.progress import StageLines
-        from tactile.failure import TactileFailure
+        from tactile.tactile_failure import TactileFailure
 
     wanted = Wanted(
         sensor=sensor,

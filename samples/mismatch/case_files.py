@@ -17,7 +17,7 @@ from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, MESH_ERROR_MM, D
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.mismatch.true_recording import TrueRecording
 from samples.sensor_noise import SensorNoise, measured
-from tactile.recording import GelPad, Recording, write_recording
+from tactile.io.recording import GelPad, Recording, write_recording
 
 MESH_CELLS = 33
 FORCE_NOISE_SHARE = 2e-4

@@ -1,18 +1,18 @@
 """How far a gel's markers move under given forces: the law that force and displacement share.
 
 A gel whose stiffness per area was measured is a bed of springs, u = f / (A k), marker by marker
-(tactile/spring_force.py). One that is described by thickness, modulus and Poisson's ratio, and whose stated
-stiffness is that of its bonded layer, is an elastic slab (tactile/gel_slab.py).
+(tactile/gel/spring_force.py). One that is described by thickness, modulus and Poisson's ratio, and whose
+stated stiffness is that of its bonded layer, is an elastic slab (tactile/gel/slab.py).
 """
 
 import numpy as np
 from jaxtyping import Float
 
-from tactile.gel_slab import GelSlab, tent_compliance
-from tactile.recording import GelPad, marker_area_mm2
+from tactile.gel.slab import GelSlab, tent_compliance
+from tactile.io.recording import GelPad, marker_area_mm2
 
 SAME_STIFFNESS = 0.02
-"""A stated stiffness this near to the bonded layer's was computed from it (tactile/stiffness.py)."""
+"""A stated stiffness this near to the bonded layer's was computed from it (tactile/layer_stiffness.py)."""
 MOST_FOR_SLAB = 900
 """Markers for which the slab's compliance is computed: the matrix (3n x 3n) takes 60 MB, and the table it is
 read from, an eighth of the markers' spacing fine and 8 thicknesses beyond them, some 220 MB on a face of

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import FEWEST_PRESSED, Pressing
 from tactile.checks.units import LENGTH, unit_like
-from tactile.recording import Recording
+from tactile.io.recording import Recording
 
 FACING = 0.9
 """Cosine between one pad's normal and the other's reversed: 26 degrees. Parallel jaws have 1.000, mounts that

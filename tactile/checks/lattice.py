@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from tactile.checks.finding import Finding, Kind, Rank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
-from tactile.recording import marker_area_mm2
+from tactile.io.recording import marker_area_mm2
 
 REGULAR = 0.75
 """Share of the vectors between nearest markers that must be one of two steps for markers to be a grid: square

@@ -21,7 +21,7 @@ from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
 from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
-from tactile.recording import GelPad, Recording
+from tactile.io.recording import GelPad, Recording
 from tactile.registration import depth_along
 
 QUARTERS = np.array(

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from tactile.checks.gel_law import displacement_of
-from tactile.recording import GelPad
+from tactile.io.recording import GelPad
 
 QUIET_SHARE = 10.0
 """Per cent of the frames that are taken to touch nothing at first; recordings here have 40 to 72 % of air

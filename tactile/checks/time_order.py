@@ -8,7 +8,7 @@ from jaxtyping import Float
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.pressing import FEWEST_PRESSED, PRESSED_SD, QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
-from tactile.recording import Recording
+from tactile.io.recording import Recording
 
 FEWEST_MOVES, STEP_SHARE = 8, 0.02
 """Steps of the jaws that are counted, of at least this share of their way: fewer say nothing of order, and

@@ -13,12 +13,12 @@ from pipeline.calibrate import Presses, _scaled, as_toml, calibrate
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from samples.gel_images import Field, GelLook, gel_image
-from tactile.failure import TactileFailure
-from tactile.gel_stiffness import GelGain
-from tactile.photometric import PhotometricDepth
-from tactile.sensor_file import read_sensor
+from tactile.gel.photometric import PhotometricDepth
+from tactile.gel.press_modulus import GelGain
+from tactile.gel.shading_file import read_lookup
+from tactile.io.sensor_file import read_sensor
 from tactile.sensors import Light, marker_grid
-from tactile.shading_file import read_lookup
+from tactile.tactile_failure import TactileFailure
 
 DRAFT = """
 kind = "photometric"

@@ -15,7 +15,7 @@ from pipeline.cli import app
 from recon.mesh_file import read_mesh, write_mesh
 from recon.pit import place_pit
 from recon.priors import load_prior
-from tactile.recording import read_recording
+from tactile.io.recording import read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 

@@ -14,7 +14,7 @@ from raw_folder import SENSOR, shear, write_raw
 from tac3d_folder import write_sensor
 
 from pipeline.cli import app
-from tactile.recording import GelPad, IndenterPad, read_recording
+from tactile.io.recording import GelPad, IndenterPad, read_recording
 
 FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
 

@@ -18,7 +18,7 @@ import pipeline.finding
 import pipeline.grasped
 from fem.mismatch.result import Where
 from pipeline.cli import main
-from tactile.recording import IndenterPad, Recording, write_recording
+from tactile.io.recording import IndenterPad, Recording, write_recording
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
 SETTINGS = """category = "nectarine"

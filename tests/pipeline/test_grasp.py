@@ -18,8 +18,8 @@ from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import grasp_record, history, place_grasp, refusal
 from recon.mesh_file import read_mesh
 from tactile.checks.finding import Finding, Kind, Rank
-from tactile.failure import TactileFailure
-from tactile.recording import read_recording, write_recording
+from tactile.io.recording import read_recording, write_recording
+from tactile.tactile_failure import TactileFailure
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
 E_MPA, NU = 1.066393333897285, 0.45

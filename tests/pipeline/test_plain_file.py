@@ -5,7 +5,7 @@ import inspect
 import pytest
 
 import recon.plain_file
-import tactile.plain_file
+import tactile.io.plain_file
 
 SHARED = [
     name

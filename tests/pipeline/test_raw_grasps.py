@@ -9,10 +9,10 @@ import pytest
 from pipeline import raw_grasps
 from pipeline.layout import FruitFolder, raw_grasp_files
 from pipeline.raw_grasps import kept_recording
-from tactile.converted import Converted
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import read_recording
+from tactile.io.converted import Converted
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import read_recording
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"
 

@@ -23,9 +23,9 @@ from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord, wri
 from pipeline.same_recording import copies_doubted
 from pipeline.task import fruit_task
 from pipeline.whose import Owner, owner_findings
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.recording import read_recording
+from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 

@@ -11,7 +11,7 @@ from samples.batch import write_batch
 from samples.failure import SampleFailure
 from samples.fruit import mesh_volume_mm3
 from samples.hexahedra import COARSE
-from tactile.recording import GelPad, read_recording
+from tactile.io.recording import GelPad, read_recording
 
 
 @pytest.fixture(scope="module")

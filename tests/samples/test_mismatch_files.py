@@ -19,7 +19,7 @@ from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
 from samples.mismatch.planted import EFFECTS
 from samples.mismatch.programme import four_manners, motion_of
 from samples.mismatch.true_recording import PadTruth, TrueRecording
-from tactile.recording import GelPad, read_recording
+from tactile.io.recording import GelPad, read_recording
 
 
 def recording(frames: int = 60) -> TrueRecording:

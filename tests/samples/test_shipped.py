@@ -7,7 +7,7 @@ import pytest
 
 from samples.failure import SampleFailure
 from samples.shipped import shipped_batches, write_shipped
-from tactile.recording import GelPad, read_recording
+from tactile.io.recording import GelPad, read_recording
 
 DATA = Path("samples/data")
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tactile.camera import on_face, project, rays
+from tactile.gel_camera import on_face, project, rays
 from tactile.sensors import Camera
 
 TILT = 0.1

@@ -25,10 +25,10 @@ from tactile.checks.relation import relation_of
 from tactile.checks.relation_findings import relation_findings
 from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
-from tactile.gel_force import FIRST_STRENGTH, GelForce
-from tactile.gel_grid import gel_grid
-from tactile.gel_slab import GelSlab, tent_compliance
-from tactile.recording import GelPad, read_recording
+from tactile.gel.force_inverse import FIRST_STRENGTH, GelForce
+from tactile.gel.grid import gel_grid
+from tactile.gel.slab import GelSlab, tent_compliance
+from tactile.io.recording import GelPad, read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"

@@ -7,9 +7,9 @@ import pytest
 from planted_grasp import planted_grasp
 
 from tactile.contact import Phase, find_contact
-from tactile.failure import TactileFailure, TactileProblem
+from tactile.io.recording import IndenterPad
 from tactile.noise import noise_in_air, noise_in_contact
-from tactile.recording import IndenterPad
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ import pytest
 
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
-from tactile.recording import read_recording
+from tactile.io.recording import read_recording
 
 GRASP = (
     Path(__file__).parents[2] / "samples" / "data" / "nectarines" / "fruits" / "N01" / "grasps" / "grasp-1.h5"

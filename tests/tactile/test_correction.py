@@ -15,7 +15,7 @@ from tactile.correction import (
     corrected,
     misplacement,
 )
-from tactile.recording import IndenterPad, Recording
+from tactile.io.recording import IndenterPad, Recording
 
 
 @pytest.fixture(scope="module")

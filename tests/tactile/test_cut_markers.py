@@ -5,8 +5,8 @@ import pytest
 from drawn_gel import RADIUS_PX, SHAPE, drawn, grid
 from scipy.spatial import cKDTree
 
-from tactile.cut_markers import uncut
-from tactile.tracking import reference_of, track
+from tactile.markers.cut_markers import uncut
+from tactile.markers.tracking import reference_of, track
 
 
 @pytest.mark.parametrize("s", [-0.15, 0.0, 0.3, 0.7, 1.0, 1.4])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile.force_placing import PLACING, ForcePlacing
+from tactile.gel.force_placing import PLACING, ForcePlacing
 
 X, Y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(3.0)))
 REST = np.stack([X, Y, 0 * X], axis=1)

@@ -11,11 +11,11 @@ from drawn_gel import drawn, grid
 from raw_folder import CENTRE, DEPTH_MM, FRAMES, PX_PER_MM, replaced, shear, write_picture, write_raw
 from scipy.spatial import cKDTree
 
-from tactile.converted import Converted
-from tactile.failure import TactileFailure, TactileProblem
 from tactile.from_frames import recording_of
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import GelPad
+from tactile.io.converted import Converted
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import GelPad
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 P = TactileProblem
 HALF_PITCH = np.array([15.0, 0.0])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from samples.gel_images import seen_at
-from tactile.failure import TactileFailure
-from tactile.gel_fields import GelFields, fields_of, frame_noise, layer_of
-from tactile.gel_slab import GelSlab, SpringBed
+from tactile.gel.fields import GelFields, fields_of, frame_noise, layer_of
+from tactile.gel.slab import GelSlab, SpringBed
+from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import Camera, Sensor, marker_grid
-from tactile.tracking import TrackedMarkers
+from tactile.tactile_failure import TactileFailure
 
 REST = marker_grid(11, 13, pitch_mm=(1.0, 1.0), first_mm=None)
 KN, KT = 0.2, 0.06

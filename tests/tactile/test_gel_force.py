@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel_force import GelForce, Strength, chosen_strength
-from tactile.gel_grid import GelGrid, gel_grid
-from tactile.gel_slab import GelSlab
+from tactile.gel.force_inverse import GelForce, Strength, chosen_strength
+from tactile.gel.grid import GelGrid, gel_grid
+from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid
 
 SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from samples.gel_press import gel_block
-from tactile.gel_slab import GelSlab, SpringBed, tent_compliance, traction_response
+from tactile.gel.slab import GelSlab, SpringBed, tent_compliance, traction_response
 
 SOFT = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
 

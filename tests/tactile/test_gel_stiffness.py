@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from tactile.failure import TactileFailure
-from tactile.gel_stiffness import gel_gain
+from tactile.gel.press_modulus import gel_gain
+from tactile.tactile_failure import TactileFailure
 
 PRESS = np.concatenate([np.zeros(5), np.linspace(0, 4, 20), np.full(5, 4.0), np.linspace(4, 0, 10)])
 

@@ -2,9 +2,9 @@
 
 import pytest
 
-from tactile.decimal_number import decimal_number
-from tactile.failure import TactileFailure
-from tactile.grasp_log import read_log
+from tactile.io.decimal_number import decimal_number
+from tactile.io.grasp_log import read_log
+from tactile.tactile_failure import TactileFailure
 
 
 @pytest.mark.parametrize(

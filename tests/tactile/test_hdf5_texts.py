@@ -12,10 +12,10 @@ from pathlib import Path
 import h5py
 import pytest
 
-import tactile.hdf5_texts
-from tactile.failure import TactileFailure
-from tactile.hdf5_texts import texts_can_be_read
-from tactile.recording import read_recording
+import tactile.io.hdf5_texts
+from tactile.io.hdf5_texts import texts_can_be_read
+from tactile.io.recording import read_recording
+from tactile.tactile_failure import TactileFailure
 
 SHIPPED = (
     Path(__file__).parents[2] / "samples" / "data" / "nectarines" / "fruits" / "N01" / "grasps" / "grasp-1.h5"
@@ -104,7 +104,7 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
 CHECKING = """
 import os, sys
 from pathlib import Path
-from tactile.hdf5_texts import texts_can_be_read
+from tactile.io.hdf5_texts import texts_can_be_read
 fork = os.fork
 def told():
     child = fork()

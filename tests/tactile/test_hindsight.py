@@ -4,8 +4,8 @@ import numpy as np
 from drawn_gel import PITCH_PX, SHAPE, grid
 from jaxtyping import Float
 
-from tactile.hindsight import mended
-from tactile.marker_matching import lattice_of
+from tactile.markers.backward_relabelling import mended
+from tactile.markers.matching import lattice_of
 
 LATTICE = lattice_of(grid(), PITCH_PX)
 JUMPS_AT, HEALS_AT, FRAMES = 4, 8, 14

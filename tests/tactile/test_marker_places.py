@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from tactile.camera import project
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.marker_places import places_of
+from tactile.gel_camera import project
+from tactile.markers.reference_places import places_of
 from tactile.sensors import Camera, marker_grid
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 POSE = np.eye(4)
 POSE[2, 3] = -16.0

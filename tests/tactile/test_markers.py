@@ -5,10 +5,10 @@ import pytest
 from drawn_gel import PITCH_PX, RADIUS_PX, drawn, grid
 from scipy.spatial import cKDTree
 
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.marker_image import contrast, find_look, grey
-from tactile.markers import Blobs, markers_of, spacing_of
-from tactile.tracking import reference_of
+from tactile.markers.contrast import contrast, find_look, grey
+from tactile.markers.marker_detection import Blobs, markers_of, spacing_of
+from tactile.markers.tracking import reference_of
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def found_in(picture: np.ndarray) -> Blobs:

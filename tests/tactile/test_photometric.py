@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from samples.gel_images import Field, GelLook, gel_image, seen_at
-from tactile.ball_press import ball_lookup, ball_print
-from tactile.failure import TactileFailure
-from tactile.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
-from tactile.sensor_file import read_sensor
+from tactile.gel.ball_press import ball_lookup, ball_print
+from tactile.gel.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
+from tactile.gel.shading_file import shading_of, write_lookup
+from tactile.io.sensor_file import read_sensor
 from tactile.sensors import Camera, Light, marker_grid
-from tactile.shading_file import shading_of, write_lookup
+from tactile.tactile_failure import TactileFailure
 
 AMBIENT = 0.35
 DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)

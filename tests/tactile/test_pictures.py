@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tactile.failure import TactileFailure
-from tactile.pictures import picture_pixels, read_picture
+from tactile.io.pictures import picture_pixels, read_picture
+from tactile.tactile_failure import TactileFailure
 
 IMAGE = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)
 

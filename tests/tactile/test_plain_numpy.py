@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-import tactile.plain_numpy
-from tactile.plain_file import NotReadable
-from tactile.plain_numpy import load_npy, load_npz
+import tactile.io.plain_numpy
+from tactile.io.plain_file import NotReadable
+from tactile.io.plain_numpy import load_npy, load_npz
 
 
 def test_arrays_come_back_in_double_precision(tmp_path):

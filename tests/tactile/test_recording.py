@@ -7,8 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def assert_same(a: object, b: object) -> None:

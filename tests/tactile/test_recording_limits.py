@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from planted_grasp import planted_grasp
 
-from tactile.failure import TactileFailure
-from tactile.recording import read_recording, write_recording
+from tactile.io.recording import read_recording, write_recording
+from tactile.tactile_failure import TactileFailure
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ from planted_grasp import RADIUS_MM, planted_grasp
 from scipy.spatial import ConvexHull
 
 from tactile.contact import find_contact
-from tactile.failure import TactileFailure, TactileProblem
 from tactile.registration import register
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def sphere(radius_mm: float, points: int = 6000):

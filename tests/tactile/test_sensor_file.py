@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile.failure import TactileFailure, TactileProblem
-from tactile.sensor_file import read_sensor
+from tactile.io.sensor_file import read_sensor
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MONO = """
 kind = "markers-mono"

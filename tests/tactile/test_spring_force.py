@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from tactile.gel_slab import SpringBed
-from tactile.spring_force import SpringForce
+from tactile.gel.slab import SpringBed
+from tactile.gel.spring_force import SpringForce
 
 SD_MM = np.array([0.001, 0.002, 0.004])
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from tactile.camera import project
+from tactile.gel.stereo import triangulated
+from tactile.gel_camera import project
 from tactile.sensors import Camera
-from tactile.stereo import triangulated
 
 
 def eye(turn_rad: float) -> Camera:

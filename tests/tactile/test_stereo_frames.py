@@ -9,10 +9,10 @@ from drawn_gel import drawn
 from jaxtyping import Float
 from raw_folder import write_picture
 
-from tactile.failure import TactileFailure
 from tactile.from_frames import recording_of
-from tactile.raw_grasp import read_raw_grasp
-from tactile.recording import GelPad
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import GelPad
+from tactile.tactile_failure import TactileFailure
 
 FOCAL_PX, FRAMES = 240.0, 5
 X, Y = np.meshgrid(np.arange(-4, 5) * 1.8, np.arange(-3, 4) * 1.8)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tac3d_folder import FRAMES, KN, KT, REST, write_sensor
 
-from tactile.failure import TactileFailure
 from tactile.from_tac3d import recording_of_tac3d
-from tactile.recording import GelPad, read_recording, write_recording
-from tactile.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.io.recording import GelPad, read_recording, write_recording
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.tactile_failure import TactileFailure
 
 
 def gel(found: Tac3D) -> GelPad:

@@ -8,7 +8,7 @@ from drawn_gel import PITCH_PX, drawn, grid
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from tactile.tracking import Reference, follow, reference_of, track
+from tactile.markers.tracking import Reference, follow, reference_of, track
 
 FRAMES = 12
 

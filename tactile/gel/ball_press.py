@@ -1,0 +1,113 @@
+"""A look-up of slopes from pictures of a ball of known radius pressed into the gel.
+
+Inside the contact the face is the ball: at distance x from its centre the slope is x / sqrt(R^2 - x^2). The
+centre is where the colours do not change (a linear fit in the middle of the print, repeated), the rim of the
+contact where the fitted slope is greatest; what lies beyond 0.85 of that is not used. How deep the ball went
+scales x by the perspective, two percent: the look-up's own depth at the centre says it, by repetition.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from tactile.gel.photometric import PhotometricDepth, SlopeLookup, fitted_lookup
+from tactile.gel_camera import on_face, project
+from tactile.sensors import Camera
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+INSIDE = 0.85
+LEAST_CHANGE = 0.15
+ROUNDS = 6
+DEPTH_ROUNDS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class BallPrint:
+    """One press: where the ball touched (mm, gel frame), contact radius, depth, and colours with slopes."""
+
+    centre_mm: Float[np.ndarray, "2"]
+    contact_mm: float
+    depth_mm: float
+    change: Float[np.ndarray, "m 3"]
+    slopes: Float[np.ndarray, "m 2"]
+
+
+def ball_print(
+    camera: Camera,
+    reference: UInt8[np.ndarray, "h w 3"],
+    image: UInt8[np.ndarray, "h w 3"],
+    *,
+    radius_mm: float,
+    source: str,
+    gamma: float = 1.0,
+) -> BallPrint:
+    """Find the ball in `image`; `source` is how a failure names the picture.
+
+    Raises TactileFailure (unreadable-frames) where no print is seen: nothing changed by 15 %.
+    """
+    untold = SlopeLookup(coefficients=np.zeros((1, 2)))
+    shading = PhotometricDepth(camera, reference, untold, gamma=gamma)
+    change = shading.change(image).reshape(-1, 3)
+    face = on_face(camera, shading.pixels.reshape(-1, 2))[:, :2]
+    strength = np.linalg.norm(change, axis=1)
+    if strength.max() < LEAST_CHANGE:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{source}: colours change by {100 * strength.max():.1f} % at most, expected a ball's print of "
+            f"{radius_mm:g} mm; press deeper, or check that the reference is of the same sensor",
+        )
+    strong = strength > 0.5 * strength.max()
+    centre = np.average(face[strong], axis=0, weights=strength[strong])
+    reach = 0.7 * float(np.sqrt(strong.sum() * _area(face, shading) / np.pi))
+    contact = reach
+    for _ in range(ROUNDS):
+        arm = face - centre
+        distance = np.linalg.norm(arm, axis=1)
+        near = distance < reach
+        basis = np.column_stack([arm, np.ones(len(arm)), distance**2])
+        fit = np.linalg.lstsq(basis[near], change[near], rcond=None)[0]
+        centre = centre - np.linalg.lstsq(fit[:2].T, fit[2], rcond=None)[0]
+        towards = (change - distance[:, None] ** 2 * fit[3]) @ np.linalg.pinv(fit[:2])
+        outward = (towards * arm).sum(axis=1) / np.maximum(distance, 1e-9)
+        contact = _highest(distance, outward, within=4.0 * reach)
+        reach = INSIDE * contact
+    if not reach < radius_mm:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{source}: found a print that reaches {reach:.2f} mm, expected less than the ball's radius of "
+            f"{radius_mm:g} mm; give the radius (not the diameter) in mm, and press less deep",
+        )
+    near = distance < reach
+    deep, eye = contact**2 / radius_mm, camera.gel_from_camera[2, 3]
+    middle = project(camera, np.append(centre, 0.0)[None])
+    for _ in range(DEPTH_ROUNDS):
+        height = deep - distance[near, None] ** 2 / (2.0 * radius_mm)
+        x = (face[near] - centre) * (1.0 + height / eye)
+        slopes = x / np.sqrt(radius_mm**2 - (x**2).sum(axis=1, keepdims=True))
+        shading = PhotometricDepth(camera, reference, fitted_lookup(change[near], slopes), gamma=gamma)
+        deep = -float(shading.at(image, middle)[0, 2])
+    return BallPrint(centre_mm=centre, contact_mm=contact, depth_mm=deep, change=change[near], slopes=slopes)
+
+
+def ball_lookup(prints: Sequence[BallPrint]) -> SlopeLookup:
+    """The look-up that several presses give together."""
+    return fitted_lookup(
+        np.concatenate([p.change for p in prints]), np.concatenate([p.slopes for p in prints])
+    )
+
+
+def _area(face: Float[np.ndarray, "m 2"], shading: PhotometricDepth) -> float:
+    rows, columns = shading.pixels.shape[:2]
+    width, height = np.ptp(face, axis=0)
+    return float(width * height) / float(rows * columns)
+
+
+def _highest(distance: Float[np.ndarray, " m"], value: Float[np.ndarray, " m"], *, within: float) -> float:
+    """The distance at which the ring's mean value is greatest."""
+    edges = np.linspace(0.0, within, 41)
+    ring = np.digitize(distance, edges) - 1
+    mean = [value[ring == k].mean() if (ring == k).any() else -np.inf for k in range(40)]
+    best = int(np.argmax(mean))
+    return float((edges[best] + edges[best + 1]) / 2)

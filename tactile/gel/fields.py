@@ -1,0 +1,291 @@
+"""From what a gel sensor's cameras saw to displacement and force at every marker, with their uncertainty.
+
+In the plane a marker is where its ray says. Its depth comes from two cameras (`markers-stereo`), from
+shading (`photometric`: depth below the border of the image, whose own rise the slab gives), or, with one
+camera and no lights (`markers-mono`), from the slab alone: what pressed the face must have moved the markers
+sideways as seen. The last is told by little; its standard deviation says so.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from tactile.gel.border import border_observation
+from tactile.gel.force_inverse import GelForce, Strength, chosen_strength
+from tactile.gel.force_placing import ForcePlacing
+from tactile.gel.grid import GelGrid, gel_grid
+from tactile.gel.photometric import PhotometricDepth
+from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed
+from tactile.gel.spring_force import SpringForce
+from tactile.gel.stereo import sight, triangulated
+from tactile.gel_camera import on_face
+from tactile.markers.tracking import TrackedMarkers
+from tactile.sensors import Camera, Sensor
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+LEAST_NOISE_PX = 0.01
+LEAST_DEPTH_SD_MM = 0.002
+MONO_SLAB_SD_MM = 0.006
+"""What is asked of the slab's sideways motion where it alone must tell the depth."""
+DEPTH_ROUNDS = 2
+FRAMES_TO_CHOOSE_FROM = 3
+OF_MEDIAN = 0.6745
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelFields:
+    """Displacement and force of every marker in every frame (pad frame; the force is that on the fruit).
+
+    A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
+    standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
+    their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
+    one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
+    `strength` is None where nothing is smoothed. A slab's marker forces are known no better than where on the
+    gel they act (tactile.gel.force_placing): that is part of `force_sd_N` and of the joint covariance.
+    """
+
+    rest_mm: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    displacement_sd_mm: Float[np.ndarray, "t n 3"]
+    force_sd_N: Float[np.ndarray, "t n 3"]
+    touching: Bool[np.ndarray, "t m"]
+    motion_mm: Float[np.ndarray, " t"]
+    strength: Strength | None
+    solver: GelForce | SpringForce
+
+    def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
+        """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
+        if isinstance(self.solver, SpringForce):
+            return self.solver.joint_covariance()
+        found = self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
+        half = len(found) // 2
+        found[half:, half:] += ForcePlacing(self.rest_mm).covariance_N2(self.force_N[frame])
+        return found
+
+
+def layer_of(sensor: Sensor) -> GelLayer:
+    """The sensor's gel: springs where their stiffness was measured, else the bonded slab.
+
+    One camera without lights (`markers-mono`) tells pressure only by the sideways motion that it makes, which
+    springs do not have: the slab, whatever else was measured.
+
+    Raises TactileFailure (unreadable-sensor) where the description lacks the gel.
+    """
+    kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
+    if kn is not None and kt is not None and sensor.kind != "markers-mono":
+        return SpringBed(kn_MPa_per_mm=kn, kt_MPa_per_mm=kt)
+    if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_SENSOR,
+            f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
+            f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe calibrate",
+        )
+    return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu)
+
+
+class GelReader:
+    """One pad's inverse, made once: `measure` takes pixels to displacement, `solver` takes that to force."""
+
+    def __init__(
+        self,
+        sensor: Sensor,
+        reference_px: Float[np.ndarray, "n 2"],
+        rest_mm: Float[np.ndarray, "n 3"],
+        *,
+        second_reference_px: Float[np.ndarray, "n 2"] | None = None,
+        shape: PhotometricDepth | None = None,
+        noise_px: float = 0.03,
+        depth_sd_mm: float = LEAST_DEPTH_SD_MM,
+    ) -> None:
+        self.sensor, self._shape = sensor, shape
+        self._camera = _needed(sensor, sensor.camera, "camera")
+        self._second = sensor.second_camera if sensor.kind == "markers-stereo" else None
+        layer = layer_of(sensor)
+        _refuse_dome(sensor, rest_mm)
+        if self._second is not None:
+            if second_reference_px is None:
+                raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
+            both = (self._camera, self._second)
+            self.rest_mm, information = triangulated(
+                both, (reference_px, second_reference_px), noise_px=noise_px
+            )
+        else:
+            self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
+            _, information = sight(self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2])
+        self.grid: GelGrid = gel_grid(layer, self.rest_mm)
+        self.observed: Float[np.ndarray, "3n u"] | None = None
+        self._border: Float[np.ndarray, "n 3m"] | None = None
+        if sensor.kind == "photometric":
+            if shape is None:
+                raise _refusal(sensor, "shading needs the images themselves; give them with the markers")
+            information[:, 2, 2] += 1.0 / max(depth_sd_mm, LEAST_DEPTH_SD_MM) ** 2
+            self.observed, self._border = border_observation(layer, self.grid, self._camera)
+        elif self._second is None:
+            information *= (noise_px / (noise_px + MONO_SLAB_SD_MM / self._mm_per_px())) ** 2
+        self.information = information
+
+    def _mm_per_px(self) -> float:
+        return float(abs(self._camera.gel_from_camera[2, 3]) / np.mean(self._camera.focal_px))
+
+    def measured(
+        self,
+        pixels: Float[np.ndarray, "n 2"],
+        second: Float[np.ndarray, "n 2"] | None = None,
+        image: UInt8[np.ndarray, "h w 3"] | None = None,
+        depth_mm: Float[np.ndarray, " n"] | None = None,
+    ) -> Float[np.ndarray, "n 3"]:
+        """Displacement of each marker (mm); with one camera and no image at the given depth (z, or 0)."""
+        if self._second is not None and second is not None:
+            points, _ = triangulated((self._camera, self._second), (pixels, second))
+            return np.asarray(points - self.rest_mm)
+        if self._shape is not None and image is not None:
+            return np.asarray(self._shape.at(image, pixels) - self.rest_mm)
+        z = self.rest_mm[:, 2] + (0.0 if depth_mm is None else depth_mm)
+        return np.asarray(_on_planes(self._camera, pixels, z) - self.rest_mm)
+
+    def completed(
+        self, displacement_mm: Float[np.ndarray, "n 3"], node_force_N: Float[np.ndarray, "m 3"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Depth counted from the undisturbed face, where it was measured from the image's border."""
+        if self._border is None:
+            return displacement_mm
+        raised = displacement_mm.copy()
+        raised[:, 2] += self._border @ node_force_N.ravel()
+        return raised
+
+
+def fields_of(
+    sensor: Sensor,
+    tracked: TrackedMarkers,
+    *,
+    second: TrackedMarkers | None = None,
+    images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
+    shape: PhotometricDepth | None = None,
+    strength: Strength | None = None,
+) -> GelFields:
+    """Displacement and force of a whole recording; `images` are read once, one at a time.
+
+    `second` is the other camera's tracking of the same markers (stereo); `images` and `shape` are the frames
+    and the shading's reader (photometric). `strength` None: chosen on the frames that move most.
+
+    Raises TactileFailure where the sensor's description lacks what its kind needs, or the gel is a dome.
+    """
+    frames = len(tracked.time_s)
+    noise_px = max(LEAST_NOISE_PX, frame_noise(tracked.position_px))
+    positions_2 = second.position_px if second is not None else None
+    draft = GelReader(
+        sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
+        second_reference_px=None if second is None else second.reference_px,
+    )  # fmt: skip
+    seen = np.empty((frames, len(tracked.rest_mm), 3))
+    for t, image in zip(range(frames), images if images is not None else [None] * frames, strict=True):
+        other = None if positions_2 is None else positions_2[t]
+        seen[t] = draft.measured(tracked.position_px[t], other, image)
+    reader = draft
+    if sensor.kind == "photometric":
+        reader = GelReader(
+            sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
+            depth_sd_mm=frame_noise(seen[..., 2:]),
+        )  # fmt: skip
+    mono = sensor.kind == "markers-mono"
+    layer = layer_of(sensor)
+    if isinstance(layer, SpringBed):
+        return _of_springs(layer, reader, seen)
+    if strength is None:
+        moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))
+        strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
+        picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
+        strength = chosen_strength(reader.grid, reader.information, seen[picks], observed=reader.observed)
+    solver = GelForce(reader.grid, reader.information, strength, observed=reader.observed)
+    shape_of = seen.shape
+    force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
+    touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
+    motion = np.zeros(frames)
+    own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
+    for t in range(frames):
+        contact = solver.solve(seen[t])
+        for _ in range(DEPTH_ROUNDS if mono else 0):
+            seen[t] = reader.measured(tracked.position_px[t], depth_mm=contact.displacement_mm[:, 2])
+            contact = solver.solve(seen[t])
+        if not mono:
+            seen[t] = reader.completed(seen[t], contact.node_force_N)
+        force[t], touching[t] = contact.force_N, contact.touching
+        force_sd[t] = solver.force_spread(contact.touching, contact.motion_mm)
+        moved_sd[t], motion[t] = own_sd, contact.motion_mm
+        if mono:
+            moved_sd[t, :, 2] = solver.slab_spread(contact.touching, contact.motion_mm)[:, 2]
+    placing = ForcePlacing(reader.rest_mm)
+    return GelFields(
+        rest_mm=reader.rest_mm,
+        displacement_mm=seen,
+        force_N=force,
+        displacement_sd_mm=moved_sd,
+        force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
+        touching=touching,
+        motion_mm=motion,
+        strength=strength,
+        solver=solver,
+    )
+
+
+def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t n 3"]) -> GelFields:
+    """Displacement as it was seen, and each marker's own force."""
+    springs = SpringForce(layer=layer, cell_mm2=reader.grid.cell_mm2, information_per_mm2=reader.information)
+    sd_mm = np.broadcast_to(springs.displacement_sd_mm, seen.shape)
+    return GelFields(
+        rest_mm=reader.rest_mm,
+        displacement_mm=seen,
+        force_N=springs.force_N(seen),
+        displacement_sd_mm=sd_mm,
+        force_sd_N=sd_mm * springs.newton_per_mm,
+        touching=springs.touching(seen),
+        motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
+        strength=None,
+        solver=springs,
+    )
+
+
+def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:
+    """Noise of one value in one frame, from second differences in time, in the quieter fifth of frames."""
+    if len(values) < 3:
+        return 0.0
+    bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2]).reshape(len(values) - 2, -1)
+    usable = [float(np.nanmedian(row)) for row in bends if np.isfinite(row).any()]
+    return float(np.quantile(usable, 0.2)) / OF_MEDIAN / np.sqrt(6.0) if usable else 0.0
+
+
+def _on_planes(
+    camera: Camera, pixels: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "n 3"]:
+    face = on_face(camera, np.nan_to_num(pixels))
+    centre = camera.gel_from_camera[:3, 3]
+    reach = (z_mm - centre[2]) / (face[:, 2] - centre[2])
+    points = centre + reach[:, None] * (face - centre)
+    return np.where(np.isfinite(pixels).all(axis=1)[:, None], points, np.nan)
+
+
+def _needed(sensor: Sensor, camera: Camera | None, name: str) -> Camera:
+    if camera is None:
+        raise _refusal(sensor, f"its description has no {name}; add a table [{name}]")
+    return camera
+
+
+def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
+    """A slab's compliance is not a dome's."""
+    if sensor.thickness_mm is None:
+        return
+    basis = np.column_stack([rest_mm[:, :2], np.ones(len(rest_mm))])
+    off = rest_mm[:, 2] - basis @ np.linalg.lstsq(basis, rest_mm[:, 2], rcond=None)[0]
+    if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
+        raise _refusal(
+            sensor,
+            f"its gel is a dome ({np.ptp(off):.2f} mm out of a plane, {sensor.thickness_mm:g} mm thick); "
+            'forces are computed for flat gels only: use the maker\'s own (kind = "fields")',
+        )
+
+
+def _refusal(sensor: Sensor, detail: str) -> TactileFailure:
+    return TactileFailure(TactileProblem.UNREADABLE_SENSOR, f"{sensor.name}: {detail}")

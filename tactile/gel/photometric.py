@@ -1,0 +1,203 @@
+"""The shape of a lit gel from its colours: shading to slopes by look-up, slopes to depth by Poisson's law.
+
+In every channel the brightness over that of the untouched gel, r = I / I0, depends on the face's slopes
+alone (distant lights, any albedo and vignetting). Three channels give two slopes, by a look-up fitted to
+presses with a ball of known radius, or to Lambert's law for lights of known direction. A pixel at normalised
+image coordinates m = (u, v, 1) sees the point Z m; with the face's normal n in the camera's frame
+
+    d(ln Z)/du = -n_u / (n . m),   d(ln Z)/dv = -n_v / (n . m),
+
+which is integrated in the least squares sense (Frankot and Chellappa 1988, here with a fixed border: sine
+transforms of the five-point Laplacian). Perspective and lens distortion are thereby exact.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+from scipy.ndimage import map_coordinates
+
+from tactile.gel.poisson_equation import laplacian_eigenvalues, poisson
+from tactile.gel_camera import rays
+from tactile.sensors import Camera, Light
+
+BLOCK_PX = 4
+DEGREE = 3
+DARK = 0.75
+STEEPEST = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlopeLookup:
+    """Slopes dz/dx and dz/dy (gel frame) as polynomials in the three channels' r - 1."""
+
+    coefficients: Float[np.ndarray, "k 2"]
+
+    def slopes(self, change: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... 2"]:
+        """Slopes where brightness changed by r - 1."""
+        return np.asarray(_powers(change) @ self.coefficients)
+
+
+def fitted_lookup(change: Float[np.ndarray, "m 3"], slopes: Float[np.ndarray, "m 2"]) -> SlopeLookup:
+    """The look-up that fits known slopes best (least squares, a whisker of ridge; no change, no slope)."""
+    basis = _powers(change)
+    weight = 1e-6 * np.trace(basis.T @ basis) / basis.shape[1]
+    normal = basis.T @ basis + weight * np.eye(basis.shape[1])
+    return SlopeLookup(coefficients=np.linalg.solve(normal, basis.T @ slopes))
+
+
+def lambert_change(
+    lights: tuple[Light, ...], ambient: float, slopes: Float[np.ndarray, "m 2"]
+) -> Float[np.ndarray, "m 3"]:
+    """r - 1 of a matt face: ambient light plus each light's strength times its cosine with the face."""
+
+    def brightness(slope: np.ndarray) -> np.ndarray:
+        inward = np.column_stack([slope, -np.ones(len(slope))])
+        inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+        total = np.full((len(slope), 3), ambient)
+        for light in lights:
+            total = total + np.maximum(inward @ light.direction, 0.0)[:, None] * light.colour
+        return np.asarray(total)
+
+    return np.asarray(brightness(slopes) / brightness(np.zeros((1, 2))) - 1.0)
+
+
+def lambert_lookup(lights: tuple[Light, ...], *, ambient: float = 0.0, steepest: float = 0.7) -> SlopeLookup:
+    """The look-up of lights of known direction, for slopes up to `steepest`."""
+    side = np.linspace(-steepest, steepest, 61)
+    slopes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+    slopes = slopes[np.linalg.norm(slopes, axis=1) <= steepest]
+    return fitted_lookup(lambert_change(lights, ambient, slopes), slopes)
+
+
+class PhotometricDepth:
+    """Depth of a gel's face, frame by frame, against the frame in which nothing touches it."""
+
+    def __init__(
+        self,
+        camera: Camera,
+        reference: UInt8[np.ndarray, "h w 3"],
+        lookup: SlopeLookup,
+        *,
+        gamma: float = 1.0,
+    ) -> None:
+        self._camera, self._lookup = camera, lookup
+        self._light = (255.0 * (np.arange(256) / 255.0) ** gamma).astype(np.float32)
+        height, width = reference.shape[:2]
+        self._shape = (height // BLOCK_PX, width // BLOCK_PX)
+        rest, clear = _blocks(reference, _between_dots(reference), self._shape, self._light)
+        self._reference = _filled(rest, clear, sigma=6.0)
+        _, direction = rays(camera, self.pixels.reshape(-1, 2))
+        turn = camera.gel_from_camera[:3, :3]
+        local = direction @ turn
+        self._plane = (local / local[:, 2:]).reshape(*self._shape, 3)
+        self._steps = [np.gradient(self._plane, axis=axis) for axis in (0, 1)]
+        gel_normal = turn[2]
+        self._rest_depth = -camera.gel_from_camera[2, 3] / (self._plane @ gel_normal)
+        self._flat = self._log_depth_gradient(np.zeros((*self._shape, 2)))
+        self._eigen = laplacian_eigenvalues(self._shape)
+
+    def change(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "a b 3"]:
+        """r - 1 at the middle of every block, dots filled from round about."""
+        now, clear = _blocks(image, _between_dots(image), self._shape, self._light)
+        return _filled(now / self._reference - 1.0, clear, sigma=1.2)
+
+    @property
+    def pixels(self) -> Float[np.ndarray, "a b 2"]:
+        """Where the middles of the blocks are."""
+        rows, columns = np.meshgrid(*[np.arange(n) for n in self._shape], indexing="ij")
+        return np.stack([columns, rows], axis=-1) * BLOCK_PX + (BLOCK_PX - 1) / 2
+
+    def face(self, image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "a b"]:
+        """Depth along the camera's axis (mm) at the middle of every block of 4 x 4 pixels."""
+        slopes = np.clip(self._lookup.slopes(self.change(image)), -STEEPEST, STEEPEST)
+        extra = self._log_depth_gradient(slopes) - self._flat
+        return np.asarray(self._rest_depth * np.exp(_integrated(extra, self._eigen)))
+
+    def at(
+        self, image: UInt8[np.ndarray, "h w 3"], pixels: Float[np.ndarray, "n 2"]
+    ) -> Float[np.ndarray, "n 3"]:
+        """Points of the face (mm, gel frame) that pixels of this frame show; NaN for pixels that are NaN."""
+        place = (pixels - (BLOCK_PX - 1) / 2) / BLOCK_PX
+        depth = map_coordinates(self.face(image), place.T[::-1], order=3, mode="nearest")
+        centre, direction = rays(self._camera, np.nan_to_num(pixels))
+        local = direction @ self._camera.gel_from_camera[:3, 2]
+        points = centre + direction * (depth / local)[:, None]
+        return np.where(np.isfinite(pixels).all(axis=1)[:, None], points, np.nan)
+
+    def _log_depth_gradient(self, slopes: Float[np.ndarray, "a b 2"]) -> Float[np.ndarray, "a b 2"]:
+        """d(ln Z) from block to block, along rows and columns of blocks."""
+        normal = np.concatenate([-slopes, np.ones((*self._shape, 1))], axis=-1)
+        normal = normal @ self._camera.gel_from_camera[:3, :3]
+        along = np.einsum("abx,abx->ab", normal, self._plane)
+        return np.stack([-np.einsum("abx,abx->ab", normal, step) / along for step in self._steps], axis=-1)
+
+
+def _powers(change: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... k"]:
+    red, green, blue = (
+        np.cumprod([np.ones_like(channel), *[channel] * DEGREE], axis=0)
+        for channel in np.moveaxis(np.asarray(change), -1, 0)
+    )
+    terms = [
+        red[i] * green[j] * blue[k]
+        for i in range(DEGREE + 1)
+        for j in range(DEGREE + 1 - i)
+        for k in range(DEGREE + 1 - i - j)
+        if i + j + k > 0
+    ]
+    return np.stack(terms, axis=-1)
+
+
+def _between_dots(image: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
+    """Pixels of the bare gel: not much darker than the neighbourhood at its brightest."""
+    height, width = image.shape[:2]
+    small = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    grey = np.maximum(np.maximum(small[..., 0], small[..., 1]), small[..., 2])
+    bright = cv2.blur(cv2.dilate(grey, np.ones((7, 7), np.uint8)), (15, 15))
+    dark = (grey < DARK * bright).astype(np.uint8)
+    wide = cv2.dilate(dark, np.ones((3, 3), np.uint8))
+    return np.asarray(cv2.resize(wide, (width, height), interpolation=cv2.INTER_NEAREST) == 0)
+
+
+def _blocks(
+    image: UInt8[np.ndarray, "h w 3"],
+    clear: Bool[np.ndarray, "h w"],
+    shape: tuple[int, int],
+    light: Float[np.ndarray, "256"],
+) -> tuple[Float[np.ndarray, "a b 3"], Float[np.ndarray, "a b"]]:
+    """Mean light of each block's clear pixels (`light` of each picture value), and their share."""
+    size = (shape[1], shape[0])
+    height, width = shape[0] * BLOCK_PX, shape[1] * BLOCK_PX
+    mask = clear[:height, :width].astype(np.float32)
+    share = cv2.resize(mask, size, interpolation=cv2.INTER_AREA)
+    shown = cv2.bitwise_and(image[:height, :width], image[:height, :width], mask=mask.astype(np.uint8))
+    total = cv2.resize(cv2.LUT(shown, light), size, interpolation=cv2.INTER_AREA)
+    return total / np.maximum(share, 1e-6)[..., None], np.where(share > 0.2, share, 0.0)
+
+
+def _filled(
+    values: Float[np.ndarray, "a b 3"], weight: Float[np.ndarray, "a b"], *, sigma: float
+) -> Float[np.ndarray, "a b 3"]:
+    """Values smoothed over blocks, the weightless ones filled from round about."""
+    out = np.zeros_like(values)
+    empty = np.ones(weight.shape, dtype=bool)
+    for widen in (1.0, 2.5, 6.0, 15.0):
+        share = cv2.GaussianBlur(weight, (0, 0), sigma * widen)
+        total = cv2.GaussianBlur(values * weight[..., None], (0, 0), sigma * widen)
+        fresh = empty & (share > 0.02)
+        out[fresh] = total[fresh] / share[fresh][:, None]
+        empty &= ~fresh
+        if not empty.any():
+            break
+    return out
+
+
+def _integrated(
+    gradient: Float[np.ndarray, "a b 2"], eigen: Float[np.ndarray, "a b"]
+) -> Float[np.ndarray, "a b"]:
+    """The surface, zero at the border, whose steps from block to block are nearest to `gradient`."""
+    down = (gradient[1:, :, 0] + gradient[:-1, :, 0]) / 2
+    right = (gradient[:, 1:, 1] + gradient[:, :-1, 1]) / 2
+    divergence = (down[1:, 1:-1] - down[:-1, 1:-1]) + (right[1:-1, 1:] - right[1:-1, :-1])
+    return np.pad(poisson(divergence, eigen), 1)

@@ -1,0 +1,54 @@
+"""The gel's modulus from a press whose force a load cell gave.
+
+Forces found from displacement are proportional to the modulus assumed, so that the gain
+g = sum W F / sum F^2 over the frames of a press (W the load cell's force along the pad's normal, F the gel's)
+times the assumed modulus is the gel's. Its standard deviation is that of the frames' scatter about one line.
+The whole contact must be in view, and the press normal: what friction carries is not asked for.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+LEAST_SHARE = 0.2
+FEWEST_FRAMES = 5
+NOT_ONE_LINE = 0.1
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelGain:
+    """Load cell over gel: value, standard deviation, and the frames' scatter over the peak force."""
+
+    value: float
+    sd: float
+    residual: float
+
+
+def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *, source: str) -> GelGain:
+    """By what the gel's forces must be multiplied to be the load cell's; signs do not matter.
+
+    Only frames with a fifth of the peak force count. Raises TactileFailure (unreadable-frames) for fewer than
+    five such frames, or forces that do not lie on one line through zero within a tenth of the peak.
+    """
+    W, F = np.abs(cell_N), np.abs(gel_N)
+    felt_by_cell, felt_by_gel = (f > LEAST_SHARE * f.max(initial=0.0) for f in (W, F))
+    used = felt_by_cell & felt_by_gel
+    if used.sum() < FEWEST_FRAMES:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{source}: found {int(used.sum())} frames in which gel and load cell feel the press, expected "
+            f"at least {FEWEST_FRAMES}; press harder, or slower.",
+        )
+    W, F = W[used], F[used]
+    value = float((W @ F) / (F @ F))
+    scatter = float(np.sqrt(((W - value * F) ** 2).sum() / (len(W) - 1)))
+    if scatter > NOT_ONE_LINE * W.max():
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_FRAMES,
+            f"{source}: found gel and load cell {100 * scatter / W.max():.0f} % of the peak apart, expected "
+            "one line through zero; check that the whole contact is in view and both clocks agree.",
+        )
+    return GelGain(value=value, sd=scatter / float(np.sqrt(F @ F)), residual=scatter / float(W.max()))

@@ -1,0 +1,160 @@
+"""Frames of one camera, read one by one: numbered pictures, a video, or images in an HDF5 file."""
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import UInt8
+
+from tactile.io.plain_file import NotReadable, not_plain, printable, read_bytes
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+PICTURES = (".png", ".jpg", ".jpeg")
+VIDEOS = (".avi", ".mp4")
+MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
+"""Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
+MOST_HEADER_BYTES = 1_000_000
+"""In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
+NUMBERED = re.compile(r"^frame_(\d+)$")
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """`frames()` starts a new pass, in RGB. `numbered`: the recorder's own numbers, not counted here."""
+
+    source: str
+    numbers: tuple[int, ...]
+    frames: Callable[[], Iterator[UInt8[np.ndarray, "h w 3"]]]
+    numbered: bool = False
+
+
+def unusable(source: str, found: str, expected: str) -> TactileFailure:
+    """The failure sentence of frames and their log."""
+    detail = printable(f"{source}: found {found}, expected {expected}.")
+    return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
+
+
+def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
+    """One RGB picture; raises TactileFailure (unreadable-frames) where there is none or it is damaged."""
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise unusable(path.name, found, "a .png or .jpg picture")
+    named = f"{path.parent.name}/{path.name}"
+    try:
+        data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
+    except NotReadable as cause:
+        raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
+    _require_size(named, data)
+    picture = None
+    if len(data) and not _cut_short(data, path.suffix.lower()):
+        picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if picture is None:
+        raise unusable(named, "a damaged picture", "a whole one; copy it again")
+    return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def pictures_in(place: Path) -> Pictures:
+    """The frames at `place`: a folder with frame_000000.png ..., or a video.
+
+    Raises TactileFailure (unreadable-frames) where there is nothing of the kind, a number comes twice, or the
+    video cannot be opened.
+    """
+    if place.is_dir():
+        return _folder(place)
+    if place.suffix.lower() in VIDEOS and place.is_file():
+        return _video(place)
+    expected = f"a folder with frame_000000.png ..., or a video ({', '.join(VIDEOS)})"
+    raise unusable(place.name, "no such folder or video", expected)
+
+
+def pictures_of(dataset: Any, source: str) -> Pictures:
+    """The frames of an HDF5 dataset (T, H, W, 3), read one at a time."""
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        for k in range(dataset.shape[0]):
+            yield np.asarray(dataset[k], dtype=np.uint8)
+
+    return Pictures(source, tuple(range(dataset.shape[0])), frames)
+
+
+def _folder(folder: Path) -> Pictures:
+    found: dict[int, Path] = {}
+    for path in sorted(folder.iterdir()):
+        named = NUMBERED.match(path.stem)
+        if named is None or path.suffix.lower() not in PICTURES:
+            continue
+        if len(named.group(1)) > 12:
+            raise unusable(folder.name, path.name[:60], "numbers of at most 12 digits")
+        number = int(named.group(1))
+        if number in found:
+            raise unusable(folder.name, f"{found[number].name} and {path.name}", "each frame once")
+        found[number] = path
+    if not found:
+        raise unusable(folder.name, "no frame_*.png or .jpg", "frame_000000.png, frame_000001.png, ...")
+    numbers = tuple(sorted(found))
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        for number in numbers:
+            yield read_picture(found[number])
+
+    return Pictures(folder.name, numbers, frames, numbered=True)
+
+
+def _video(path: Path) -> Pictures:
+    video = cv2.VideoCapture(str(path))
+    said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
+    video.release()
+    if said < 1:
+        raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
+    if said > MOST_FRAMES:
+        raise unusable(path.name, f"{said} frames", f"at most {MOST_FRAMES}")
+
+    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+        video = cv2.VideoCapture(str(path))
+        try:
+            for k in range(said):
+                more, frame = video.read()
+                if not more:
+                    expected = f"{said} as its header says: it is cut short, copy it again"
+                    raise unusable(path.name, f"{k} frames", expected)
+                yield np.asarray(cv2.cvtColor(frame, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        finally:
+            video.release()
+
+    return Pictures(path.name, tuple(range(said)), frames)
+
+
+def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> None:
+    """Refuse, before it is decoded, a picture larger than any camera in a gel, and one that does not say how
+    large it is: other kinds than PNG and JPEG unpack to any size.
+    """
+    pixels = picture_pixels(data[:MOST_HEADER_BYTES].tobytes())
+    if pixels == 0:
+        raise unusable(named, "a damaged picture, or no PNG or JPEG", "a whole one; copy it again")
+    if pixels > MOST_PIXELS:
+        found = f"a picture of {pixels / 1e6:.0f} million pixels"
+        raise unusable(named, found, f"at most {MOST_PIXELS / 1e6:g} million")
+
+
+def picture_pixels(data: bytes) -> int:
+    """Width times height as the header of a PNG or a JPEG says; 0 where it has none."""
+    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
+        return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
+    place = 2
+    while data[:2] == b"\xff\xd8" and place + 9 <= len(data) and data[place] == 0xFF:
+        marker = data[place + 1]
+        if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):  # the frame header, ITU-T T.81 B.2.2
+            high, wide = data[place + 5 : place + 7], data[place + 7 : place + 9]
+            return int.from_bytes(high, "big") * int.from_bytes(wide, "big")
+        place += 1 if marker == 0xFF else 2 + max(int.from_bytes(data[place + 2 : place + 4], "big"), 2)
+    return 0
+
+
+def _cut_short(data: UInt8[np.ndarray, " n"], suffix: str) -> bool:
+    """Whether the file lacks its end mark: decoders fill the missing rows with grey and say nothing."""
+    tail = data[-4096:].tobytes().rstrip(b"\0")[-64:]  # some recorders fill up the last block
+    return (b"IEND" if suffix == ".png" else b"\xff\xd9") not in tail

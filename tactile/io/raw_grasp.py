@@ -1,0 +1,327 @@
+"""A grasp in its raw form: the frames of each pad, and what the machine logged.
+
+```
+grasp.toml            what was grasped, and each pad's sensor and pose
+log.csv               time_s, aperture_mm, [frame], [fx_N, fy_N, fz_N, tx_Nmm, ty_Nmm, tz_Nmm]
+<pad>/frame_000000.png ..., <pad>/reference.png         or <pad>.avi, <pad>.mp4 and <pad>/reference.png
+<pad>/times.csv       optional: frame, time_s of the pad's own clock
+```
+
+```toml
+fruit_id = "f01"
+category = "nectarine"
+loading = "grasp"                  # or "press", with one pad `tip`
+pose_aperture_mm = 60.0            # the aperture at which the poses below hold
+sensor = "both.toml"               # optional: of every pad that names none
+[pads.left]                        # and [pads.right]
+sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one is given for all
+pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
+frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
+second_frames = "left-b"           # a stereo sensor's second camera: a folder with its reference.png,
+                                   # or left-b.avi with left-b/reference.png
+reference = "left/reference.png"   # optional
+reference_frames = [0, 5]          # in its place: the mean of frames 0 to 4, all of the untouched gel
+serial = "2A47"                    # optional: the sensor these frames came from
+time_offset_s = 0.0                # optional: the pad's clock less the log's
+```
+A pad moves along
+its own z by half of what the aperture changes (a press: its tip by all of the travel).
+"""
+
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
+from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
+from tactile.io.plain_file import named_in_utf8, not_plain
+from tactile.io.recording import PADS_OF_LOADING, Loading, Support
+from tactile.io.sensor_file import is_rigid, look_up_of, read_sensor
+from tactile.io.toml_table import Table, read_table
+from tactile.sensors import Sensor
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+PAD_KEYS = {
+    "sensor", "pose", "frames", "second_frames", "reference", "reference_frames", "serial", "time_offset_s"
+}  # fmt: skip
+TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_aperture_mm", "pads"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """One camera's untouched gel and its frames."""
+
+    reference: UInt8[np.ndarray, "h w 3"]
+    pictures: Pictures
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawPad:
+    """One pad's frames; `time_s` and `pose` are one per frame, on the log's clock."""
+
+    name: str
+    sensor: Sensor
+    view: View
+    second: View | None
+    time_s: Float[np.ndarray, " t"]
+    pose: Float[np.ndarray, "t 4 4"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RawGrasp:
+    """A grasp before any frame is looked at; the log's values are at the first pad's frames."""
+
+    source: str
+    fruit_id: str
+    category: str
+    loading: Loading
+    support: Support
+    aperture_mm: Float[np.ndarray, " t"]
+    wrench_N: Float[np.ndarray, "t 6"] | None
+    pads: tuple[RawPad, ...]
+
+
+def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
+    """The raw grasp in `folder`; `sensor` is the description of every pad, in place of those it names.
+
+    Raises TactileFailure that names the file and the field: unreadable-frames, unreadable-sensor, or
+    wrong-sensor where a pad's serial is not its description's.
+    """
+    if not named_in_utf8(folder):
+        raise unusable(folder.name, "a name that is not UTF-8", "letters and digits: rename the folder")
+    top = read_table(folder / "grasp.toml", TactileProblem.UNREADABLE_FRAMES, what="a grasp's description")
+    top.refuse_unknown(TOP_KEYS)
+    loading = cast(Loading, top.choice("loading", tuple(PADS_OF_LOADING)))
+    support = "free" if loading == "grasp" else "base"
+    log = read_log(folder / "log.csv")
+    at_mm = top.number("pose_aperture_mm", needed=True, above=-np.inf) or 0.0
+    pads_table = top.table("pads", needed=True)
+    names = PADS_OF_LOADING[loading]
+    pads_table.refuse_unknown(names)
+    shared = _sensor_path(folder, top) if sensor is None and "sensor" in top.values else None
+    pads = tuple(
+        _pad(
+            folder, name, table, log, loading, at_mm, sensor or (None if "sensor" in table.values else shared)
+        )
+        for name in names
+        for table in [pads_table.table(name, needed=True)]
+    )
+    _refuse_swapped(folder, pads_table, pads)
+    when = pads[0].time_s
+    wrench = log.wrench_N
+    return RawGrasp(
+        source=folder.name,
+        fruit_id=top.text("fruit_id"),
+        category=top.text("category"),
+        loading=loading,
+        support=cast(
+            Support, top.choice("support", ("free", "base")) if "support" in top.values else support
+        ),
+        aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
+        wrench_N=None if wrench is None else _interpolated(when, log.time_s, wrench),
+        pads=pads,
+    )
+
+
+def _pad(
+    folder: Path, name: str, table: Table, log: GraspLog, loading: Loading, at_mm: float, sensor: Path | None
+) -> RawPad:
+    table.refuse_unknown(PAD_KEYS)
+    description = sensor or _sensor_path(folder, table)
+    described = read_sensor(description)
+    pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
+    reference, source = _reference(folder, name, table, pictures)
+    if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
+        width, height = described.camera.image_px
+        raise TactileFailure(
+            TactileProblem.WRONG_SENSOR,
+            f"{folder.name}, pad {name}, {source}: found {reference.shape[1]} x {reference.shape[0]} pixels, "
+            f"expected {width} x {height} as {description.name} says; is it this sensor's description?",
+        )
+    second = None
+    if described.kind == "markers-stereo":
+        other = folder / table.file_name("second_frames", default=f"{name}-b")
+        beside = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
+        untouched = _reference_path(beside)
+        if not untouched.is_file():
+            raise unusable(
+                f"{beside.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
+            )
+        second = View(reference=read_picture(untouched), pictures=pictures_in(other))
+        if second.pictures.numbers != pictures.numbers:
+            found = f"{len(second.pictures.numbers)} frames"
+            raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
+    time_s, aperture_mm = _times(folder, name, table, pictures, log)
+    pose = table.numbers("pose", (4, 4))
+    if not is_rigid(pose):
+        raise table.refusal("pose", "a matrix that is no rotation and shift", "a rigid motion, mm")
+    poses = np.broadcast_to(pose, (len(time_s), 4, 4)).copy()
+    share = -0.5 if loading == "grasp" else 1.0
+    poses[:, :3, 3] += (share * (aperture_mm - at_mm))[:, None] * pose[:3, 2]
+    return RawPad(
+        name=name,
+        sensor=described,
+        view=View(reference=reference, pictures=pictures),
+        second=second,
+        time_s=time_s,
+        pose=poses,
+    )
+
+
+def _sensor_path(folder: Path, table: Table) -> Path:
+    name = table.file_name("sensor")
+    found = _nearest(folder, name)
+    if found is None:
+        raise table.refusal(
+            "sensor", f"no file {name} in {folder.name} or above it", "a sensor's description"
+        )
+    return found
+
+
+def _nearest(folder: Path, name: str) -> Path | None:
+    """The file of this name beside grasp.toml, or in the nearest of four folders above."""
+    places = [place / name for place in (folder, *folder.resolve().parents[:4])]
+    return next((place for place in places if not not_plain(place)), None)
+
+
+def files_of(folder: Path) -> tuple[Path, ...]:
+    """Every file of the raw grasp: those that lie in it, and those that grasp.toml names wherever they lie
+    (descriptions of sensors and their look-ups, frames, pictures of the untouched gel).
+
+    Of a grasp.toml that cannot be read, or names what is not there, as many as can be told.
+    """
+    held = {path for path in folder.rglob("*") if not not_plain(path)}
+    try:
+        top = read_table(
+            folder / "grasp.toml", TactileProblem.UNREADABLE_FRAMES, what="a grasp's description"
+        )
+    except TactileFailure:
+        return tuple(sorted(held))
+    pads = top.values.get("pads")
+    known = [(name, pads.get(name)) for name in ("left", "right", "tip")] if isinstance(pads, dict) else []
+    for name, values in [("", top.values), *known]:
+        if isinstance(values, dict):
+            with suppress(TactileFailure):
+                held.update(_named(folder, name, Table(top.path, top.problem, values)))
+    return tuple(sorted(held))
+
+
+def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
+    """What one table of grasp.toml names: the whole grasp's (of no name), or a pad's."""
+    sensor = _nearest(folder, table.file_name("sensor")) if "sensor" in table.values else None
+    yield from (path for path in (sensor, sensor and look_up_of(sensor)) if path is not None)
+    if not name:
+        return
+    other = folder / table.file_name("second_frames", default=f"{name}-b")
+    reference = folder / table.file_name("reference", default=f"{name}/reference.png")
+    places = (folder / name, _place(folder, name, table.file_name("frames", default="")), other)
+    for place in (*places, other.with_suffix(""), reference):
+        inside = place.iterdir() if place.is_dir() and os.access(place, os.R_OK) else ()
+        pictures = (p for p in inside if p.suffix.lower() in PICTURES or p.name == "times.csv")
+        yield from (path for path in (place, *pictures) if not not_plain(path))
+
+
+def _place(folder: Path, name: str, said: str) -> Path:
+    if said:
+        return folder / said
+    videos = [folder / f"{name}{suffix}" for suffix in VIDEOS]
+    pictured = folder / name
+    if pictured.is_dir() and any(path.stem.startswith("frame_") for path in pictured.iterdir()):
+        return pictured
+    return next((video for video in videos if video.is_file()), pictured)
+
+
+def _reference(
+    folder: Path, name: str, table: Table, pictures: Pictures
+) -> tuple[UInt8[np.ndarray, "h w 3"], str]:
+    """The picture of the untouched gel, and the file or the frames that it comes from."""
+    if "reference_frames" not in table.values:
+        said = table.file_name("reference", default="")
+        path = folder / said if said else _reference_path(folder / name)
+        if not path.is_file():
+            expected = "a picture of the untouched gel; or name frames of it: reference_frames = [0, 5]"
+            raise unusable(f"{name}/reference.png", "no such file", expected)
+        return read_picture(path), path.name
+    first, end = (int(k) for k in table.numbers("reference_frames", (2,)).tolist())
+    if not 0 <= first < end <= len(pictures.numbers):
+        found = f"[{first}, {end}] of {len(pictures.numbers)} frames"
+        raise table.refusal("reference_frames", found, "first frame and the one after the last")
+    chosen = [
+        frame.astype(np.float64)
+        for k, frame in zip(range(end), pictures.frames(), strict=False)
+        if k >= first
+    ]
+    mean = np.asarray(np.rint(np.mean(chosen, axis=0)), dtype=np.uint8)
+    return mean, f"frames {first} to {end - 1} of {pictures.source}"
+
+
+def _reference_path(place: Path) -> Path:
+    return next((p for s in PICTURES if (p := place / f"reference{s}").is_file()), place / "reference.png")
+
+
+def _times(
+    folder: Path, name: str, table: Table, pictures: Pictures, log: GraspLog
+) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
+    """Each frame's time on the log's clock, and the aperture then."""
+    own = folder / name / "times.csv"
+    if own.is_file():
+        columns = read_columns(own)
+        for needed in ("frame", "time_s"):
+            if needed not in columns:
+                raise unusable(
+                    f"{name}/times.csv: {needed}", "no such column", "the columns frame and time_s"
+                )
+        increasing(f"{name}/times.csv", columns["time_s"])
+        stamps = dict(zip(columns["frame"].astype(int).tolist(), columns["time_s"].tolist(), strict=True))
+        table_said = f"{name}/times.csv"
+    elif log.frame is not None:
+        stamps = dict(zip(log.frame.tolist(), log.time_s.tolist(), strict=True))
+        table_said = "log.csv"
+    else:
+        if len(log.time_s) != len(pictures.numbers):
+            expected = f"{len(log.time_s)} as log.csv has rows; or say in a column `frame` which is which"
+            raise unusable(pictures.source, f"{len(pictures.numbers)} frames", expected)
+        stamps = dict(zip(pictures.numbers, log.time_s.tolist(), strict=True))
+        table_said = "log.csv"
+    missing = [number for number in pictures.numbers if number not in stamps]
+    if missing:
+        found = f"no time for frame {missing[0]} ({len(missing)} such)"
+        raise unusable(table_said, found, f"a row for each frame of {pictures.source}")
+    offset = table.numbers("time_offset_s", (), needed=False)
+    time_s = np.array([stamps[n] for n in pictures.numbers]) - (0.0 if offset is None else float(offset))
+    outside = (time_s < log.time_s[0] - 1e-9) | (time_s > log.time_s[-1] + 1e-9)
+    if outside.any():
+        found = f"frames from {time_s[0]:g} to {time_s[-1]:g} s"
+        expected = f"times within the log's, {log.time_s[0]:g} to {log.time_s[-1]:g} s; set time_offset_s"
+        raise unusable(pictures.source, found, expected)
+    return time_s, np.interp(time_s, log.time_s, log.aperture_mm)
+
+
+def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> None:
+    said = {pad.name: table.table(pad.name, needed=True).text("serial", default="") for pad in pads}
+    for pad in pads:
+        serial = said[pad.name]
+        if serial and pad.sensor.serial and serial != pad.sensor.serial:
+            other = [p.name for p in pads if p is not pad and p.sensor.serial == serial]
+            advice = (
+                f"; it is the {other[0]} pad's: the pads are swapped"
+                if other
+                else "; give that sensor's file"
+            )
+            raise TactileFailure(
+                TactileProblem.WRONG_SENSOR,
+                f"{folder.name}/grasp.toml: pads.{pad.name}.serial: found {serial!r}, expected "
+                f"{pad.sensor.serial!r} as its sensor's description says{advice}.",
+            )
+
+
+def _interpolated(
+    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, "s c"]
+) -> Float[np.ndarray, "t c"]:
+    return np.stack([np.interp(when, time_s, column) for column in values.T], axis=1)

@@ -1,0 +1,282 @@
+"""One tactile recording: what the pads of a gripper, or of a press, felt over time.
+
+The file is HDF5, version 1: root attributes `format`, `version`, `fruit_id`, `category`, `loading`, `sensor`
+and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N`; one group per pad below
+`pads`. Units are mm, N, MPa and s. A pose takes pad coordinates to fruit coordinates.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeAlias, cast
+
+import h5py
+import numpy as np
+from jaxtyping import Float, UInt8
+from scipy.spatial import ConvexHull, QhullError, Voronoi
+
+from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
+from tactile.io.plain_file import named_in_utf8, not_plain, size
+from tactile.io.recording_fields import GroupReader, Limit, first_line, unreadable
+from tactile.tactile_failure import TactileFailure
+
+FORMAT = "drupe-recording"
+VERSION = 1
+FEWEST_FOR_AREA = 9
+FEWEST_MARKERS = 3
+"""That span an area, which contact has: outlines of fewer, or of a line, do not exist."""
+LEAST_SPREAD = 0.01
+"""Least spread of a gel's markers across over along (standard deviations): a row 20 mm long whose places are
+read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
+COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder: it is cut short or damaged"
+MOST_BYTES = 8_000_000_000
+"""Of a recording with its images; nothing but the fields asked for is read into memory."""
+TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
+APERTURE = Limit(2000.0, "millimetres (is it in m or µm?)")
+WRENCH = Limit(1e7, "newtons and newton millimetres")
+REST = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
+DISPLACEMENT = Limit(500.0, "millimetres (is it in µm, or in pixels?)")
+FORCE = Limit(1e4, "newtons at a marker (is it in mN?)")
+LOAD = Limit(1e6, "newtons (is it in mN?)")
+STIFFNESS = Limit(1e4, "MPa per mm (is it in Pa or kPa?)", least=1e-6)
+THICKNESS = Limit(200.0, "millimetres", least=0.01)
+MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)", least=1e-5)
+RATIO = Limit(0.4999, "", least=0.1)
+RADIUS = Limit(1000.0, "millimetres", least=0.001)
+"""The largest that each field can be at all, some hundred times what sensors and grippers reach: beyond it a
+number is broken or in another unit, and squares of it may overflow. The least likewise: the softest gel made
+has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6 MPa per mm; quotients by numbers
+that are next to nothing overflow."""
+PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
+
+Loading: TypeAlias = Literal["grasp", "press"]
+Support: TypeAlias = Literal["free", "base"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelPad:
+    """A gel with markers, all in the pad frame; z points out of the gel into the fruit.
+
+    `displacement_mm` is from rest (negative z: pressed into the gel), `force_N` is what the gel puts on the
+    fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome.
+    """
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    rest_mm: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    gel_kn_MPa_per_mm: float
+    gel_kt_MPa_per_mm: float
+    thickness_mm: float | None = None
+    gel_E_MPa: float | None = None
+    gel_nu: float | None = None
+    images: UInt8[np.ndarray, "t h w 3"] | None = None
+    images_reference: UInt8[np.ndarray, "h w 3"] | None = None
+
+    @property
+    def marker_kn_N_per_mm(self) -> float | None:
+        """Normal stiffness of the gel under one marker; None where too few markers say its area."""
+        area = marker_area_mm2(self.rest_mm)
+        return None if area is None else self.gel_kn_MPa_per_mm * area
+
+
+def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
+    """The gel's face that belongs to one marker: the median Voronoi cell; None below nine markers."""
+    if len(rest_mm) < FEWEST_FOR_AREA:
+        return None
+    try:
+        cells = Voronoi(rest_mm[:, :2])
+    except QhullError:  # all on a line
+        return None
+    whole = [cells.vertices[r] for r in (cells.regions[k] for k in cells.point_region) if r and -1 not in r]
+    return float(np.median([ConvexHull(corners).volume for corners in whole])) if whole else None
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndenterPad:
+    """A bare indenter with a load cell: one normal force per frame, no markers."""
+
+    name: str
+    pose: Float[np.ndarray, "t 4 4"]
+    force_z_N: Float[np.ndarray, " t"]
+    indenter: Literal["ball", "flat", "plate"]
+    radius_mm: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """Everything one file holds.
+
+    `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (the pads
+    alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
+    force (N) and torque (N·mm) of the machine's own load cell, fruit frame.
+    """
+
+    fruit_id: str
+    category: str
+    loading: Loading
+    support: Support
+    sensor: str
+    time_s: Float[np.ndarray, " t"]
+    aperture_mm: Float[np.ndarray, " t"]
+    pads: tuple[GelPad | IndenterPad, ...]
+    wrench_N: Float[np.ndarray, "t 6"] | None = None
+
+
+def read_recording(path: Path, *, images: bool = False) -> Recording:
+    """The recording in `path`, checked field by field; the raw frames only when `images` asks for them.
+
+    Raises TactileFailure (unreadable-recording) that names the file, the field, what was found, what was
+    expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
+    wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
+    """
+    with opened(path) as file:
+        root = GroupReader(path=path, group=file)
+        root.choice("format", {FORMAT})
+        root.version("version", VERSION)
+        loading = root.choice("loading", set(PADS_OF_LOADING))
+        default = "free" if loading == "grasp" else "base"
+        time_s = root.time("time_s", limit=TIME)
+        frames = len(time_s)
+        pads_group = root.child("pads")
+        return Recording(
+            fruit_id=root.text("fruit_id"),
+            category=root.text("category"),
+            loading=cast(Loading, loading),
+            support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
+            sensor=root.text("sensor"),
+            time_s=time_s,
+            aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
+            wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
+            pads=tuple(
+                _read_pad(pads_group.child(name), name, frames=frames, images=images)
+                for name in PADS_OF_LOADING[loading]
+            ),
+        )
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write `recording` so that `read_recording` gives it back.
+
+    Marker displacement and force are stored in single precision (6e-8 relative), the rest in double.
+    """
+    with h5py.File(path, "w") as file:
+        file.attrs.update(
+            {
+                "format": FORMAT,
+                "version": VERSION,
+                "fruit_id": recording.fruit_id,
+                "category": recording.category,
+                "loading": recording.loading,
+                "support": recording.support,
+                "sensor": recording.sensor,
+            }
+        )
+        file["time_s"] = np.asarray(recording.time_s, dtype=np.float64)
+        file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
+        if recording.wrench_N is not None:
+            file["wrench_N"] = np.asarray(recording.wrench_N, dtype=np.float64)
+        for pad in recording.pads:
+            group = file.create_group(f"pads/{pad.name}")
+            group["pose"] = np.asarray(pad.pose, dtype=np.float64)
+            if isinstance(pad, GelPad):
+                _write_gel(group, pad)
+            else:
+                group.attrs.update({"indenter": pad.indenter, "radius_mm": pad.radius_mm})
+                group["force_z_N"] = np.asarray(pad.force_z_N, dtype=np.float64)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[Any]:
+    """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
+    if not named_in_utf8(path):
+        found, expected = "a name that is not UTF-8", "letters, digits, - and _"
+        raise unreadable(path, "the file", found, expected, "rename it")
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        advice = "record the grasp again or correct the name"
+        raise unreadable(path, "the file", found, "an HDF5 recording", advice)
+    if (length := path.stat().st_size) > MOST_BYTES:
+        found = f"{length / 1e9:.1f} GB"
+        advice = "divide the recording, or leave its images out"
+        raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
+    if not texts_can_be_read(path):
+        found = f"texts that the HDF5 library does not come to the end of in {PATIENCE_S:.0f} s"
+        raise unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
+    try:
+        file = h5py.File(path, "r")
+    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
+        raise _damaged(path, cause) from cause
+    # The fields' readers answer for TypeError and ValueError: here they would hide mistakes of this program.
+    with file:
+        try:
+            yield file
+        except (OSError, RuntimeError, KeyError) as cause:
+            raise _damaged(path, cause) from cause
+
+
+def _damaged(path: Path, cause: Exception) -> TactileFailure:
+    found = "no readable HDF5" if isinstance(cause, KeyError) else f"no readable HDF5 ({first_line(cause)})"
+    return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
+
+
+def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
+    pose = pad.poses("pose", frames)
+    if "force_z_N" in pad and "rest_mm" not in pad:
+        return IndenterPad(
+            name=name,
+            pose=pose,
+            force_z_N=pad.array("force_z_N", (frames,), limit=LOAD),
+            indenter=cast(
+                Literal["ball", "flat", "plate"], pad.choice("indenter", {"ball", "flat", "plate"})
+            ),
+            radius_mm=pad.positive("radius_mm", limit=RADIUS),
+        )
+    rest_mm = pad.array("rest_mm", (None, 3), limit=REST)
+    pad.refuse("rest_mm", _no_face(rest_mm))
+    markers = len(rest_mm)
+    return GelPad(
+        name=name,
+        pose=pose,
+        rest_mm=rest_mm,
+        displacement_mm=pad.array("displacement_mm", (frames, markers, 3), limit=DISPLACEMENT),
+        force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
+        gel_kn_MPa_per_mm=pad.positive("gel_kn_MPa_per_mm", limit=STIFFNESS),
+        gel_kt_MPa_per_mm=pad.positive("gel_kt_MPa_per_mm", limit=STIFFNESS),
+        thickness_mm=pad.optional_positive("thickness_mm", limit=THICKNESS),
+        gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
+        gel_nu=pad.optional_positive("nu", limit=RATIO),
+        images=pad.frames("images", frames) if images and "images" in pad else None,
+        images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
+    )
+
+
+def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
+    """What was found, expected and is to be done where markers span no area; None where they do."""
+    expected = f"at least {FEWEST_MARKERS} that are not on one line"
+    if len(rest_mm) < FEWEST_MARKERS:
+        found = f"{len(rest_mm)} marker{'' if len(rest_mm) == 1 else 's'}"
+        return found, expected, "record all markers of the gel"
+    places = rest_mm[:, :2] - rest_mm[:, :2].mean(axis=0)
+    along, across = np.linalg.svd(places, compute_uv=False)
+    if across > LEAST_SPREAD * along:
+        return None
+    found = f"{len(rest_mm)} markers {'in one place' if along == 0 else 'on one line'} in x and y"
+    return found, expected, "write each marker's own x, y, z"
+
+
+def _write_gel(group: Any, pad: GelPad) -> None:
+    group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
+    for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
+        group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
+    optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
+    group.attrs.update(
+        {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}
+    )
+    group.attrs.update({name: value for name, value in optional.items() if value is not None})
+    if pad.images is not None:
+        group.create_dataset("images", data=pad.images, compression="gzip", shuffle=True)
+    if pad.images_reference is not None:
+        group.create_dataset("images_reference", data=pad.images_reference, compression="gzip", shuffle=True)

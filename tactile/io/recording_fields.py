@@ -1,0 +1,317 @@
+"""Reading single fields of a recording, each with the check that its kind needs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from tactile.io.plain_file import printable
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+RIGID_TOLERANCE = 1e-4
+"""Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
+MOST_VALUES = 40_000_000
+"""Of one field: 320 MB in double precision; 400 markers for a minute at 30 frames a second are 2 million."""
+MOST_IMAGE_VALUES = 2_000_000_000
+MOST_CHUNK_BYTES = 256_000_000
+"""The library unpacks a whole chunk to read one value of it."""
+MOST_DROPPED = 0.1
+"""Share of the frames that may be dropped for their missing values, at most; a third left out is a finding of
+its own (tactile/checks/time_order.py). It chooses the advice, no more."""
+MOST_CHARACTERS = 200
+MOST_ATTRIBUTE_BYTES = 65_536
+FARTHEST_MM = 1e5
+"""A pose's shift beyond 100 m is of no gripper."""
+REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The largest that a number can be, either sign, and its unit with what a larger one may have been; of a
+    constant, which is above zero, the least too.
+    """
+
+    largest: float
+    unit: str
+    least: float = 0.0
+
+
+ANY = Limit(1e12, "in any unit")
+
+
+def first_line(cause: Exception) -> str:
+    """What the HDF5 library says, without the lines below it."""
+    return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
+
+
+def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+    """The failure sentence of this format: where, what was found, what was expected, what to do."""
+    found = found if len(found) <= 200 else f"{found[:197]}..."
+    detail = f"{path.name}: {field}: found {found}, expected {expected}; {advice}."
+    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroupReader:
+    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
+
+    path: Path
+    group: Any
+    prefix: str = ""
+
+    def __contains__(self, name: str) -> bool:
+        self._require_own(name)
+        return name in self.group
+
+    def child(self, name: str) -> "GroupReader":
+        """The group `name` below this one."""
+        if name not in self or not hasattr(self.group[name], "keys"):
+            raise self._refuse(name, "no such group", "a group", "record it, or check the loading attribute")
+        return GroupReader(path=self.path, group=self.group[name], prefix=f"{self.prefix}{name}/")
+
+    def text(self, name: str) -> str:
+        """A text attribute."""
+        value = self._attribute(name)
+        field = f"attribute {name}"
+        try:
+            value = value.decode("utf-8") if isinstance(value, bytes) else value
+            if isinstance(value, str):
+                value.encode("utf-8")
+        except UnicodeError as cause:
+            found = "bytes that are no UTF-8"
+            raise self._refuse(field, found, "a text in UTF-8", "write it as a string") from cause
+        if not isinstance(value, str):
+            raise self._refuse(field, _said(value), "a text", "write it as a string")
+        if len(value) > MOST_CHARACTERS:
+            found = f"{len(value)} characters"
+            raise self._refuse(field, found, f"at most {MOST_CHARACTERS}", "shorten it")
+        return printable(value)
+
+    def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
+        """A text attribute that must be one of `allowed`; `default` where it may be left out."""
+        if default is not None and name not in self.group.attrs:
+            return default
+        value = self.text(name)
+        if value not in allowed:
+            expected = " or ".join(sorted(allowed))
+            raise self._refuse(f"attribute {name}", _said(value), expected, "is it a drupe recording?")
+        return value
+
+    def version(self, name: str, known: int) -> None:
+        """The format's version, which must be `known`, as a number of any type: 1.0 is version 1."""
+        value = self._attribute(name)
+        if not isinstance(value, int | np.integer | np.floating) or value != known:
+            advice = "convert the file, or use a release of drupe that reads this version"
+            raise self._refuse(f"attribute {name}", _said(value), f"version {known}", advice)
+
+    def positive(self, name: str, *, limit: Limit) -> float:
+        """A numeric attribute above zero, up to its limit."""
+        value = self._attribute(name)
+        number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+        if not (np.isfinite(number) and number > 0):
+            raise self._refuse(
+                f"attribute {name}", _said(value), "a number above zero", "correct the sensor's constants"
+            )
+        if not limit.least <= number <= limit.largest:
+            expected = f"{limit.least:g} to {limit.largest:g} {limit.unit}".rstrip()
+            raise self._refuse(f"attribute {name}", f"{number:g}", expected, "correct the sensor's constants")
+        return number
+
+    def optional_positive(self, name: str, *, limit: Limit) -> float | None:
+        """A numeric attribute above zero, or None where the file leaves it out."""
+        return self.positive(name, limit=limit) if name in self.group.attrs else None
+
+    def array(
+        self, name: str, shape: tuple[int | None, ...], *, limit: Limit = ANY
+    ) -> Float[np.ndarray, "..."]:
+        """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
+        and none beyond the limit.
+        """
+        data = self._dataset(name)
+        self._require_shape(name, data, shape)
+        self._require_budget(name, data, MOST_VALUES)
+        if data.dtype.kind not in "fiu":
+            raise self._refuse(
+                name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
+            )
+        values = np.asarray(self._values(name, data), dtype=np.float64)
+        bad = ~np.isfinite(values)
+        if bad.any():
+            raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
+        beyond = np.abs(values) > limit.largest
+        if beyond.any():
+            where = tuple(int(i) for i in np.argwhere(beyond)[0])
+            found = f"{values[where]:g} at index {where}"
+            expected = f"at most {limit.largest:g} {limit.unit}"
+            raise self._refuse(name, found, expected, "repair or drop those frames in the recorder")
+        return values
+
+    def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
+        """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
+        if wrong is not None:
+            raise self._refuse(name, *wrong)
+
+    def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
+        """A strictly increasing dataset."""
+        values = self.array(name, (None,), limit=limit)
+        back = np.flatnonzero(np.diff(values) <= 0)
+        if len(back):
+            k = int(back[0]) + 1
+            found = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
+            raise self._refuse(
+                name, found, "strictly increasing times", "sort the frames, or drop the repeated ones"
+            )
+        return values
+
+    def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
+        """Rigid transforms, one per frame."""
+        values = self.array(name, (frames, 4, 4), limit=Limit(FARTHEST_MM, "millimetres"))
+        rotation = values[:, :3, :3]
+        skew = np.abs(np.einsum("tki,tkj->tij", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
+        last_row = np.abs(values[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+        wrong = (skew > RIGID_TOLERANCE) | (np.linalg.det(rotation) < 0) | (last_row > RIGID_TOLERANCE)
+        if wrong.any():
+            found = f"a matrix in frame {int(np.argmax(wrong))} that is not a rotation and a shift"
+            advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
+            raise self._refuse(name, found, "rigid motions", advice)
+        return values
+
+    def images(self, name: str) -> Any:
+        """A dataset to be read frame by frame, none of which is larger than a camera's."""
+        data = self._dataset(name)
+        if data.shape is None or len(data.shape) == 0:
+            raise self._refuse(name, "no frames", "frames", "record the field or write it again")
+        self._require_budget(name, data, 10 * MOST_IMAGE_VALUES)
+        return data
+
+    def frames(self, name: str, frames: int) -> UInt8[np.ndarray, "t h w 3"]:
+        """Raw colour frames."""
+        return self._image(name, (frames, None, None, 3))
+
+    def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
+        """One raw colour frame."""
+        return self._image(name, (None, None, 3))
+
+    def _image(self, name: str, shape: tuple[int | None, ...]) -> UInt8[np.ndarray, "..."]:
+        data = self._dataset(name)
+        self._require_shape(name, data, shape)
+        if data.dtype != np.uint8:
+            raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
+        self._require_budget(name, data, MOST_IMAGE_VALUES)
+        return np.asarray(self._values(name, data), dtype=np.uint8)
+
+    def _attribute(self, name: str) -> Any:
+        """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
+        if name not in self.group.attrs:
+            raise self._refuse(
+                f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
+            )
+        try:
+            held = self.group.attrs.get_id(name)
+            null = held.get_space().get_simple_extent_type() == h5py.h5s.NULL
+            length = 0 if null else int(np.prod(held.shape, dtype=np.float64)) * held.dtype.itemsize
+            text = h5py.check_string_dtype(held.dtype) is not None
+            if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
+                found = f"{length} bytes of type {held.dtype}"
+                raise self._refuse(f"attribute {name}", found, "one number or text", REWRITE)
+            value = self.group.attrs[name]
+            return value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(
+                f"attribute {name}", first_line(cause), "a number or a text", REWRITE
+            ) from cause
+
+    def _require_own(self, name: str) -> None:
+        """Refuse a field that is a link: it may lead into another file, which is not of the recording and
+        which no list of its inputs names.
+        """
+        if not isinstance(self.group.get(name, getlink=True, default=h5py.HardLink()), h5py.HardLink):
+            raise self._refuse(name, "a link", "the field itself", "write its values into this file")
+
+    def _require_budget(self, name: str, data: Any, most: int) -> None:
+        """Refuse what would not fit into memory, and what lies in other files, before it is read."""
+        if data.external or data.is_virtual:
+            found = "values kept in another file"
+            raise self._refuse(name, found, "values in this file", "write them into the recording")
+        if data.size > most:
+            found = f"shape {tuple(data.shape)}, {data.size} values"
+            raise self._refuse(name, found, f"at most {most}", "divide the recording")
+        chunk = int(np.prod(data.chunks or (0,), dtype=np.float64)) * data.dtype.itemsize
+        if chunk > MOST_CHUNK_BYTES:
+            found = f"chunks of {chunk / 1e6:.0f} MB"
+            raise self._refuse(name, found, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
+
+    def _dataset(self, name: str) -> Any:
+        self._require_own(name)
+        try:
+            data = self.group.get(name)
+            present = hasattr(data, "dtype") and hasattr(data, "shape")
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
+        if not present:
+            raise self._refuse(
+                name, "nothing", "a dataset of this name", "add the missing field to the recording"
+            )
+        return data
+
+    def _values(self, name: str, data: Any) -> Any:
+        try:
+            return data[()]
+        except (TypeError, ValueError) as cause:
+            raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
+
+    def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
+        if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
+            raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
+        fits = len(data.shape) == len(shape) and all(
+            (have >= 1 if want is None else have == want)
+            for have, want in zip(data.shape, shape, strict=True)
+        )
+        if not fits:
+            expected = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+            advice = "frames and markers must agree with time_s and rest_mm"
+            raise self._refuse(name, f"shape {tuple(data.shape)}", f"shape {expected}", advice)
+
+    def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+        attribute = field.startswith("attribute ")
+        inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
+        where = field + inside if attribute else self.prefix + field
+        return unreadable(self.path, where, found, expected, advice)
+
+
+def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str, str, str]:
+    """What was found, expected and is to be done where values are NaN or infinite: lost markers, or frames.
+
+    `of_markers`: the last axis are x, y, z of a marker, and the one before it the markers.
+    """
+    where = tuple(int(i) for i in np.argwhere(bad)[0])
+    count = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
+    if of_markers and bad.ndim > 1:
+        lost = bad.any(axis=-1).reshape(-1, bad.shape[-2])  # frames (one, of places at rest), markers
+        never, ever = int(lost.all(axis=0).sum()), int(lost.any(axis=0).sum())
+        markers, frames = lost.shape[1], lost.shape[0]
+        if never:
+            within = "" if frames == 1 else " in any frame"
+            found = f"{never} of {markers} markers have no values{within} ({count})"
+            advice = (
+                "track those markers in the recorder, or take them out of rest_mm and of both fields alike"
+            )
+            return found, "a finite number for each marker", advice
+        spoilt = int(lost.any(axis=1).sum())
+        if spoilt > MOST_DROPPED * frames:
+            found = f"{ever} of {markers} markers have no values in some of the frames ({count})"
+            advice = f"track them throughout: {spoilt} of {frames} frames lack some, too many to drop them"
+            return found, "a finite number for each marker and frame", advice
+    return count, "finite numbers", "repair or drop those frames in the recorder"
+
+
+def _said(value: object) -> str:
+    """A value as the user wrote it: numpy's scalars without their type."""
+    if isinstance(value, h5py.Empty):
+        return "an empty attribute"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    return repr(value.item() if isinstance(value, np.generic) else value)

@@ -1,0 +1,219 @@
+"""A sensor's description in TOML, one file per sensor.
+
+```toml
+kind = "markers-mono"            # markers-mono, markers-stereo, photometric, fields
+name = "GelSight Mini"
+serial = "2A47"                  # optional; frames that name another serial are refused
+ambient = 0.3                    # optional: light from all sides, in the unit of the lights' colours (0)
+gamma = 2.2                      # optional: of the pictures (1.0, linear)
+
+[gel]                            # not needed by kind "fields"
+thickness_mm = 4.0
+E_MPa = 0.25
+nu = 0.48
+gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
+gel_kt_MPa_per_mm = 0.02
+
+[camera]                         # and [second_camera] for markers-stereo
+image_px = [640, 480]
+focal_px = [520.0, 520.0]
+centre_px = [319.5, 239.5]
+distortion = [0.0, 0.0, 0.0, 0.0, 0.0]      # k1, k2, p1, p2, k3
+gel_from_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -16], [0, 0, 0, 1]]
+
+[markers]                        # optional: a grid, or rest_mm = [[x, y, z], ...]
+rows = 7
+columns = 9
+pitch_mm = [2.0, 2.0]
+first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
+
+[[lights]]                       # photometric: three lights or more (z below 0), or at the top
+                                 # calibration_file = "look-up.npz", optionally with its calibration_sha256
+direction = [1.0, 0.0, -0.5]
+colour = [1.0, 0.0, 0.0]
+```
+"""
+
+import hashlib
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.io.plain_file import NotReadable, read_bytes
+from tactile.io.plain_numpy import MOST_BYTES
+from tactile.io.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
+from tactile.io.recording_fields import Limit
+from tactile.io.toml_table import Table, read_table
+from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
+TOP = {
+    "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
+    "calibration_sha256", "ambient", "gamma",
+}  # fmt: skip
+FEWEST_LIGHTS = 3
+FARTHEST_MM = 1e5
+GAMMA = Limit(10.0, "", least=0.1)
+"""Of screens and cameras 1.8 to 2.6."""
+LEAST_PITCH_MM = 0.01
+"""Markers closer than a cell of skin are none that a camera in a gel tells apart."""
+FAINTEST = 1e-6
+"""A channel's light over the brightest's: an 8-bit picture tells 4e-3."""
+RIGID_TOLERANCE = 1e-4
+"""Largest entry of R'R - I that still counts as a rotation."""
+
+
+def read_sensor(path: Path) -> Sensor:
+    """The sensor that `path` describes.
+
+    Raises TactileFailure (unreadable-sensor) that names the file, the field, what was found and what was
+    expected: no such file, not TOML, an unknown key, a missing one, a value of a wrong kind or out of range,
+    or a table that the kind needs and the file lacks.
+    """
+    top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description")
+    top.refuse_unknown(TOP)
+    kind = top.choice("kind", KINDS)
+    photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
+    gel = top.table("gel", needed=images)
+    gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
+    lights = _lights(top)
+    calibration = _calibration(top)
+    if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
+        found = f"{len(lights)} lights and no calibration_file"
+        raise top.refusal("lights", found, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
+    return Sensor(
+        kind=cast(SensorKind, kind),
+        name=top.text("name"),
+        serial=top.text("serial", default=""),
+        camera=_camera(top.table("camera", needed=images)),
+        second_camera=_camera(top.table("second_camera", needed=stereo)),
+        thickness_mm=gel.within("thickness_mm", THICKNESS, needed=images),
+        E_MPa=gel.within("E_MPa", MODULUS, needed=images),
+        nu=gel.within("nu", RATIO, needed=images),
+        gel_kn_MPa_per_mm=gel.within("gel_kn_MPa_per_mm", STIFFNESS, needed=False),
+        gel_kt_MPa_per_mm=gel.within("gel_kt_MPa_per_mm", STIFFNESS, needed=False),
+        rest_mm=_rest(top.table("markers", needed=False)),
+        lights=lights,
+        ambient=_ambient(top),
+        gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
+        calibration_file=calibration,
+    )
+
+
+def look_up_of(path: Path) -> Path | None:
+    """The look-up that a description names, if both can be read."""
+    try:
+        return _calibration(read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description"))
+    except TactileFailure:
+        return None
+
+
+def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
+    """Whether a matrix is a rotation and a shift of at most 100 m."""
+    turn = pose[:3, :3]
+    rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
+    last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE
+    return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)
+
+
+def _camera(table: Table) -> Camera | None:
+    if not table:
+        return None
+    table.refuse_unknown({"image_px", "focal_px", "centre_px", "distortion", "gel_from_camera"})
+    width, height = table.numbers("image_px", (2,)).tolist()
+    if not (width >= 1 and height >= 1 and width % 1 == 0 and height % 1 == 0):
+        raise table.refusal("image_px", f"[{width:g}, {height:g}]", "width and height in whole pixels")
+    focal = table.numbers("focal_px", (2,))
+    if not (focal >= 1).all():
+        raise table.refusal("focal_px", str(focal.tolist()), "two numbers of pixels, 1 or more")
+    distortion = table.numbers("distortion", (5,), needed=False)
+    pose = table.numbers("gel_from_camera", (4, 4))
+    if not is_rigid(pose):
+        raise table.refusal("gel_from_camera", "a matrix that is no rotation and shift", "a rigid motion, mm")
+    return Camera(
+        image_px=(int(width), int(height)),
+        focal_px=(float(focal[0]), float(focal[1])),
+        centre_px=_two(table.numbers("centre_px", (2,))),
+        distortion=(0.0, 0.0, 0.0, 0.0, 0.0) if distortion is None else tuple(distortion.tolist()),
+        gel_from_camera=pose,
+    )
+
+
+def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
+    if not table:
+        return None
+    if "rest_mm" in table.values:
+        table.refuse_unknown({"rest_mm"})
+        rest: Float[np.ndarray, "n 3"] = table.numbers("rest_mm", (None, 3))
+        return rest
+    table.refuse_unknown({"rows", "columns", "pitch_mm", "first_mm"})
+    pitch = table.numbers("pitch_mm", (2,))
+    if not (pitch >= LEAST_PITCH_MM).all():
+        expected = f"two distances in mm, {LEAST_PITCH_MM:g} or more"
+        raise table.refusal("pitch_mm", str(pitch.tolist()), expected)
+    first = table.numbers("first_mm", (3,), needed=False)
+    return marker_grid(
+        table.whole("rows"),
+        table.whole("columns"),
+        pitch_mm=_two(pitch),
+        first_mm=None if first is None else (float(first[0]), float(first[1]), float(first[2])),
+    )
+
+
+def _lights(top: Table) -> tuple[Light, ...]:
+    """The lights, which together must light every channel: a dark one has no brightness to compare."""
+    lights = tuple(_light(table) for table in top.tables("lights"))
+    if lights:
+        total = np.sum([light.colour for light in lights], axis=0)
+        dark = [name for name, value in zip("RGB", total, strict=True) if value <= FAINTEST * total.max()]
+        if dark:
+            found = f"no light in {' and '.join(dark)}"
+            raise top.refusal("lights", found, "colours (R, G, B) that light every channel")
+    return lights
+
+
+def _ambient(top: Table) -> float:
+    value = top.number("ambient", needed=False, above=-np.inf)
+    if value is not None and value < 0.0:
+        raise top.refusal("ambient", f"{value:g}", "0 or a number above, in the unit of the lights' colours")
+    return value or 0.0
+
+
+def _light(table: Table) -> Light:
+    table.refuse_unknown({"direction", "colour"})
+    direction = table.numbers("direction", (3,))
+    length = float(np.linalg.norm(direction))
+    if length == 0.0:
+        raise table.refusal("direction", "zero", "the direction from the gel to the light")
+    if direction[2] >= 0.0:
+        found = f"z = {direction[2]:g}, a light on the fruit's side"
+        raise table.refusal("direction", found, "z below 0: from the gel to the light, z out of the gel")
+    colour = table.numbers("colour", (3,))
+    if (colour < 0.0).any():
+        raise table.refusal("colour", str(colour.tolist()), "three numbers, none below 0")
+    return Light(direction=direction / length, colour=colour)
+
+
+def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:
+    return float(pair[0]), float(pair[1])
+
+
+def _calibration(top: Table) -> Path | None:
+    name = top.file_name("calibration_file", default="")
+    path = top.path.parent / name
+    if name and not path.is_file():
+        raise top.refusal("calibration_file", f"no file {name}", "a file beside this one")
+    wanted = top.text("calibration_sha256", default="")
+    if name and wanted:
+        try:
+            digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
+        except NotReadable as cause:
+            raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
+        if digest != wanted.lower():
+            found = f"{name} of another calibration (SHA-256 {digest[:12]}...)"
+            expected = f"the look-up that was made with this description ({wanted[:12]}...); calibrate again"
+            raise top.refusal("calibration_file", found, expected)
+    return path if name else None

@@ -1,0 +1,153 @@
+"""Reading a TOML file key by key, each with the check that its kind needs."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tactile.io.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+from tactile.io.recording_fields import Limit
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+MOST_BYTES = 4_000_000
+"""Of a description: 10,000 markers' places take 0.4 MB."""
+MOST_NAME_BYTES = 255
+"""Of a file's name on Linux (NAME_MAX): looking for a longer one is an error of its own."""
+LARGEST = 1e9
+"""A number beyond is of no sensor; products of larger ones overflow."""
+
+
+def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
+    """The whole file as a table; raises TactileFailure (`problem`) where there is no such file or no TOML."""
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise refused(problem, path, "the file", found, what)
+    try:
+        return Table(path, problem, toml_of(read_text(path, most_bytes=MOST_BYTES)))
+    except NotReadable as cause:
+        raise refused(problem, path, "the file", f"that it {cause}", f"{what} in TOML") from cause
+
+
+def refused(problem: TactileProblem, path: Path, field: str, found: str, expected: str) -> TactileFailure:
+    """The failure sentence: where, what was found, what was expected."""
+    shown = found if len(found) <= 200 else f"{found[:197]}..."
+    return TactileFailure(problem, printable(f"{path.name}: {field}: found {shown}, expected {expected}."))
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of the file, and the name it goes by in failures."""
+
+    path: Path
+    problem: TactileProblem
+    values: dict[str, Any] = field(default_factory=dict)
+    prefix: str = ""
+
+    def refusal(self, name: str, found: str, expected: str) -> TactileFailure:
+        """The failure that names this table's field."""
+        return refused(self.problem, self.path, self.prefix + name, found, expected)
+
+    def refuse_unknown(self, known: Collection[str]) -> None:
+        """Refuses a key that is not in `known`."""
+        for name in self.values:
+            if name not in known:
+                raise self.refusal(name, "a key that is not known", "one of " + ", ".join(sorted(known)))
+
+    def __bool__(self) -> bool:
+        return bool(self.values)
+
+    def table(self, name: str, *, needed: bool) -> "Table":
+        """The table `name` below this one; empty where it is not there and not needed."""
+        found = self.values.get(name, {})
+        if not isinstance(found, dict):
+            raise self.refusal(name, repr(found), f"a table [{name}]")
+        if needed and not found:
+            raise self.refusal(name, "nothing", f"a table [{name}]: this kind of sensor needs it")
+        return Table(self.path, self.problem, found, f"{self.prefix}{name}.")
+
+    def tables(self, name: str) -> list["Table"]:
+        """The list of tables `name`."""
+        found = self.values.get(name, [])
+        if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
+            raise self.refusal(name, repr(found), f"tables [[{name}]]")
+        return [Table(self.path, self.problem, item, f"{name}[{k}].") for k, item in enumerate(found)]
+
+    def text(self, name: str, *, default: str | None = None) -> str:
+        """A text; `default` where it may be left out."""
+        value = self.values.get(name, default)
+        if not isinstance(value, str):
+            raise self.refusal(name, "nothing" if value is None else repr(value), "a text in quotes")
+        if len(value) > 1000:
+            raise self.refusal(name, f"{len(value)} characters", "at most 1000")
+        return printable(value)
+
+    def file_name(self, name: str, *, default: str | None = None) -> str:
+        """A text that can name a file, by a path or not."""
+        value = self.text(name, default=default)
+        if any(len(part.encode()) > MOST_NAME_BYTES for part in value.split("/")):
+            raise self.refusal(name, value, f"a file's name of at most {MOST_NAME_BYTES} bytes")
+        return value
+
+    def choice(self, name: str, allowed: Collection[str]) -> str:
+        """A text that must be one of `allowed`."""
+        value = self.text(name)
+        if value not in allowed:
+            raise self.refusal(name, repr(value), " or ".join(allowed))
+        return value
+
+    def within(self, name: str, limit: Limit, *, needed: bool) -> float | None:
+        """A number within its limit, as a recording has it; None where it may be left out, and is."""
+        value = self.number(name, needed=needed, above=0.0)
+        if value is not None and not limit.least <= value <= limit.largest:
+            expected = f"{limit.least:g} to {limit.largest:g} {limit.unit}".rstrip()
+            raise self.refusal(name, f"{value:g}", expected)
+        return value
+
+    def number(self, name: str, *, needed: bool, above: float) -> float | None:
+        """A number above `above`; None where it may be left out, and is."""
+        if name not in self.values and not needed:
+            return None
+        value = float(self.numbers(name, ())[()])
+        if not value > above:
+            raise self.refusal(name, f"{value:g}", f"a number above {above:g}")
+        return value
+
+    def whole(self, name: str) -> int:
+        """A whole number above zero."""
+        value = self.values.get(name)
+        if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
+            raise self.refusal(name, "nothing" if value is None else repr(value), "a whole number, 1 to 1000")
+        return value
+
+    def numbers(self, name: str, shape: tuple[int | None, ...], *, needed: bool = True) -> Any:
+        """An array of this shape (None: any length above zero); None where it may be left out, and is."""
+        if name not in self.values and not needed:
+            return None
+        value = self.values.get(name)
+        expected = (
+            "a number" if not shape else "numbers of shape " + " x ".join(str(n or "any") for n in shape)
+        )
+        if value is None or _holds_other_than_numbers(value):
+            raise self.refusal(name, "nothing" if value is None else repr(value), expected)
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (ValueError, OverflowError) as cause:
+            raise self.refusal(name, "rows of different length", expected) from cause
+        fits = array.ndim == len(shape) and all(
+            have > 0 if want is None else have == want for have, want in zip(array.shape, shape, strict=True)
+        )
+        if not fits:
+            raise self.refusal(name, f"shape {array.shape}", expected)
+        if not np.isfinite(array).all():
+            raise self.refusal(name, "a number that is not finite", expected)
+        if np.abs(array).max(initial=0.0) > LARGEST:
+            raise self.refusal(name, f"{np.abs(array).max():g}", f"{expected} up to {LARGEST:g}")
+        return array
+
+
+def _holds_other_than_numbers(value: object) -> bool:
+    if isinstance(value, list):
+        return any(_holds_other_than_numbers(item) for item in value)
+    return isinstance(value, bool) or not isinstance(value, int | float)

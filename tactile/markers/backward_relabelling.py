@@ -1,0 +1,77 @@
+"""Names of markers set right by what came after.
+
+After a jump of about a spacing between two frames markers can take their neighbours' blobs, for as long as
+that looks smoother; when the names come right again they jump, all of them, by a spacing. Going back from
+there finds the frames between. Of the two readings the one that moves the markers less in all is right: with
+d the true jump and p the spacing, a false name moves by |d - p| at first and by p when it is mended, and |d -
+p| + p >= d.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.markers.marker_detection import inside
+from tactile.markers.matching import Lattice, match, neighbours_say
+
+JUMP = 0.5
+"""In spacings: a marker that moves further between two frames may have changed its name."""
+FEWEST = 3
+LOOK_BACK = 25
+
+
+def mended(
+    lattice: Lattice,
+    shape: tuple[int, int],
+    position: Float[np.ndarray, "t n 2"],
+    blobs_px: Sequence[Float[np.ndarray, "_ 2"]],
+) -> Float[np.ndarray, "t n 2"]:
+    """`position` (px, NaN where lost) with the names right between a jump and the jump that mends it.
+
+    `blobs_px` are each frame's blobs. Names that stay wrong for more than 25 frames are not found.
+    """
+    whole = position.copy()
+    for t in range(2, len(position)):
+        if _differ(lattice, whole[t - 1], whole[t]) < FEWEST:
+            continue
+        back: list[np.ndarray] = []
+        after = whole[t]
+        for k in range(t - 1, max(-1, t - 1 - LOOK_BACK), -1):
+            now = _named(lattice, shape, after, blobs_px[k])
+            if _differ(lattice, now, whole[k]) < FEWEST:
+                if back and _path(whole[k : t + 1], back) < 0:
+                    whole[k + 1 : t] = back[::-1]
+                break
+            back.append(now)
+            after = np.where(np.isfinite(now), now, after)
+    return whole
+
+
+def _named(
+    lattice: Lattice,
+    shape: tuple[int, int],
+    after: Float[np.ndarray, "n 2"],
+    blobs_px: Float[np.ndarray, "m 2"],
+) -> Float[np.ndarray, "n 2"]:
+    """The blobs named from where the markers are one frame later."""
+    known = np.isfinite(after[:, 0])
+    moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
+    moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known))
+    expected = inside(lattice.rest_px + moved, shape, 0.0)
+    best = match(lattice, [moved, np.zeros_like(moved)], blobs_px, expected)
+    return np.where(best.found[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
+
+
+def _differ(lattice: Lattice, one: Float[np.ndarray, "n 2"], two: Float[np.ndarray, "n 2"]) -> int:
+    """How many markers are elsewhere by more than half a spacing."""
+    apart = np.linalg.norm(one - two, axis=1)
+    return int((np.nan_to_num(apart) > JUMP * lattice.spacing_px).sum())
+
+
+def _path(forward: Float[np.ndarray, "k n 2"], back: list[Float[np.ndarray, "n 2"]]) -> float:
+    """How much further markers go by the second reading, over those that both readings see throughout."""
+    other = np.stack([forward[0], *back[::-1], forward[-1]])
+    both = np.isfinite(forward).all(axis=(0, 2)) & np.isfinite(other).all(axis=(0, 2))
+    lengths = [np.linalg.norm(np.diff(way[:, both], axis=0), axis=2).sum() for way in (forward, other)]
+    return float(lengths[1] - lengths[0])

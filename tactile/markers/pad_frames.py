@@ -1,0 +1,112 @@
+"""One camera's frames of a raw grasp become tracked markers whose places the sensor's description knows."""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Bool
+
+from tactile.io.frame_checks import Watch, refuse_saturated
+from tactile.io.raw_grasp import RawPad, View
+from tactile.markers.reference_places import Places, places_of
+from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, reference_of, settled
+from tactile.sensors import Camera
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+FEWEST_SEEN = 0.5
+"""A frame that shows fewer of the markers cannot be used."""
+Progress = Callable[[str, int, int], None]
+"""Told which pad, how many of its frames are done, and how many there are."""
+
+
+def tracked_markers(
+    pad: RawPad, view: View, camera: Camera, source: str, progress: Progress | None
+) -> tuple[TrackedMarkers, Bool[np.ndarray, " t"], Places, list[str]]:
+    """The markers that the description knows, followed through all frames; which frames are doubled."""
+    refuse_saturated(view.reference, f"{source}: reference")
+    reference = reference_of(view.reference, source=f"{source}: reference")
+    rest_px = reference.lattice.rest_px
+    places = places_of(camera, rest_px, pad.sensor.rest_mm, shape=reference.shape, source=source)
+    watch = Watch(source, reference.shape)
+    count = len(view.pictures.numbers)
+    rows: list[FrameMarkers] = []
+    for t, found in enumerate(follow(reference, watch.over(view.pictures.frames()))):
+        rows.append(found)
+        seen = float(np.isfinite(found.position_px[places.kept, 0]).mean())
+        if seen < FEWEST_SEEN:
+            raise TactileFailure(
+                TactileProblem.MARKERS_LOST,
+                f"{source}: frame {view.pictures.numbers[t]}: found {seen:.0%} of the markers, expected at "
+                "least "
+                f"{FEWEST_SEEN:.0%}; is the gel torn, or the picture blurred or dark?",
+            )
+        if progress is not None:
+            progress(pad.name, t + 1, count)
+    position, quality = settled(reference, rows)
+    notes = []
+    unknown = len(rest_px) - len(places.kept)
+    if unknown:
+        notes.append(f"{source}: {unknown} marks that the sensor's description does not know are left out.")
+    tracked = TrackedMarkers(
+        time_s=pad.time_s,
+        reference_px=rest_px[places.kept],
+        position_px=position[:, places.kept],
+        quality=quality[:, places.kept],
+        rest_mm=places.rest_mm,
+    )
+    return tracked, np.array(watch.doubled, dtype=bool), places, notes
+
+
+def camera_of(pad: RawPad) -> Camera:
+    """The pad's first camera; raises TactileFailure (wrong-sensor) where its description has none."""
+    if pad.sensor.camera is None:
+        raise TactileFailure(
+            TactileProblem.WRONG_SENSOR,
+            f"{pad.name}: found frames of a sensor described as kind {pad.sensor.kind!r} without a camera, "
+            "expected "
+            "markers-mono, markers-stereo or photometric.",
+        )
+    return pad.sensor.camera
+
+
+def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedMarkers:
+    """Only the frames `kept`."""
+    return TrackedMarkers(
+        time_s=tracked.time_s[kept],
+        reference_px=tracked.reference_px,
+        position_px=tracked.position_px[kept],
+        quality=tracked.quality[kept],
+        rest_mm=tracked.rest_mm,
+    )
+
+
+def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
+    """Only these markers, in this order."""
+    return TrackedMarkers(
+        time_s=tracked.time_s,
+        reference_px=tracked.reference_px[markers],
+        position_px=tracked.position_px[:, markers],
+        quality=tracked.quality[:, markers],
+        rest_mm=tracked.rest_mm[markers],
+    )
+
+
+def losses_said(tracked: TrackedMarkers, source: str) -> list[str]:
+    """Notes of markers that went for good, and of those hidden for a while."""
+    lost = ~np.isfinite(tracked.position_px[..., 0])
+    torn = tracked.torn
+    notes = []
+    if torn.any():
+        went = tracked.time_s[min(int(np.flatnonzero(~lost[:, n])[-1]) if (~lost[:, n]).any() else 0
+                                  for n in np.flatnonzero(torn))]  # fmt: skip
+        notes.append(
+            f"{source}: {int(torn.sum())} of {len(torn)} markers went (the first at {went:.3f} s) and did "
+            "not come "
+            "back: torn off, hidden, or out of view; their displacement is their neighbours'."
+        )
+    passing = lost.any(axis=0) & ~torn
+    if passing.any():
+        share = float(lost[:, passing].mean())
+        notes.append(
+            f"{source}: {int(passing.sum())} markers are hidden in {share:.0%} of the frames; filled in."
+        )
+    return notes

@@ -1,0 +1,209 @@
+"""Markers followed through a sequence, one frame at a time: memory does not grow with its length."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from tactile.markers.backward_relabelling import mended
+from tactile.markers.contrast import MarkerLook, contrast, find_look, grey
+from tactile.markers.cut_markers import OUTSIDE, disc_radius_px, uncut
+from tactile.markers.marker_detection import Blobs, centred, find_blobs, inside, markers_of, spacing_of
+from tactile.markers.matching import Lattice, lattice_of, match, neighbours_say
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+FEWEST_MARKERS = 9
+BLOB_CONTRAST = 0.3
+"""A blob of a later frame reaches this share of the usual marker's peak on the reference."""
+FAINT = 0.35
+"""A marker looked for where its neighbours put it needs this share of its own peak on the reference."""
+FAINT_REACH = 0.3
+"""... and to be found within this share of the spacing."""
+TORN = 0.6
+"""A marker that its neighbours' motion contradicts by more than this share of the spacing is given up."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackedMarkers:
+    """Where every marker is in every frame of one camera, px, pixel (0, 0) being the first one's centre.
+
+    `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
+    NaN where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference).
+    `rest_mm` is each marker's place on the undeformed gel, gel frame: the sensor's own where it states a
+    grid.
+    """
+
+    time_s: Float[np.ndarray, " t"]
+    reference_px: Float[np.ndarray, "n 2"]
+    position_px: Float[np.ndarray, "t n 2"]
+    quality: Float[np.ndarray, "t n"]
+    rest_mm: Float[np.ndarray, "n 3"]
+
+    @property
+    def seen(self) -> Float[np.ndarray, " t"]:
+        """Share of the markers that each frame shows."""
+        share: Float[np.ndarray, " t"] = np.isfinite(self.position_px[..., 0]).mean(axis=1)
+        return share
+
+    @property
+    def torn(self) -> Bool[np.ndarray, " n"]:
+        """Markers that went and never came back while at least half of the others stayed in view."""
+        lost = ~np.isfinite(self.position_px[-1, :, 0])
+        return np.asarray(lost & bool(lost.mean() < 0.5))
+
+
+@dataclass(frozen=True)
+class Reference:
+    """The unloaded gel as a camera sees it; `disc_px` is the markers' own radius."""
+
+    look: MarkerLook
+    markers: Blobs
+    lattice: Lattice
+    shape: tuple[int, int]
+    disc_px: float
+
+
+@dataclass(frozen=True)
+class FrameMarkers:
+    """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference.
+
+    `blobs_px` is all that looked like a marker, so that names can be set right later.
+    """
+
+    position_px: Float[np.ndarray, "n 2"]
+    quality: Float[np.ndarray, " n"]
+    blobs_px: Float[np.ndarray, "m 2"]
+
+
+def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Reference:
+    """The markers of an unloaded gel; `source` is how a failure names the frame.
+
+    Raises TactileFailure (no-markers) where fewer than nine are found.
+    """
+    intensity = grey(frame)
+    look = find_look(intensity)
+    shown = contrast(intensity, look)
+    markers = markers_of(shown, look)
+    count = len(markers.peak)
+    if count < FEWEST_MARKERS:
+        raise TactileFailure(
+            TactileProblem.NO_MARKERS,
+            f"{source}: found {count} markers, expected at least {FEWEST_MARKERS}; is it a picture of the "
+            "untouched gel, in focus, with its lights on?",
+        )
+    lattice = lattice_of(markers.centre_px, spacing_of(markers.centre_px))
+    shape = (intensity.shape[0], intensity.shape[1])
+    return Reference(look, markers, lattice, shape, disc_radius_px(shown, markers))
+
+
+def follow(reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]) -> Iterator[FrameMarkers]:
+    """Every frame's markers, in the frames' order.
+
+    A frame's blobs are found anew, so that errors do not add up; what came before only says which blob is
+    which marker. The first frame may already be loaded.
+    """
+    rest = reference.lattice.rest_px
+    moved, speed = np.zeros_like(rest), np.zeros_like(rest)
+    for frame in frames:
+        found = _markers_in(reference, frame, moved, speed)
+        known = np.isfinite(found.position_px[:, 0])
+        now = np.where(known[:, None], found.position_px - rest, 0.0)
+        now = np.where(known[:, None], now, neighbours_say(reference.lattice, now, known))
+        moved, speed = now, now - moved
+        yield found
+
+
+def track(
+    reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
+) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
+    """Positions (px, NaN where lost) and quality over all frames, names set right by hindsight."""
+    rows = list(follow(reference, frames))
+    count = len(reference.lattice.rest_px)
+    if not rows:
+        return np.zeros((0, count, 2)), np.zeros((0, count))
+    return settled(reference, rows)
+
+
+def settled(
+    reference: Reference, rows: Sequence[FrameMarkers]
+) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
+    """Positions and quality of all frames followed so far, names set right by hindsight."""
+    before = np.stack([row.position_px for row in rows])
+    position = mended(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
+    quality = np.stack([row.quality for row in rows])
+    lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
+    return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
+
+
+def _markers_in(
+    reference: Reference,
+    frame: UInt8[np.ndarray, "h w *c"],
+    moved: Float[np.ndarray, "n 2"],
+    speed: Float[np.ndarray, "n 2"],
+) -> FrameMarkers:
+    look, lattice, usual = reference.look, reference.lattice, reference.markers
+    shown = contrast(grey(frame), look)
+    blobs = find_blobs(shown, look, least=BLOB_CONTRAST * float(np.median(usual.peak)))
+    margin = -OUTSIDE * reference.disc_px
+    blobs = replace(blobs, centre_px=uncut(blobs.centre_px, reference.shape, reference.disc_px))
+    blobs = blobs.of(inside(blobs.centre_px, reference.shape, margin))
+    guesses = [moved + speed, moved, np.zeros_like(moved)]
+    expected = inside(lattice.rest_px + moved + speed, reference.shape, look.radius_px)
+    best = match(lattice, guesses, blobs.centre_px, expected)
+    count = len(lattice.rest_px)
+    position, peak, mass = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
+    found = best.found
+    position[found], peak[found] = blobs.centre_px[best.blob[found]], blobs.peak[best.blob[found]]
+    mass[found] = blobs.mass[best.blob[found]]
+    _look_for_lost(reference, shown, position, peak, mass)
+    _give_up_contradicted(lattice, position)
+    found = np.isfinite(position[:, 0])
+    clear = np.minimum(peak / usual.peak, 1.0) * np.minimum(
+        mass / usual.mass, usual.mass / np.maximum(mass, 1e-9)
+    )
+    return FrameMarkers(position, np.where(found, np.clip(clear, 0.0, 1.0), 0.0), blobs.centre_px)
+
+
+def _look_for_lost(
+    reference: Reference,
+    shown: Float[np.ndarray, "h w"],
+    position: Float[np.ndarray, "n 2"],
+    peak: Float[np.ndarray, " n"],
+    mass: Float[np.ndarray, " n"],
+) -> None:
+    """Fills in, where they lie, the markers that are fainter than a blob but stand where neighbours say."""
+    lattice = reference.lattice
+    known = np.isfinite(position[:, 0])
+    if known.all() or not known.any():
+        return
+    displacement = np.where(known[:, None], position - lattice.rest_px, 0.0)
+    start = (lattice.rest_px + neighbours_say(lattice, displacement, known))[~known]
+    tried = centred(shown, start, reference.look)
+    radius = reference.disc_px
+    tried = replace(tried, centre_px=uncut(tried.centre_px, reference.shape, radius))
+    near = np.linalg.norm(tried.centre_px - start, axis=1) < FAINT_REACH * lattice.spacing_px
+    clear = tried.peak > FAINT * reference.markers.peak[~known]
+    whole = inside(tried.centre_px, reference.shape, -OUTSIDE * radius)
+    taken = position[known]
+    apart = (
+        np.linalg.norm(tried.centre_px[:, None] - taken[None], axis=2).min(axis=1) > 0.4 * lattice.spacing_px
+    )
+    lost = np.flatnonzero(~known)
+    good = near & clear & whole & apart
+    position[lost[good]], peak[lost[good]], mass[lost[good]] = (
+        tried.centre_px[good],
+        tried.peak[good],
+        tried.mass[good],
+    )
+
+
+def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) -> None:
+    """Loses the markers whose neighbours all say that they are elsewhere."""
+    known = np.isfinite(position[:, 0])
+    if not known.any():
+        return
+    displacement = np.where(known[:, None], position - lattice.rest_px, 0.0)
+    say = neighbours_say(lattice, displacement, known)
+    wrong = known & (np.linalg.norm(displacement - say, axis=1) > TORN * lattice.spacing_px)
+    position[wrong] = np.nan
