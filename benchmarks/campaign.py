@@ -39,9 +39,9 @@ from pipeline.case import open_case
 from pipeline.check import check
 from pipeline.convert import Wanted, convert
 from pipeline.problem import BatchRefused
-from recon.failure import ReconFailure
-from recon.mesh_file import read_mesh
-from recon.photos import read_photo
+from recon.cameras.photos import read_photo
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import read_mesh
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording
 from tactile.tactile_failure import TactileFailure

@@ -18,7 +18,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from recon.mesh_file import read_mesh, write_mesh
+from recon.surface.mesh_file import read_mesh, write_mesh
 
 SAMPLE = Path(__file__).resolve().parents[1] / "samples" / "data" / "two-fruits"
 MOST_S = 900

@@ -12,8 +12,8 @@ import cv2
 import h5py
 import numpy as np
 
-from recon.hull import ball
-from recon.mesh_file import mesh_bytes
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import mesh_bytes
 
 Change = Callable[[Path, np.random.Generator], None]
 

@@ -34,7 +34,7 @@ from pipeline.batch import open_batch
 from pipeline.layout import Results
 from pipeline.stages import grade_fruit
 from pipeline.task import fruit_task
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 from samples.batch import write_scan
 from samples.fruit import fruits_of_seed
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon.hull import ball
-from recon.mat import mat_mapping, standard_mat
-from recon.mesh_file import mesh_bytes
-from recon.pit import place_pit
-from recon.priors import load_prior
+from recon.cameras.mat import mat_mapping, standard_mat
+from recon.pit.placement import place_pit
+from recon.pit.priors import load_prior
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import mesh_bytes
 from tactile.io.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[1]

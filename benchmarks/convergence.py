@@ -37,7 +37,7 @@ from fem.solid.linear_solid import BASE_HEIGHT_MM, Support, UnitModulusSolid
 from fem.solid.rigid_core import reduced, reduction
 from fem.sparse.solver import factorise
 from pipeline.config import FleshMesh as Sizes
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
 from fem_shapes import ball, box, star, tetrahedron

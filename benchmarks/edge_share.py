@@ -1,13 +1,14 @@
-"""Where a fruit's true outline lies on the step of colour across its rim: recon/outline.py's STEP_SHARE.
+"""Where a fruit's true outline lies on the step of colour across its rim: recon/silhouettes/outline.py's
+STEP_SHARE.
 
     python benchmarks/edge_share.py FOLDER... [--every 2]
 
 A FOLDER holds photos/, mat.json, fruit_truth.ply and cameras_truth.json. Cameras come from the mat, as in
 grading. Along the normals of the true outline (the projected true surface, drawn SUBPIXELS times finer) the
 share of fruit a = (c - B).(F - B) / |F - B|² is taken in linear light, with F and B the mean colours
-STEP_BAND_PX inside and outside, as recon/outline.py takes them; printed is its median over all samples with
-a clear step, by distance from the true edge, and where that median falls to one half. Half of it lies inside
-the edge: at grazing angles a skin mirrors the ground behind it (Fresnel).
+STEP_BAND_PX inside and outside, as recon/silhouettes/outline.py takes them; printed is its median over all
+samples with a clear step, by distance from the true edge, and where that median falls to one half. Half of
+it lies inside the edge: at grazing angles a skin mirrors the ground behind it (Fresnel).
 """
 
 import argparse
@@ -18,14 +19,14 @@ import cv2
 import numpy as np
 from recon_score import read_truth
 
-from recon.camera import Camera, straightened
-from recon.hull import sampled
-from recon.mask import window_around
-from recon.mat import parse_mat
-from recon.outline import CLEAR_STEP, LINEAR_LIGHT, STEP_BAND_PX, outline_of
-from recon.photo_check import checked_photos
-from recon.photos import read_photos
-from recon.poses import cameras_from_mat
+from recon.cameras.camera import Camera, straightened
+from recon.cameras.mat import parse_mat
+from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.photos import read_photos
+from recon.checks.photo_check import checked_photos
+from recon.silhouettes.hull import sampled
+from recon.silhouettes.mask import window_around
+from recon.silhouettes.outline import CLEAR_STEP, LINEAR_LIGHT, STEP_BAND_PX, outline_of
 
 SUBPIXELS = 6
 SHIFTS_PX = np.arange(-8, 8.1, 0.5)

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.failure import SampleFailure
 from samples.fruit import Pit, SampleFruit, fruit_of_seed, scanned_mesh

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from field_fruit import Fruit
 
-from recon.pit import place_pit
-from recon.priors import load_prior
+from recon.pit.placement import place_pit
+from recon.pit.priors import load_prior
 from tactile.io.recording import GelPad, Recording
 
 Change = Callable[[Fruit, Fruit, np.random.Generator], Fruit]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruit_of_seed, scanned_mesh
 from samples.grasp import MARKER_AREA_MM2, marker_grid
 from samples.grasp_plan import hold_along, two_cycles

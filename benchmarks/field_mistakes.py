@@ -29,8 +29,8 @@ from pipeline.layout import Results
 from pipeline.records import FruitRecord, read_record, write_record
 from pipeline.stages import grade_fruit
 from pipeline.task import fruit_task
-from recon.mesh_file import write_mesh
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
+from recon.surface.mesh_file import write_mesh
 from tactile.checks.of_recording import recording_findings
 from tactile.io.recording import write_recording
 

@@ -22,7 +22,7 @@ from field_mistakes import graded
 from scipy.spatial import ConvexHull
 
 from pipeline.doubts import against_category
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
 from tactile.checks.footprint import footprint, tilted
 from tactile.checks.jaws import closing_mm
 from tactile.checks.lattice import missing_sites

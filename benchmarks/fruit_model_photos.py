@@ -1,4 +1,5 @@
-"""Draw the pictures that the fruit model (recon/fruit_model.py) is trained on: close-ups of drawn scenes.
+"""Draw the pictures that the fruit model (recon/learned/fruit_model.py) is trained on: close-ups of drawn
+scenes.
 
     python benchmarks/fruit_model_photos.py OUT [--first 0] [--scenes 400] [--each 6] [--one-thread]
 

@@ -1,4 +1,4 @@
-"""Train the fruit model (recon/fruit_model.py) and write it as ONNX.
+"""Train the fruit model (recon/learned/fruit_model.py) and write it as ONNX.
 
     python -m venv ENV && ENV/bin/pip install torch onnx numpy opencv-python-headless
     ENV/bin/python benchmarks/fruit_model_train.py OUT.onnx --close-ups FOLDER [--bank BANK]

@@ -29,7 +29,7 @@ from pipeline.diary import Diary
 from pipeline.finding import finding
 from pipeline.outcome import FruitEnded
 from pipeline.problem import BatchRefused
-from recon.failure import ReconFailure
+from recon.recon_failure import ReconFailure
 from tactile.tactile_failure import TactileFailure
 
 REFUSED = (BatchRefused, FruitEnded, ReconFailure, TactileFailure, FemFailure)

@@ -21,7 +21,7 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import history, place_grasp
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 
 
 def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge_mm: float | None) -> None:

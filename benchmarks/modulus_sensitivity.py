@@ -23,7 +23,7 @@ from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.grasp import history, place_grasp
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 
 Surface = tuple[np.ndarray, np.ndarray]
 

@@ -39,8 +39,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.mesh_file import write_mesh
-from recon.priors import FOLDER
+from recon.pit.priors import FOLDER
+from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.failure import NotInEquilibrium
 from samples.fruit import Pit, SampleFruit, Skin

@@ -34,12 +34,12 @@ def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
     """One reconstruction, its error, and what was said of it."""
     from recon_score import read_truth, scored
 
-    from recon.failure import ReconFailure
+    from recon.cameras.mat import parse_mat
+    from recon.cameras.photos import read_photos
+    from recon.checks.photo_check import checked_photos
+    from recon.checks.verdict import require_seen, shape_doubts
     from recon.fruit_mesh import ReconOptions, reconstruct
-    from recon.mat import parse_mat
-    from recon.photo_check import checked_photos
-    from recon.photos import read_photos
-    from recon.verdict import require_seen, shape_doubts
+    from recon.recon_failure import ReconFailure
 
     scene = json.loads((folder / "scene.json").read_text())
     out: dict[str, Any] = {"set": folder.name, "half": scene["half"], "photos": len(scene["photos"])}

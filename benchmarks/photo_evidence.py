@@ -6,8 +6,8 @@ Each folder has photos, mat.json, fruit_truth.ply and cameras_truth.json. A line
 `reconstruct` makes and for that mesh made wrong without a look at the truth: KINDS. A mesh is bad where it is
 off by more than MISSED_RMS_MM (root mean square over the skin that two cameras see) or MISSED_VOLUME of
 benchmarks/photo_bank_score.py, sound where by less than half of both; `said` where the self-check warns or
-refuses. `within`: share of the skin seen where |error| < 2 sd. `left-right`: recon.camera_shadow, px. KEPT
-holds reconstructions for the next run.
+refuses. `within`: share of the skin seen where |error| < 2 sd. `left-right`: recon.checks.camera_shadow,
+px. KEPT holds reconstructions for the next run.
 """
 
 import argparse
@@ -24,19 +24,19 @@ import numpy as np
 from photo_bank_score import MISSED_RMS_MM, MISSED_VOLUME
 from recon_score import Truth, read_truth, signed_distance_mm
 
-from recon.camera import Camera, straightened
-from recon.camera_shadow import left_right_px
-from recon.closed import face_areas, vertex_normals, volume_mm3
-from recon.coverage import SEEN_BY, seeing_views
-from recon.failure import ReconFailure
+from recon.cameras.camera import Camera, straightened
+from recon.cameras.mat import parse_mat
+from recon.cameras.photos import read_photos
+from recon.checks.camera_shadow import left_right_px
+from recon.checks.ground_check import rim_evidence
+from recon.checks.photo_check import checked_photos
+from recon.checks.surface_error import surface_error
+from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.fruit_mesh import reconstruct
-from recon.ground_check import rim_evidence
-from recon.mat import parse_mat
-from recon.photo_check import checked_photos
-from recon.photos import read_photos
+from recon.recon_failure import ReconFailure
 from recon.stage_clock import one_thread
-from recon.surface_error import surface_error
-from recon.surface_verdict import surface_doubts, surface_offset
+from recon.surface.coverage import SEEN_BY, seeing_views
+from recon.triangle_mesh import face_areas, vertex_normals, volume_mm3
 
 KINDS: dict[str, tuple[str, float, float]] = {
     "made": ("none", 0.0, 0.0),

@@ -52,12 +52,12 @@ def scored_subset(job: tuple[Path, int, str]) -> dict[str, Any]:
     """One reconstruction, its error, and what was said of it."""
     from recon_score import read_truth, rigidly_on_truth, scale_error, scored
 
-    from recon.coin import coin_named
-    from recon.failure import ReconFailure
+    from recon.cameras.coin import coin_named
+    from recon.cameras.photos import read_photos
+    from recon.checks.photo_check import checked_photos
+    from recon.checks.verdict import require_seen, shape_doubts
     from recon.fruit_mesh import ReconOptions, reconstruct
-    from recon.photo_check import checked_photos
-    from recon.photos import read_photos
-    from recon.verdict import require_seen, shape_doubts
+    from recon.recon_failure import ReconFailure
 
     folder, count, scale = job
     scene = json.loads((folder / "scene.json").read_text())
@@ -109,7 +109,7 @@ def camera_errors(folder: Path, used: list[str], places: np.ndarray) -> dict[str
     """
     from recon_score import read_truth
 
-    from recon.similarity import fitted_similarity
+    from recon.cameras.similarity import fitted_similarity
 
     truth = read_truth(folder)
     T, away = fitted_similarity(places, np.array([truth.places[n] for n in used]))

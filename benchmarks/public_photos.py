@@ -48,24 +48,25 @@ from public_sets import (
 from recon_score import signed_distance_mm
 from scipy.optimize import minimize
 
-from recon.camera import Camera, straightened
-from recon.closed import vertex_normals
-from recon.failure import ReconFailure
+from recon.cameras.camera import Camera, straightened
+from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.photos import Photo
 from recon.fruit_mesh import closed_surface, reconstruct
-from recon.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
-from recon.mask import Window
-from recon.mesh_file import write_mesh
-from recon.outline import outline_of, sharpened, silhouette_of_outline
-from recon.photos import Photo
-from recon.poses import cameras_from_mat
+from recon.recon_failure import ReconFailure
+from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
+from recon.silhouettes.mask import Window
+from recon.silhouettes.outline import outline_of, sharpened, silhouette_of_outline
+from recon.silhouettes.tangent import settled
 from recon.stage_clock import one_thread
-from recon.tangent import settled
+from recon.surface.mesh_file import write_mesh
+from recon.triangle_mesh import vertex_normals
 
 GRID = 128
 LEVEL, SETTLED_LEVEL = 6, 5
 DOUBT = 0.03
 MAX_FACES = 6000
-"""Levels of the ball, share of views that may be wrong, faces: as in recon.silhouettes and ReconOptions."""
+"""Levels of the ball, share of views that may be wrong, faces: as in recon.silhouettes.all_views and
+ReconOptions."""
 Mesh = tuple[np.ndarray, np.ndarray]
 
 

@@ -16,10 +16,10 @@ from scipy import ndimage
 from scipy.io import loadmat
 from scipy.linalg import rq
 
-from recon.camera import Camera
-from recon.mask import Window
-from recon.mat import Mat
-from recon.photos import Photo, read_photo
+from recon.cameras.camera import Camera
+from recon.cameras.mat import Mat
+from recon.cameras.photos import Photo, read_photo
+from recon.silhouettes.mask import Window
 
 BRIGHT = {"dino": 48, "temple": 70}
 """Grey levels, of the brightest channel, above which a pixel is the object. 48 of 255 is the 0.19 that the

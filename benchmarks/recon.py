@@ -44,10 +44,10 @@ def row(folder: Path, route: str, which: list[int] | None, height_mm: float | No
     from recon_colmap import colmap_mesh
     from recon_score import read_truth, rigidly_on_truth, scale_error, scored
 
-    from recon.failure import ReconFailure
+    from recon.cameras.mat import parse_mat
+    from recon.cameras.photos import read_photos
     from recon.fruit_mesh import reconstruct
-    from recon.mat import parse_mat
-    from recon.photos import read_photos
+    from recon.recon_failure import ReconFailure
     from recon.stage_clock import one_thread
     from recon.underside import with_underside
 

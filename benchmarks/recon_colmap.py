@@ -7,10 +7,10 @@ import numpy as np
 import open3d as o3d
 import pycolmap
 
-from recon.mat import Mat
-from recon.photos import Photo
-from recon.poses import cameras_from_mat
-from recon.similarity import moved, robust_similarity
+from recon.cameras.mat import Mat
+from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.photos import Photo
+from recon.cameras.similarity import moved, robust_similarity
 
 
 def colmap_mesh(folder: Path, photos: list[Photo], mat: Mat) -> tuple[np.ndarray, np.ndarray, int, int]:

@@ -39,14 +39,14 @@ from pipeline.outcome import FruitEnded
 from pipeline.records import Given
 from pipeline.shape import fruit_shape
 from pipeline.task import FruitTask
-from recon.closed import vertex_normals, volume_mm3
-from recon.failure import ReconFailure
-from recon.mat import parse_mat
-from recon.mesh_file import Mesh, read_mesh
-from recon.photos import read_photos
-from recon.priors import STONE_FRUIT, load_prior
-from recon.similarity import fitted_similarity
-from recon.surface import distances_mm, open3d
+from recon.cameras.mat import parse_mat
+from recon.cameras.photos import read_photos
+from recon.cameras.similarity import fitted_similarity
+from recon.pit.priors import STONE_FRUIT, load_prior
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import Mesh, read_mesh
+from recon.surface.poisson import distances_mm, open3d
+from recon.triangle_mesh import vertex_normals, volume_mm3
 
 RIGHT_RMS_MM, RIGHT_VOLUME = 0.3, 0.02
 CAVITY_DEG = 20.0

@@ -12,8 +12,8 @@ import argparse
 import json
 from pathlib import Path
 
-from recon.mat import mat_mapping, standard_mat
-from recon.mesh_file import write_mesh
+from recon.cameras.mat import mat_mapping, standard_mat
+from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.kinds import KINDS, fruit_of_kind
 from samples.photos import PhotoOptions, write_photos

@@ -7,8 +7,8 @@ outline surface once; `seen`, `cavity`, `sides`, `low` are root mean squares (mm
 true surface that some camera saw (benchmarks/recon_score.py), within 45 % of the fruit's radius of its axis
 above 70 % of its height, above and below a quarter of its height. `measured` is the share of the vertices
 that relief placed; each region it moved follows with what the held-out views say. `--every` uses every n-th
-photo. `--set` gives a constant of recon/relief*.py or recon/photo_consistency.py another value: the tables
-from which those constants were chosen.
+photo. `--set` gives a constant of recon/relief*.py or recon/surface/photo_consistency.py another value:
+the tables from which those constants were chosen.
 """
 
 import argparse
@@ -28,14 +28,14 @@ def main() -> int:
     """Prints the table; exit status 1 where a set got worse by over 0.005 mm."""
     from recon_score import read_truth
 
-    from recon import photo_consistency, relief, relief_mesh, relief_search, relief_verdict
-    from recon.camera import straightened
-    from recon.mat import parse_mat
-    from recon.photo_check import checked_photos
-    from recon.photos import read_photos
-    from recon.poses import cameras_from_mat
-    from recon.silhouettes import find_fruit
+    from recon.cameras.camera import straightened
+    from recon.cameras.mat import parse_mat
+    from recon.cameras.mat_poses import cameras_from_mat
+    from recon.cameras.photos import read_photos
+    from recon.checks.photo_check import checked_photos
+    from recon.silhouettes.all_views import find_fruit
     from recon.stage_clock import one_thread
+    from recon.surface import photo_consistency, relief, relief_mesh, relief_search, relief_verdict
 
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -49,7 +49,9 @@ def main() -> int:
         name, value = each.split("=", 1)
         owners = [m for m in modules if hasattr(m, name)]
         if not owners:
-            parser.error(f"--set {each}: neither recon/relief*.py nor recon/photo_consistency.py has {name}")
+            parser.error(
+                f"--set {each}: neither recon/relief*.py nor recon/surface/photo_consistency.py has {name}"
+            )
         for owner in owners:
             setattr(owner, name, ast.literal_eval(value))
     print(f"{'fruit':18}{'':8}{'seen':>8}{'cavity':>8}{'sides':>8}{'low':>8}{'cpu_s':>8}{'measured':>10}")

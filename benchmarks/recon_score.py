@@ -9,8 +9,8 @@ import open3d as o3d
 import trimesh
 from scipy.spatial import cKDTree
 
-from recon.closed import open_edges, volume_mm3
-from recon.similarity import fitted_similarity, moved
+from recon.cameras.similarity import fitted_similarity, moved
+from recon.triangle_mesh import open_edges, volume_mm3
 
 SAMPLES = 20000
 FLATTEST_DEG = 80.0

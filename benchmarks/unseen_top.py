@@ -4,8 +4,8 @@
 
 Outlines of the true meshes of a bank's work half (benchmarks/photo_bank.py), standing as they were drawn,
 with waves of half a pixel; 8 and 12 cameras all around at one elevation, 2 degrees up and down. Columns: the
-lowest elevation (degrees), the excess found, what recon.unseen_top expects and its standard deviation. It
-also prints the root mean square of (found - expected) / sd.
+lowest elevation (degrees), the excess found, what recon.surface.unseen_top expects and its standard
+deviation. It also prints the root mean square of (found - expected) / sd.
 """
 
 import argparse
@@ -18,12 +18,12 @@ import numpy as np
 from recon_score import read_truth
 from scipy.ndimage import gaussian_filter1d
 
-from recon.camera import Camera
-from recon.hull import Silhouette, drawn, visual_hull
-from recon.mask import Window
-from recon.outline import Outline, outline_of, silhouette_of_outline
-from recon.tangent import settled
-from recon.unseen_top import expected_excess
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import Silhouette, drawn, visual_hull
+from recon.silhouettes.mask import Window
+from recon.silhouettes.outline import Outline, outline_of, silhouette_of_outline
+from recon.silhouettes.tangent import settled
+from recon.surface.unseen_top import expected_excess
 
 ELEVATIONS_DEG = (6.0, 13.0, 20.0, 30.0, 38.0)
 FOCAL_PX, DISTANCE, NOISE_PX, FINER = 1100.0, 5.5, 0.5, 3

@@ -18,13 +18,13 @@ from pipeline.plausible import grading_doubts, kind_of, table_doubts
 from pipeline.problem import BatchRefused, Problem
 from pipeline.reference import CATEGORY, reference_prior
 from pipeline.safe_start import elsewhere
-from recon.failure import ReconFailure
-from recon.mat import Mat, parse_mat
-from recon.measured_pit import load_pit
-from recon.mesh_file import SUFFIXES
-from recon.onnx_file import require_onnx
+from recon.cameras.mat import Mat, parse_mat
+from recon.learned.onnx_file import require_onnx
+from recon.pit.measured import load_pit
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
 from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
-from recon.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import SUFFIXES
 
 T = TypeVar("T")
 _NO_POISSON_RATIO = (
@@ -354,12 +354,12 @@ def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
         try:
             require_onnx(folder.root / asked)
         except ReconFailure as failure:
-            return [Problem(str(folder.settings), f'"recon.geometry_model": {failure.detail}')]
+            return [Problem(str(folder.settings), f'"recon.learned.geometry_model": {failure.detail}')]
         return []
     return [
         Problem(
             str(folder.settings),
-            f'"recon.geometry_model": found "{asked}", but {folder.root / asked} is no file; '
+            f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is no file; '
             "give the path of an ONNX file relative to the batch, or take the line out.",
         )
     ]
@@ -370,7 +370,7 @@ def _without_provider(folder: BatchFolder, settings: Settings) -> list[Problem]:
     if settings.recon.providers == Recon().providers:
         return []
     with elsewhere():
-        from recon.onnx_session import providers_fault
+        from recon.learned.onnx_session import providers_fault
     fault = providers_fault(settings.recon.providers)
     return [Problem(str(folder.settings), f'"recon.providers": {fault}')] if fault else []
 

@@ -15,8 +15,8 @@ from pipeline.layout import CaseFolder, FruitResults, Results
 from pipeline.problem import BatchRefused, Problem
 from pipeline.records import Given
 from pipeline.task import FruitTask, fruit_task
-from recon.failure import ReconFailure
-from recon.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
+from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
+from recon.recon_failure import ReconFailure
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""

@@ -19,11 +19,11 @@ from pipeline.problem import Problem
 from pipeline.reference import category_of
 from pipeline.same_recording import in_two_fruit, refuse_copy
 from pipeline.whose import Owner, owner_findings
-from recon.failure import ReconFailure, ReconProblem
-from recon.mesh_file import read_mesh
-from recon.photos import SUFFIXES, read_photo, require_enough
-from recon.pit import embed_pit, place_pit, require_closed
+from recon.cameras.photos import SUFFIXES, read_photo, require_enough
+from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding
 from tactile.correction import corrected
 from tactile.io.raw_grasp import read_raw_grasp
@@ -34,7 +34,8 @@ from tactile.tactile_failure import TactileFailure
 
 SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
-1.45 times as long as wide (recon.priors). It chooses the sentence for a mesh of no fruit's size, no more."""
+1.45 times as long as wide (recon.pit.priors). It chooses the sentence for a mesh of no fruit's size, no
+more."""
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
 Read = dict[str, list[tuple[FruitRow, Path]]]
 """Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""

@@ -21,10 +21,10 @@ from pydantic import (
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.confirmed import ConfirmedEffect
 from pipeline.problem import BatchRefused, Problem
-from recon.coin import Coin, coin_named
-from recon.failure import ReconFailure
+from recon.cameras.coin import Coin, coin_named
+from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
-from recon.priors import LEAST_POISSON_RATIO
+from recon.recon_failure import ReconFailure
 from tactile.io.decimal_number import meant
 
 MOST_BYTES = 1_000_000

@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.grasp import PlacedGrasp
 from pipeline.records import PitFoundRecord
-from recon.closed import volume_mm3
-from recon.priors import PitPrior
+from recon.pit.priors import PitPrior
+from recon.triangle_mesh import volume_mm3
 from tactile.checks.finding import Field, Kind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08

@@ -36,8 +36,8 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.provenance import input_hashes, versions
 from pipeline.scratch import scratch, temporary_files_in
 from pipeline.whole_file import put
-from recon.failure import ReconFailure
 from recon.plain_file import NotReadable, read_text
+from recon.recon_failure import ReconFailure
 from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
 from tactile.tactile_failure import TactileFailure

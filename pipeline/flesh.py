@@ -13,7 +13,7 @@ from pipeline.confirmed import pit_found
 from pipeline.reference import NAME as REFERENCE
 from pipeline.shape import Pit, Shape
 from pipeline.task import FruitTask
-from recon.priors import PitPrior
+from recon.pit.priors import PitPrior
 
 
 def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:

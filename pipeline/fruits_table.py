@@ -10,16 +10,16 @@ from typing import Any
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from pipeline.problem import BatchRefused, Problem
+from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, not_plain, printable, read_text
-from recon.priors import LEAST_POISSON_RATIO
 from tactile.io.decimal_number import decimal_number, meant
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
 MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
 REFERENCE_E_MPA = (0.0005, 60.0)
-"""What a reference body's modulus can be: as phantoms' (recon/priors/phantom.toml), from hydrogels to cast
-polyurethane."""
+"""What a reference body's modulus can be: as phantoms' (recon/pit/priors/phantom.toml), from hydrogels to
+cast polyurethane."""
 REFERENCE_SD = (1e-4, 0.5)
 """Its standard deviation as a share of it: at a half nothing is known any more, and no tensile test is better
 than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""

@@ -12,7 +12,7 @@ from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.records import CurveRecord, GraspRecord
-from recon.surface_error import sd_on_patch_mm
+from recon.checks.surface_error import sd_on_patch_mm
 from tactile.checks.finding import Finding
 from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact

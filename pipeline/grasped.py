@@ -25,8 +25,8 @@ from pipeline.same_recording import refuse_copy
 from pipeline.shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
 from pipeline.task import FruitTask
 from pipeline.whose import Owner, owner_findings, owner_remarks, stranger
-from recon.coverage import SEEN_BY
 from recon.plain_file import printable
+from recon.surface.coverage import SEEN_BY
 from reports.coverage_map import coverage_map
 from reports.mesh_picture import mesh_picture
 from reports.surface_sd_map import surface_sd_map

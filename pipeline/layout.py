@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.manifest import claim, enter, is_claimed, is_ours, json_in, remove, strange_list
 from pipeline.whole_file import put, sweep
-from recon.photos import photo_paths
+from recon.cameras.photos import photo_paths
 from tactile.io.raw_grasp import files_of
 
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")

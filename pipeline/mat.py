@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.paper import Paper
 from pipeline.places import require_new_or_ours
 from pipeline.whole_file import put
-from recon.mat import mat_mapping, standard_mat, tag_bits
+from recon.cameras.mat import mat_mapping, standard_mat, tag_bits
 from reports.mat_sheet import mat_sheet_pdf
 
 

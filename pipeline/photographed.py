@@ -9,16 +9,16 @@ import numpy as np
 
 from pipeline.cache import Artifact
 from pipeline.task import FruitTask
-from recon.camera import straightened
-from recon.fruit_frame import to_fruit_frame
+from recon.cameras.camera import straightened
+from recon.cameras.photos import Photo, read_photos
+from recon.cameras.view_plan import ViewPlan, view_plan
+from recon.checks.photo_check import checked_photos
+from recon.checks.rim_check import rim_doubts
+from recon.checks.verdict import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
-from recon.fruit_model import SHIPPED
-from recon.photo_check import checked_photos
-from recon.photos import Photo, read_photos
-from recon.rim_check import rim_doubts
+from recon.learned.fruit_model import SHIPPED
+from recon.surface.fruit_frame import to_fruit_frame
 from recon.underside import with_underside
-from recon.verdict import require_seen, shape_doubts
-from recon.view_plan import ViewPlan, view_plan
 from recon.wording import listed
 from reports.photo import thumbnail_jpeg
 

@@ -1,6 +1,6 @@
 """Numbers that can be read and that no fruit has: a unit, a decimal point, a column was slipped.
 
-Each is held against the ranges of its category (recon.priors.Plausible), against the other numbers of its
+Each is held against the ranges of its category (recon.pit.priors.Plausible), against the other numbers of its
 fruit and against the other fruit of the batch. The sentence names the likely slip.
 """
 
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from pipeline.config import Grading
 from pipeline.fruits_table import MEASURES, FruitRow
-from recon.priors import STONE_FRUIT, Body, PitPrior, Plausible
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior, Plausible
 
 POINT = "is its decimal point missing"
 Slips = tuple[tuple[float, str], ...]
@@ -59,8 +59,8 @@ are of fruit measured over stem or cheeks, and the side across the suture of a f
 half of the least is below every fruit on record, and a mesh in centimetres (0.1) is far below it."""
 SAME_FRUIT = 1.6
 """Ratio, no unit: two sides of one fruit differ by no more, where a mass may be a side written in its column.
-Assumed: stone fruit's longest over shortest side is at most 1.45 (recon.priors), and a tenth is left to the
-calliper."""
+Assumed: stone fruit's longest over shortest side is at most 1.45 (recon.pit.priors), and a tenth is left
+to the calliper."""
 FEWEST_OTHERS = 3
 """Fruit beside the one in question whose median says something: of two, either may be the odd one."""
 

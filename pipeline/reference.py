@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 from pipeline.fruits_table import FruitRow
-from recon.priors import PitPrior, load_prior
+from recon.pit.priors import PitPrior, load_prior
 
 CATEGORY = "phantom"
 """The category whose rules hold for it, whatever fruit the batch is of."""

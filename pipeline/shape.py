@@ -15,11 +15,11 @@ from pipeline.photographed import photographed
 from pipeline.records import MeshRecord, PitRecord, StanceRecord
 from pipeline.size_doubts import size_doubts
 from pipeline.task import FruitTask
-from recon.closed import volume_mm3
-from recon.fruit_frame import stance_doubts
-from recon.mesh_file import Mesh, mesh_bytes, read_mesh
-from recon.pit import embed_pit, place_pit, require_closed
-from recon.stance import stance_of
+from recon.pit.placement import embed_pit, place_pit, require_closed
+from recon.surface.fruit_frame import stance_doubts
+from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
+from recon.surface.orientation import stance_of
+from recon.triangle_mesh import volume_mm3
 
 
 @dataclass(frozen=True, kw_only=True)

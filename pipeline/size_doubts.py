@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.records import Given, MeshRecord
-from recon.priors import STONE_FRUIT, Body, PitPrior
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior
 
 CALLIPER_SD_MM = 0.2
 LEAST_APART_MM = 0.7

@@ -23,7 +23,7 @@ from pipeline.layout import write_whole
 from pipeline.outcome import FruitEnded, Outcome, ending_of
 from pipeline.records import FruitRecord, GraspRecord, write_record
 from pipeline.task import FruitTask
-from recon.failure import ReconFailure
+from recon.recon_failure import ReconFailure
 from reports.mesh_picture import mesh_picture
 from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure

@@ -10,8 +10,8 @@ from pipeline.confirmed import OF_THE_JAWS, effects_on, keyed
 from pipeline.layout import FruitFolder, FruitResults, Results
 from pipeline.records import Given
 from pipeline.reference import CATEGORY, reference_prior
-from recon.mat import Mat
-from recon.priors import Body, PitPrior
+from recon.cameras.mat import Mat
+from recon.pit.priors import Body, PitPrior
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}
 """Settings that change no fruit's result."""

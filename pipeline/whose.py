@@ -3,7 +3,7 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
-from recon.priors import known_categories
+from recon.pit.priors import known_categories
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem

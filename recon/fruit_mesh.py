@@ -10,30 +10,30 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
 
-from recon.camera import Camera, straightened
-from recon.carve import AGREEMENT
-from recon.closed import vertex_normals
-from recon.coin import Coin
-from recon.coverage import seeing_views, seen_and_unseen
-from recon.failure import ReconFailure, ReconProblem
-from recon.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
-from recon.geometry_model import point_maps
-from recon.ground_check import rim_evidence
-from recon.mat import Mat
-from recon.motion import cameras_from_motion
-from recon.photos import Photo, require_enough
+from recon.cameras.camera import Camera, straightened
+from recon.cameras.coin import Coin
+from recon.cameras.mat import Mat
+from recon.cameras.mat_poses import Poses, cameras_from_mat
+from recon.cameras.motion import cameras_from_motion
+from recon.cameras.photos import Photo, require_enough
+from recon.checks.ground_check import rim_evidence
+from recon.checks.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
+from recon.checks.surface_error import surface_error
+from recon.checks.surface_verdict import surface_doubts, surface_offset
+from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
+from recon.learned.geometry_model import point_maps
 from recon.point_route import fruit_points
-from recon.poses import Poses, cameras_from_mat
-from recon.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
-from recon.relief import relief
-from recon.repair import RepairedMesh, repaired
+from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import scale_without_mat, scaled_to_height, spread_of_scale
-from recon.silhouettes import find_fruit
+from recon.silhouettes.all_views import find_fruit
+from recon.silhouettes.carve import AGREEMENT
 from recon.stage_clock import Progress, StageClock, one_thread
-from recon.surface import distances_mm, poisson_surface
-from recon.surface_error import surface_error
-from recon.surface_verdict import surface_doubts, surface_offset
-from recon.unseen_top import top_share
+from recon.surface.coverage import seeing_views, seen_and_unseen
+from recon.surface.poisson import distances_mm, poisson_surface
+from recon.surface.relief import relief
+from recon.surface.repair import RepairedMesh, repaired
+from recon.surface.unseen_top import top_share
+from recon.triangle_mesh import vertex_normals
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the

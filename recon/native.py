@@ -4,7 +4,7 @@ install.
 
 from types import ModuleType
 
-from recon.failure import ReconFailure, ReconProblem
+from recon.recon_failure import ReconFailure, ReconProblem
 
 DEBIAN_PACKAGES = "libegl1 libgl1 libopengl0 libusb-1.0-0"
 

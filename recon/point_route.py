@@ -5,14 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.geometry_model import PointMaps
-from recon.ground import ground_plane, upright
-from recon.hull import sampled
-from recon.mat import Mat, detect_tags
-from recon.photos import Photo
+from recon.cameras.ground_plane import ground_plane, upright
+from recon.cameras.mat import Mat, detect_tags
+from recon.cameras.photos import Photo
+from recon.cameras.similarity import moved, robust_similarity
+from recon.learned.geometry_model import PointMaps
+from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, blank_box, with_print_error
-from recon.similarity import moved, robust_similarity
+from recon.silhouettes.hull import sampled
 
 TRUSTED_SHARE = 0.6
 FEWEST_CORNERS = 16

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from recon.camera import Camera
-from recon.coin import Coin, coin_scale
-from recon.failure import ReconFailure
-from recon.mat import Mat
-from recon.unseen_top import expected_excess
+from recon.cameras.camera import Camera
+from recon.cameras.coin import Coin, coin_scale
+from recon.cameras.mat import Mat
+from recon.recon_failure import ReconFailure
+from recon.surface.unseen_top import expected_excess
 
 PRINT_SCALE_SD = 0.001
 UNSURE = 0.005
@@ -84,8 +84,8 @@ def scale_without_mat(
     """Scale from the height of the fruit, or from a coin beside it, which the height then checks.
 
     A mesh whose top no photo shows from the side is too tall: it is taken to be height_mm (1 + excess) tall,
-    with the excess that recon.unseen_top expects of the share of the top that no relief has measured (1 -
-    `top_measured`). The height's error is the caliper's, that of two mesh ends
+    with the excess that recon.surface.unseen_top expects of the share of the top that no relief has
+    measured (1 - `top_measured`). The height's error is the caliper's, that of two mesh ends
     (`surface_sd`, in the mesh's unit), and the excess's. A coin is sought within three of these standard
     deviations. Without a coin to be found the height counts, with a warning.
     """

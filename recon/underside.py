@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from recon.coverage import seeing_views, seen_and_unseen
-from recon.failure import ReconFailure
-from recon.flipped import Side, both_sides
+from recon.cameras.mat import Mat
+from recon.cameras.photos import Photo
+from recon.cameras.similarity import moved
+from recon.checks.photo_check import checked_photos
+from recon.checks.quality import seen_doubts
+from recon.checks.verdict import require_seen
 from recon.fruit_mesh import Reconstruction
-from recon.mat import Mat
-from recon.photo_check import checked_photos
-from recon.photos import Photo
-from recon.quality import seen_doubts
-from recon.repair import repaired
-from recon.similarity import moved
-from recon.verdict import require_seen
+from recon.recon_failure import ReconFailure
+from recon.surface.coverage import seeing_views, seen_and_unseen
+from recon.surface.flipped import Side, both_sides
+from recon.surface.repair import repaired
 
 WHERE = "photos-flipped/"
 Route = Callable[[Sequence[Photo]], Reconstruction]

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from recon.mat import mat_mapping, standard_mat
-from recon.mesh_file import write_mesh
+from recon.cameras.mat import mat_mapping, standard_mat
+from recon.surface.mesh_file import write_mesh
 from samples.failure import SampleFailure
 from samples.fruit import SampleFruit, box_mm, fruits_of_seed, mesh_volume_mm3, scanned_mesh, skin_mesh
 from samples.grasp import simulate

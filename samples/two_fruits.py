@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from recon.mat import standard_mat
+from recon.cameras.mat import standard_mat
 from samples.batch import Progress, write_answers, write_grasps, write_scan, write_settings
 from samples.fruit import fruits_of_seed
 from samples.hexahedra import SHIPPED, Fineness

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.grasp import SENSOR
 from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, MESH_ERROR_MM, DrawnFruit, scanned_skin

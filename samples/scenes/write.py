@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from recon.mat import Mat, mat_mapping
-from recon.mesh_file import write_mesh
+from recon.cameras.mat import Mat, mat_mapping
+from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.scenes.draw import Scene, scene_mapping
 from samples.scenes.jpeg import write_jpeg

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 from samples.sensor_noise import SensorNoise, measured
 from tactile.io.recording import GelPad, Recording, write_recording
 

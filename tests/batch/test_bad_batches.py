@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from sample_batches import drupe
 
-from recon.mesh_file import read_mesh, write_mesh
+from recon.surface.mesh_file import read_mesh, write_mesh
 
 
 def refused(batch):
@@ -86,7 +86,7 @@ def test_broken_mat(batch, content):
 def test_geometry_model_that_is_not_there(batch):
     with (batch / "batch.toml").open("a") as file:
         file.write('[recon]\ngeometry_model = "vggt.onnx"\n')
-    assert 'batch.toml: "recon.geometry_model": found "vggt.onnx"' in refused(batch)
+    assert 'batch.toml: "recon.learned.geometry_model": found "vggt.onnx"' in refused(batch)
 
 
 def test_wrong_usage_is_status_two_without_a_traceback():

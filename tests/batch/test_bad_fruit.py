@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from sample_batches import SHIPPED, drupe, ready_batch
 
-from recon.mesh_file import read_mesh, write_mesh
+from recon.surface.mesh_file import read_mesh, write_mesh
 
 
 def spoiled_photos(where):

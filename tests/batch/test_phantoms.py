@@ -25,7 +25,7 @@ from phantom_batches import (
 )  # fmt: skip
 from sample_batches import drupe
 
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 
 
 def cube(rng):

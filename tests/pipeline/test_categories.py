@@ -15,9 +15,9 @@ from pipeline.layout import Results
 from pipeline.problem import BatchRefused
 from pipeline.shape import embedded_pit, fruit_shape
 from pipeline.task import fruit_task
-from recon.closed import volume_mm3
-from recon.hull import ball
-from recon.mesh_file import write_mesh
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
+from recon.triangle_mesh import volume_mm3
 
 DIRECTIONS, FACES = ball(4)
 PHANTOM = 'category = "phantom"\npoisson_ratio = 0.47\n'

@@ -12,9 +12,9 @@ from pipeline import check as checking
 from pipeline.batch import open_batch
 from pipeline.check import check, implausible_fruit
 from pipeline.cli import app
-from recon.mesh_file import read_mesh, write_mesh
-from recon.pit import place_pit
-from recon.priors import load_prior
+from recon.pit.placement import place_pit
+from recon.pit.priors import load_prior
+from recon.surface.mesh_file import read_mesh, write_mesh
 from tactile.io.recording import read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"

@@ -18,7 +18,7 @@ from pipeline.flesh_effects import MECHANICS, catalogue_parameters, unused_warni
 from pipeline.layout import FruitResults
 from pipeline.report import _explained
 from pipeline.shape import embedded_pit
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 
 NU = ConfirmedEffect(effect="poisson_ratio", parameters={"nu": 0.41}, sd={"nu": 0.007})
 OFFSET = ConfirmedEffect(

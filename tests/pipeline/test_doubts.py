@@ -18,8 +18,8 @@ from pipeline.doubts import (
     signs_explained,
 )
 from pipeline.records import PitFoundRecord
-from recon.pit import place_pit
-from recon.priors import load_prior
+from recon.pit.placement import place_pit
+from recon.pit.priors import load_prior
 from samples.fruit import fruit_of_seed, scanned_mesh
 from tactile.checks.finding import Finding, Kind, Rank
 

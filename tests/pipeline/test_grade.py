@@ -11,8 +11,8 @@ from pipeline.layout import write_whole
 from pipeline.outcome import Outcome
 from pipeline.problem import BatchRefused
 from pipeline.records import FruitRecord, Given, ModulusRecord, read_record, write_record
-from recon.hull import ball
-from recon.mesh_file import write_mesh
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
 
 
 def record(outcome, reason=""):

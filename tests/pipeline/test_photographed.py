@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from pipeline.photographed import _photo_doubts, _plan
-from recon.camera import Camera
+from recon.cameras.camera import Camera
+from recon.cameras.photos import Photo
+from recon.cameras.view_plan import plan_words
+from recon.checks.quality import NOTHING_KNOWN
 from recon.fruit_mesh import Reconstruction
-from recon.hull import ball
-from recon.photos import Photo
-from recon.quality import NOTHING_KNOWN
-from recon.view_plan import plan_words
+from recon.silhouettes.hull import ball
 
 NAMES = [f"{i}.jpg" for i in range(6)]
 

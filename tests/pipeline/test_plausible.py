@@ -12,9 +12,9 @@ from pipeline.fruits_table import FruitRow
 from pipeline.outcome import Outcome
 from pipeline.plausible import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.problem import BatchRefused
-from recon.hull import ball
-from recon.mesh_file import write_mesh
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
 
 NECTARINE = kind_of(load_prior("nectarine"))
 SOUND = {"height_mm": 55.3, "diameter_mm": 61.5, "mass_g": 112.0, "shore_oo": 69.0}

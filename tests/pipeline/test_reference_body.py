@@ -8,8 +8,8 @@ from pipeline.fruits_table import read_fruits
 from pipeline.layout import Results
 from pipeline.problem import BatchRefused
 from pipeline.task import fruit_task
-from recon.hull import ball
-from recon.mesh_file import write_mesh
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
 
 DIRECTIONS, FACES = ball(3)
 HEAD = "fruit_id,mass_g,reference,reference_E_MPa,reference_E_sd_MPa,reference_poisson_ratio\n"

@@ -24,8 +24,8 @@ from pipeline.reference_ratio import (
 )
 from pipeline.report import batch_entry
 from pipeline.summary import print_summary
-from recon.hull import ball
-from recon.mesh_file import write_mesh
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import write_mesh
 from reports.page import report_html
 from reports.tables import ranking_csv
 

@@ -7,8 +7,8 @@ import trimesh
 from pipeline.layout import FruitResults
 from pipeline.records import MeshRecord, PitRecord
 from pipeline.shape import Pit, Shape, write_meshes
-from recon.hull import ball
-from recon.mesh_file import read_mesh
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import read_mesh
 
 DIRECTIONS, FACES = ball(3)
 BOX = (60.0, 60.0, 60.0)

@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.records import Given, MeshRecord
 from pipeline.size_doubts import size_doubts
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
 
 MESH = MeshRecord(
     source="photos", vertices=1, faces=1, volume_mm3=107_000.0, height_mm=56.0, box_mm=(61.0, 59.5, 56.0),

@@ -7,7 +7,7 @@ import sys
 import pytest
 import trimesh
 
-from recon.mesh_file import write_mesh
+from recon.surface.mesh_file import write_mesh
 
 ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
 LOG = """

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from recon.camera import Camera
-from recon.mat import Mat, standard_mat, tag_bits
-from recon.photos import Photo
+from recon.cameras.camera import Camera
+from recon.cameras.mat import Mat, standard_mat, tag_bits
+from recon.cameras.photos import Photo
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from mat_scene import ring
 
-from recon.coin import Coin, coin_named, coin_scale, known_coins
-from recon.failure import ReconFailure, ReconProblem
+from recon.cameras.coin import Coin, coin_named, coin_scale, known_coins
+from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import scale_without_mat
 
 EURO = Coin(name="1 euro", diameter_mm=23.25, thickness_mm=2.33)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from recon.coverage import seeing_views, seen_and_unseen
-from recon.hull import ball
+from recon.silhouettes.hull import ball
+from recon.surface.coverage import seeing_views, seen_and_unseen
 
 RADIUS = 10.0
 FAR = 1e6

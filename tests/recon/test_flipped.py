@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from recon.closed import vertex_normals
-from recon.failure import ReconFailure, ReconProblem
-from recon.flipped import Side, both_sides
+from recon.cameras.photos import Photo, read_photos
+from recon.checks.quality import NOTHING_KNOWN
 from recon.fruit_mesh import Reconstruction
-from recon.photos import Photo, read_photos
-from recon.quality import NOTHING_KNOWN
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface.flipped import Side, both_sides
+from recon.triangle_mesh import vertex_normals
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
 from samples.kinds import fruit_of_kind

@@ -9,13 +9,13 @@ import pytest
 from mat_scene import Egg, photographed, ring
 
 from recon import fruit_mesh
-from recon.closed import face_areas, open_edges, volume_mm3
-from recon.coverage import SEEN_BY
-from recon.failure import ReconFailure, ReconProblem
+from recon.cameras.mat import standard_mat
+from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.photos import Photo
 from recon.fruit_mesh import ReconOptions, reconstruct
-from recon.mat import standard_mat
-from recon.photos import Photo
-from recon.poses import cameras_from_mat
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface.coverage import SEEN_BY
+from recon.triangle_mesh import face_areas, open_edges, volume_mm3
 
 EGG = Egg()
 QUICK = ReconOptions(level=5, max_faces=3000)

@@ -8,12 +8,12 @@ from mat_scene import Egg, photographed, point_map, ring
 from scipy.spatial.transform import Rotation
 from tiny_onnx import write_constant_model
 
-from recon.closed import open_edges, volume_mm3
-from recon.failure import ReconFailure, ReconProblem
+from recon.cameras.mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct_with_model
-from recon.geometry_model import PointMaps, point_maps
-from recon.mat import standard_mat
+from recon.learned.geometry_model import PointMaps, point_maps
 from recon.point_route import fruit_points
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.triangle_mesh import open_edges, volume_mm3
 
 EGG, CAMERAS = Egg(), ring(6)
 ROWS, COLUMNS = 196, 266

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.closed import vertex_normals
-from recon.coverage import seeing_views
-from recon.failure import ReconFailure, ReconProblem
-from recon.ground_check import rim_evidence, student
-from recon.hull import ball
-from recon.mat import standard_mat
-from recon.surface_error import sd_on_patch_mm, surface_error
-from recon.surface_verdict import place_in_words, surface_doubts, surface_offset
+from recon.cameras.mat import standard_mat
+from recon.checks.ground_check import rim_evidence, student
+from recon.checks.surface_error import sd_on_patch_mm, surface_error
+from recon.checks.surface_verdict import place_in_words, surface_doubts, surface_offset
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
+from recon.surface.coverage import seeing_views
+from recon.triangle_mesh import vertex_normals
 
 CAMERAS = ring(16)
 PLACES = np.array([c.place for c in CAMERAS])

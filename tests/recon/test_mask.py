@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from recon.mask import (
+from recon.silhouettes.mask import (
     Behind,
     cells_of,
     colour_density,

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from mat_scene import photographed, ring
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.mat import detect_tags, mat_mapping, parse_mat, standard_mat, tag_bits
+from recon.cameras.mat import detect_tags, mat_mapping, parse_mat, standard_mat, tag_bits
+from recon.recon_failure import ReconFailure, ReconProblem
 
 
 def test_mapping_round_trip():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.hull import ball
-from recon.mesh_file import mesh_bytes, read_mesh, write_mesh
 from recon.native import open3d
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import mesh_bytes, read_mesh, write_mesh
 
 
 def test_ply_round_trip_keeps_every_coordinate_to_single_precision(tmp_path):
@@ -81,7 +81,7 @@ def test_a_face_that_names_no_vertex_is_named(tmp_path):
 
 @pytest.mark.parametrize("kind", ["ply", "stl", "obj"])
 def test_a_mesh_finer_than_one_fruits_memory_carries_is_refused_with_what_to_do(tmp_path, monkeypatch, kind):
-    monkeypatch.setattr("recon.mesh_file.MOST_ELEMENTS", 300)
+    monkeypatch.setattr("recon.surface.mesh_file.MOST_ELEMENTS", 300)
     vertices, faces = ball(2)
     path = tmp_path / f"fruit.{kind}"
     trimesh.Trimesh(vertices, faces, process=False).export(path)

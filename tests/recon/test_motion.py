@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.ground import upright
-from recon.mat import standard_mat
-from recon.motion import cameras_from_motion
-from recon.photos import Photo
+from recon.cameras.ground_plane import upright
+from recon.cameras.mat import standard_mat
+from recon.cameras.motion import cameras_from_motion
+from recon.cameras.photos import Photo
+from recon.recon_failure import ReconFailure, ReconProblem
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.photos import exif_focal_px, photo_paths, read_photo, read_photos
+from recon.cameras.photos import exif_focal_px, photo_paths, read_photo, read_photos
+from recon.recon_failure import ReconFailure, ReconProblem
 
 
 @pytest.fixture

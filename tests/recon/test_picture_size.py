@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.failure import ReconFailure
-from recon.photos import read_photo
-from recon.picture_size import first_scan, in_one_pass, picture_px
+from recon.cameras.photos import read_photo
+from recon.cameras.picture_size import first_scan, in_one_pass, picture_px
+from recon.recon_failure import ReconFailure
 
 
 @pytest.mark.parametrize("suffix", [".jpg", ".png"])

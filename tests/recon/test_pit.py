@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from recon.closed import open_edges, volume_mm3
-from recon.failure import ReconFailure, ReconProblem
-from recon.fruit_frame import to_fruit_frame
-from recon.hull import ball
-from recon.measured_pit import load_pit
-from recon.mesh_file import write_mesh
-from recon.pit import embed_pit, place_pit
-from recon.priors import STONE_FRUIT, known_categories, load_prior
+from recon.pit.measured import load_pit
+from recon.pit.placement import embed_pit, place_pit
+from recon.pit.priors import STONE_FRUIT, known_categories, load_prior
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
+from recon.surface.fruit_frame import to_fruit_frame
+from recon.surface.mesh_file import write_mesh
+from recon.triangle_mesh import open_edges, volume_mm3
 
 FRUIT = [category for category in known_categories() if category != "phantom"]
 

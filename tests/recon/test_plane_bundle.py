@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from level_camera import looking_at_the_origin
 
-from recon.plane_bundle import PlaneScene, Sightings, adjusted, projected
+from recon.cameras.plane_bundle import PlaneScene, Sightings, adjusted, projected
 
 SIZE = (720, 960)
 MIDDLE = np.array([(SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from level_camera import looking_at_the_origin
 
-from recon.plane_start import start_cameras
+from recon.cameras.plane_start import start_cameras
 
 SIZE = (720, 960)
 FOCAL_PX = 1100.0

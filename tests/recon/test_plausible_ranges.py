@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from recon.failure import ReconFailure
-from recon.priors import known_categories, load_prior
+from recon.pit.priors import known_categories, load_prior
+from recon.recon_failure import ReconFailure
 
 OWN = """
 category = "kaki"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.camera import straightened
-from recon.failure import ReconFailure, ReconProblem
-from recon.mat import standard_mat
-from recon.photos import Photo
-from recon.poses import cameras_from_mat
+from recon.cameras.camera import straightened
+from recon.cameras.mat import standard_mat
+from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.photos import Photo
+from recon.recon_failure import ReconFailure, ReconProblem
 
 
 @pytest.fixture(scope="module")

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from mat_scene import ring
 
-from recon import relief as module
-from recon import relief_verdict
-from recon.camera import Camera
-from recon.hull import ball
+from recon.cameras.camera import Camera
 from recon.native import open3d
-from recon.photo_consistency import Patches, agreement, best_offsets, grey_views
-from recon.relief import Relief, relief
+from recon.silhouettes.hull import ball
+from recon.surface import relief as module
+from recon.surface import relief_verdict
+from recon.surface.photo_consistency import Patches, agreement, best_offsets, grey_views
+from recon.surface.relief import Relief, relief
 
 RADIUS_MM = 22.0
 RIM_RAD = 0.5

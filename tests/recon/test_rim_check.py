@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.hull import ball
-from recon.mat import standard_mat
-from recon.rim_check import rim_doubts, rim_offset
+from recon.cameras.mat import standard_mat
+from recon.checks.rim_check import rim_doubts, rim_offset
+from recon.silhouettes.hull import ball
 
 CAMERAS = ring(8)
 EGG = Egg()

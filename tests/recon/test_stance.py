@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from recon.fruit_frame import stance_doubts, to_fruit_frame
-from recon.hull import ball
-from recon.stance import stance_of
+from recon.silhouettes.hull import ball
+from recon.surface.fruit_frame import stance_doubts, to_fruit_frame
+from recon.surface.orientation import stance_of
 from samples.fruit import fruit_of_seed, scanned_mesh
 
 

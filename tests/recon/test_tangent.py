@@ -5,12 +5,12 @@ import pytest
 from mat_scene import Egg, ring
 from scipy.ndimage import gaussian_filter1d
 
-from recon.camera import Camera
-from recon.closed import rim_crossings, volume_mm3
-from recon.hull import Silhouette, ball, visual_hull
-from recon.mask import Window
-from recon.outline import Outline, silhouette_of_outline
-from recon.tangent import Settled, settled
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import Silhouette, ball, visual_hull
+from recon.silhouettes.mask import Window
+from recon.silhouettes.outline import Outline, silhouette_of_outline
+from recon.silhouettes.tangent import Settled, settled
+from recon.triangle_mesh import rim_crossings, volume_mm3
 
 EGG = Egg()
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from recon.camera import Camera
+from recon.cameras.camera import Camera
 from recon.scale import scale_without_mat
-from recon.unseen_top import Excess, expected_excess, hull_excess, settled_excess, top_share
+from recon.surface.unseen_top import Excess, expected_excess, hull_excess, settled_excess, top_share
 
 
 def looking_down(count, elevation_deg, *, tall_mm=60.0, distance_mm=330.0):

@@ -6,11 +6,11 @@ import manifold3d
 import numpy as np
 import pytest
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.hull import ball
-from recon.priors import load_prior
-from recon.quality import NOTHING_KNOWN
-from recon.verdict import require_seen, shape_doubts
+from recon.checks.quality import NOTHING_KNOWN
+from recon.checks.verdict import require_seen, shape_doubts
+from recon.pit.priors import load_prior
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
 from samples.fruit import fruit_of_seed, scanned_mesh
 
 SEEN = replace(NOTHING_KNOWN, views_given=24, views_used=20, widest_gap_deg=30.0)

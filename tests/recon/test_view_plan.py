@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.failure import ReconFailure, ReconProblem
-from recon.view_plan import plan_words, view_plan
+from recon.cameras.view_plan import plan_words, view_plan
+from recon.recon_failure import ReconFailure, ReconProblem
 from reports.view_plan_picture import view_plan_picture
 
 GIVEN = [f"IMG_{i}.jpg" for i in range(1, 8)]

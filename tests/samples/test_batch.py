@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.mat import parse_mat
-from recon.mesh_file import read_mesh
+from recon.cameras.mat import parse_mat
+from recon.surface.mesh_file import read_mesh
 from samples.batch import write_batch
 from samples.failure import SampleFailure
 from samples.fruit import mesh_volume_mm3

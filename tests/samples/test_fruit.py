@@ -1,6 +1,6 @@
 import numpy as np
 
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
 from samples.cubed_sphere import even_sphere
 from samples.fruit import (
     PIT_OVER_BOX,

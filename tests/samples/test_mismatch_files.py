@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball
 
-from recon.mesh_file import read_mesh
+from recon.surface.mesh_file import read_mesh
 from samples.contact import Gel
 from samples.failure import SampleFailure
 from samples.grasp import marker_grid

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.mat import detect_tags, mat_mapping, parse_mat
-from recon.mesh_file import read_mesh
-from recon.photos import read_photo
+from recon.cameras.mat import detect_tags, mat_mapping, parse_mat
+from recon.cameras.photos import read_photo
+from recon.surface.mesh_file import read_mesh
 from samples.fruit import box_mm, skin_mesh
 from samples.scenes.coin import DIAMETER_MM, coin_mesh
 from samples.scenes.draw import Scene, draw_scene, scene_mapping

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.mesh_file import read_mesh
-from recon.priors import load_prior
+from recon.pit.priors import load_prior
+from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.channels import noise_findings
 from tactile.checks.finding import Finding, Kind, Rank, shared

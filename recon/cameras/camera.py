@@ -1,0 +1,71 @@
+"""A camera with its pose: world points to pixels. Pixel centres are whole numbers; axes x right, y down, z
+ahead.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.cameras.photos import Photo
+
+
+@dataclass(frozen=True, kw_only=True)
+class Camera:
+    """A pinhole with one radial term, and where it stood.
+
+    u = f x (1 + k1 r²) + c, with (x, y) = (X, Y) / Z in camera axes, r² = x² + y², c the centre of the
+    picture.
+    """
+
+    name: str
+    width_px: int
+    height_px: int
+    focal_px: float
+    k1: float
+    cam_from_world: Float[np.ndarray, "4 4"]
+
+    @property
+    def middle_px(self) -> Float[np.ndarray, "2"]:
+        """The principal point: the picture's middle."""
+        return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+
+    @property
+    def place(self) -> Float[np.ndarray, "3"]:
+        """The camera's centre in the world."""
+        return np.asarray(-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])
+
+    @property
+    def intrinsics(self) -> Float[np.ndarray, "3 3"]:
+        """The matrix K of the pinhole."""
+        K = np.diag([self.focal_px, self.focal_px, 1.0])
+        K[:2, 2] = self.middle_px
+        return K
+
+    def into(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """World points in the camera's axes; the third column is their depth."""
+        return np.asarray(points @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3])
+
+    def project(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+        """Pixels of world points (points behind the camera give pixels without meaning)."""
+        local = self.into(points)
+        xy = local[:, :2] / np.where(np.abs(local[:, 2:]) < 1e-9, 1e-9, local[:, 2:])
+        if self.k1:
+            xy = xy * (1 + self.k1 * np.sum(xy**2, 1, keepdims=True))
+        return np.asarray(xy * self.focal_px + self.middle_px)
+
+    def moved(self, new_from_world: Float[np.ndarray, "4 4"]) -> "Camera":
+        """The same camera in a world moved, turned and scaled by a similarity."""
+        scale = np.cbrt(np.linalg.det(new_from_world[:3, :3]))
+        cam_from_new = self.cam_from_world @ np.linalg.inv(new_from_world)
+        cam_from_new[:3] *= scale
+        return replace(self, cam_from_world=cam_from_new)
+
+
+def straightened(photo: Photo, camera: Camera) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
+    """The photo as a camera without distortion would have taken it, and that camera."""
+    if abs(camera.k1) < 1e-6:
+        return photo.image, replace(camera, k1=0.0)
+    image = cv2.undistort(photo.image, camera.intrinsics, np.array([camera.k1, 0.0, 0.0, 0.0]))
+    return np.asarray(image, np.uint8), replace(camera, k1=0.0)

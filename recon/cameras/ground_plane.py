@@ -1,0 +1,77 @@
+"""The plane that most points lie on: where a fruit stands when no mat says so."""
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.recon_failure import ReconFailure, ReconProblem
+
+TRIALS = 600
+FEWEST_POINTS = 15
+STEEPEST_DEG = 10.0
+
+
+def ground_plane(
+    points: Float[np.ndarray, "n 3"],
+    *,
+    tolerance: float,
+    above: Float[np.ndarray, "m 3"] | None,
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """A point of the plane that most points lie within `tolerance` of, and its upward unit normal (RANSAC,
+    least squares).
+
+    Up is where `above` (the cameras) is, all on one side; without it, where most of the remaining points are.
+    Raises ReconFailure (no-overlap) where fewer than fifteen points share a plane.
+    """
+    best, count = np.zeros(len(points), bool), 0
+    for _ in range(TRIALS if len(points) >= FEWEST_POINTS else 0):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length < tolerance**2:
+            continue
+        normal /= length
+        close = np.abs((points - a) @ normal) < tolerance
+        if close.sum() <= count:
+            continue
+        if above is not None and np.abs(np.sum(side := (above - a) @ normal)) < 0.95 * np.abs(side).sum():
+            continue
+        best, count = close, int(close.sum())
+    if count < FEWEST_POINTS:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"No flat ground under the fruit was found among {len(points)} points; use the mat (drupe mat) "
+            f"or a flat, "
+            "textured ground.",
+        )
+    for _ in range(5):
+        middle = points[best].mean(0)
+        normal = np.linalg.svd(points[best] - middle, full_matrices=False)[2][2]
+        best = np.abs((points - middle) @ normal) < 0.7 * tolerance
+    off = (points if above is None else above) - middle
+    side = off @ normal
+    up = normal if np.sum(np.sign(side) * (np.abs(side) > tolerance)) >= 0 else -normal
+    return middle, up
+
+
+def upright(
+    up: Float[np.ndarray, "3"], foot: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
+    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x.
+
+    Without a mat `ahead` is where the first photo was taken, by convention from the suture's side. Raises
+    ReconFailure (no-overlap) where that is within ten degrees of straight above: it then points nowhere.
+    """
+    x = ahead - (ahead @ up) * up
+    if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            "The first photo looks down from straight above the fruit; without a mat it must be taken from "
+            "the suture's side, because it says where the suture is: retake the first photo, or use the mat "
+            "(drupe mat).",
+        )
+    x /= np.linalg.norm(x)
+    T = np.eye(4)
+    T[:3, :3] = np.stack([x, np.cross(up, x), up])
+    T[:3, 3] = -T[:3, :3] @ foot
+    return T

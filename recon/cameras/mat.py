@@ -1,0 +1,210 @@
+"""The printed marker mat: where each tag's corners lie, how to read mat.json, how to see the tags in a
+photo.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.recon_failure import ReconFailure, ReconProblem
+
+TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
+"""Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
+and 18 mm within 95 mm."""
+_UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
+
+
+@dataclass(frozen=True)
+class Mat:
+    """Tags on a plane, mm, z up: `corners_mm[id]` is (4, 3), top-left first, clockwise; the centre is
+    blank.
+    """
+
+    dictionary: str
+    corners_mm: dict[int, Float[np.ndarray, "4 3"]]
+    width_mm: float
+    height_mm: float
+
+    @property
+    def tag_mm(self) -> float:
+        """Side of the first tag."""
+        corners = next(iter(self.corners_mm.values()))
+        return float(np.linalg.norm(corners[1] - corners[0]))
+
+
+def standard_mat(
+    *,
+    columns: int = 7,
+    rows: int = 7,
+    blank: int = 3,
+    tag_mm: float = 18.0,
+    gap_mm: float = 5.0,
+    margin_mm: float = 17.0,
+) -> Mat:
+    """A square mat with `blank` x `blank` places left free in the middle for the fruit.
+
+    The default, 40 tags on 190 x 190 mm, fits A4 and Letter paper. Halve `tag_mm` and `gap_mm` for cherries.
+    """
+    pitch = tag_mm + gap_mm
+    corners: dict[int, Float[np.ndarray, "4 3"]] = {}
+    for row in range(rows):
+        for column in range(columns):
+            if 2 * abs(row - (rows - 1) / 2) < blank and 2 * abs(column - (columns - 1) / 2) < blank:
+                continue
+            x, y = (column - (columns - 1) / 2) * pitch, ((rows - 1) / 2 - row) * pitch
+            h = tag_mm / 2
+            corners[len(corners)] = np.array(
+                [(x - h, y + h, 0), (x + h, y + h, 0), (x + h, y - h, 0), (x - h, y - h, 0)]
+            )
+    width, height = (n * pitch - gap_mm + 2 * margin_mm for n in (columns, rows))
+    return Mat("APRILTAG_36h11", corners, width, height)
+
+
+def mat_mapping(mat: Mat) -> dict[str, Any]:
+    """What mat.json holds for a mat; `parse_mat` takes it back."""
+    return {
+        "W": mat.width_mm,
+        "H": mat.height_mm,
+        "tag": mat.tag_mm,
+        "dict": mat.dictionary,
+        "tags": {str(tag): corners.tolist() for tag, corners in mat.corners_mm.items()},
+        "n": len(mat.corners_mm),
+    }
+
+
+def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
+    """The mat that mat.json describes.
+
+    Raises ReconFailure (bad-mat) that names `source`, the field, what was found and what was expected.
+    """
+
+    def bad(field: str, found: str, expected: str) -> ReconFailure:
+        return ReconFailure(ReconProblem.BAD_MAT, f"{source}: {field}: found {found}; expected {expected}.")
+
+    if not isinstance(mapping, Mapping):
+        raise bad("the file", _short(mapping), 'an object with "dict" and "tags"')
+    name = mapping.get("dict")
+    if not isinstance(name, str) or not hasattr(cv2.aruco, f"DICT_{name}"):
+        found = _short(name) if "dict" in mapping else "nothing"
+        raise bad("dict", found, "the name of a marker dictionary, such as APRILTAG_36h11")
+    tags = mapping.get("tags")
+    if not isinstance(tags, Mapping) or len(tags) < 4:
+        raise bad("tags", _short(tags) if "tags" in mapping else "nothing", "an object of at least four tags")
+    known = _dictionary(name).bytesList.shape[0]
+    corners: dict[int, Float[np.ndarray, "4 3"]] = {}
+    for key, value in tags.items():
+        if not (str(key).isdecimal() and str(key).isascii() and len(str(key)) < 8 and int(key) < known):
+            raise bad("tags", f"the key {_short(key)}", f"numbers of tags, below {known}")
+        points = _square(value, partial(bad, f"tags.{key}"))
+        if int(key) in corners:
+            raise bad(f"tags.{key}", "a tag that is given twice", "each tag once")
+        corners[int(key)] = points
+    if over := _overlapping(corners):
+        found = f"a tag that lies over tag {over[0]}"
+        raise bad(f"tags.{over[1]}", found, "each in a place of its own; write the mat with `drupe mat`")
+    extent = 2 * np.abs(np.concatenate(list(corners.values()))).max(0)
+    size = []
+    for field, default in (("W", extent[0]), ("H", extent[1])):
+        length = mapping.get(field, float(default))
+        number = isinstance(length, int | float) and not isinstance(length, bool)
+        if not (number and 0 < length <= 2 * FARTHEST_MM):
+            raise bad(field, _short(length), "the mat's size in mm")
+        size.append(float(length))
+    return Mat(name, dict(sorted(corners.items())), size[0], size[1])
+
+
+def _square(value: object, bad: Callable[[str, str], ReconFailure]) -> Float[np.ndarray, "4 3"]:
+    """The four corners of one tag, mm; `bad` takes what was found and what was expected."""
+    try:
+        points = np.asarray(value, float)
+    except (TypeError, ValueError, OverflowError):
+        points = np.empty(0)
+    if points.shape != (4, 3) or not np.isfinite(points).all():
+        raise bad(_short(value), "four corners [x, y, z] in mm, top-left first, clockwise")
+    if np.abs(points[:, 2]).max() > 1e-6:
+        raise bad(_short(value), "corners on the plane z = 0")
+    if np.abs(points).max() > FARTHEST_MM:
+        raise bad(_short(value), f"corners within {FARTHEST_MM:g} mm of the mat's middle")
+    sides = np.linalg.norm(np.roll(points, -1, 0) - points, axis=1)
+    across = np.linalg.norm(points[:2] - points[2:], axis=1)
+    side = float(sides.mean())
+    if sides.min() <= 0 or np.ptp(sides) > 0.02 * side or np.ptp(across) > 0.02 * side:
+        raise bad(_short(value), "the corners of a square, one after the other")
+    if not TAG_MM[0] <= side <= TAG_MM[1]:
+        slip = next((f": is it in {unit}?" for f, unit in _UNITS if TAG_MM[0] <= side * f <= TAG_MM[1]), "")
+        raise bad(f"a tag {side:.3g} mm wide", f"{TAG_MM[0]:g} to {TAG_MM[1]:g} mm{slip}")
+    if _turn(points) > 0:
+        found = "corners that run counter-clockwise"
+        raise bad(found, "top-left first, then clockwise, seen from above: does y point down?")
+    return points
+
+
+def _turn(corners: Float[np.ndarray, "4 3"]) -> float:
+    """Twice the area that the corners run around; positive when counter-clockwise seen from above."""
+    x, y = corners[:, 0], corners[:, 1]
+    return float((x * np.roll(y, -1) - np.roll(x, -1) * y).sum())
+
+
+def _overlapping(corners: Mapping[int, Float[np.ndarray, "4 3"]]) -> tuple[int, int] | None:
+    """The first two tags that cover each other, beyond a hundredth of a side: convex and clockwise, they lie
+    apart where all corners of one are outside some side of the other.
+    """
+    tags, squares = list(corners), np.stack([one[:, :2] for one in corners.values()])
+    sides = np.roll(squares, -1, axis=1) - squares
+    length = np.linalg.norm(sides, axis=2)
+    outward = np.stack([-sides[..., 1], sides[..., 0]], axis=2) / length[..., None]
+    own = np.einsum("akd,akd->ak", outward, squares)
+    for a in range(len(tags)):
+        reach = np.einsum("kd,bcd->bkc", outward[a], squares) - own[a][:, None]
+        beyond = (reach.min(axis=2) > -0.01 * length[a]).any(axis=1)
+        seen_from = np.einsum("bkd,cd->bkc", outward, squares[a]) - own[..., None]
+        beyond |= (seen_from.min(axis=2) > -0.01 * length).any(axis=1)
+        beyond[: a + 1] = True
+        if not beyond.all():
+            return tags[a], tags[int(np.argmin(beyond))]
+    return None
+
+
+def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
+    """The printed cells of a tag, True where white, its black border (one cell) included, as seen upright."""
+    table = _dictionary(dictionary)
+    cells = table.markerSize + 2
+    return np.asarray(cv2.aruco.generateImageMarker(table, tag, cells, borderBits=1) > 127)
+
+
+def detect_tags(
+    image: UInt8[np.ndarray, "h w 3"], mat: Mat
+) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
+    """The mat's tags in a photo: their numbers and corners, px (pixel centres whole), to a fraction of a
+    pixel.
+    """
+    parameters = cv2.aruco.DetectorParameters()
+    parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+    parameters.cornerRefinementWinSize = 4
+    parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = 7, 35
+    parameters.adaptiveThreshWinSizeStep = 14
+    detector = cv2.aruco.ArucoDetector(_dictionary(mat.dictionary), parameters)
+    found, numbers, _ = detector.detectMarkers(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
+    if numbers is None or len(numbers) == 0:
+        return np.empty(0, int), np.empty((0, 4, 2))
+    tags = np.asarray(numbers, int).ravel()
+    corners = np.asarray(found, float).reshape(-1, 4, 2)
+    once = np.array([tag in mat.corners_mm and (tags == tag).sum() == 1 for tag in tags.tolist()])
+    order = np.argsort(tags[once])
+    return tags[once][order], corners[once][order]
+
+
+def _dictionary(name: str) -> Any:
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
+
+
+def _short(value: object) -> str:
+    """A value as it stands in the file, not too long to read."""
+    text = json.dumps(value, default=repr)
+    return text if len(text) <= 60 else f"{text[:57]}..."

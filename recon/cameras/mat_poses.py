@@ -1,0 +1,297 @@
+"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment over all
+photos.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, Int
+
+from recon.cameras.camera import Camera
+from recon.cameras.colmap import pycolmap
+from recon.cameras.mat import Mat, detect_tags
+from recon.cameras.photos import Photo, require_enough
+from recon.cameras.similarity import fitted_similarity
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.scale import Box, blank_box, with_print_error
+
+FEWEST_TAGS = 4
+FEWEST_VIEWS = 3
+LONGEST_ERROR_PX = 3.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Poses:
+    """Cameras of the photos that could be placed, and how well they explain the pictures."""
+
+    cameras: tuple[Camera, ...]
+    used: Int[np.ndarray, " v"]
+    reprojection_px: float
+    scale_sd: float
+    focal_sd_px: float
+    points: Float[np.ndarray, "n 3"]
+    box: Box
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Sighting:
+    photo: int
+    corners_mm: Float[np.ndarray, "n 3"]
+    corners_px: Float[np.ndarray, "n 2"]
+
+
+def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
+    """Cameras in the mat's frame (mm, z up), all sharing one focal length and one radial term.
+
+    Minimises the distance in pixels between seen and projected tag corners over poses, focal length and k1,
+    with the corners held where they were printed. EXIF is not needed. Photos of another size than most are
+    left out, with a warning. `scale_sd` is the relative standard error of the scale: of the similarity that
+    takes the print to the corners as triangulated without it, and of the print. Raises ReconFailure:
+    mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
+    """
+    require_enough(len(photos), where="The set")
+    seen = [photo.tags or detect_tags(photo.image, mat) for photo in photos]
+    sightings = [
+        _Sighting(i, np.concatenate([mat.corners_mm[t] for t in tags.tolist()]), corners.reshape(-1, 2))
+        for i, (tags, corners) in enumerate(seen)
+        if len(tags) >= FEWEST_TAGS
+    ]
+    most = max(len(tags) for tags, _ in seen)
+    if most == 0:
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
+            f"{len(photos)} photos; check that mat.json belongs to the printed mat and that it is in view.",
+        )
+    if len(sightings) < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
+            f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the mat "
+            f"(the best "
+            f"shows {most}); at least {FEWEST_VIEWS} must: keep the mat uncovered and in focus.",
+        )
+    sightings, size, warnings = _of_one_size(sightings, photos)
+    known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
+    focal_px = focal_from_homographies(sightings, size) or (
+        float(np.median(known)) if known else 1.2 * max(size)
+    )
+    start = [_first_pose(s, focal_px, size) for s in sightings]
+    for _ in range(2):
+        lens, poses, covariance = _adjust(sightings, start, focal_px, size)
+        cameras = [
+            Camera(
+                name=photos[s.photo].name, width_px=size[1], height_px=size[0],
+                focal_px=float(lens[0]), k1=float(lens[1]), cam_from_world=pose,
+            )
+            for s, pose in zip(sightings, poses, strict=True)
+        ]  # fmt: skip
+        errors = [
+            np.linalg.norm(c.project(s.corners_mm) - s.corners_px, axis=1)
+            for c, s in zip(cameras, sightings, strict=True)
+        ]
+        good = [e < LONGEST_ERROR_PX for e in errors]
+        if all(g.all() for g in good):
+            break
+        kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
+        if len(kept) < FEWEST_VIEWS:
+            raise ReconFailure(
+                ReconProblem.MAT_NOT_FOUND,
+                f"The tags seen in {len(sightings)} photos do not fit the mat of mat.json (half of the "
+                f"corners of "
+                f"only {len(kept)} photos within {LONGEST_ERROR_PX:g} px); check that it is the mat that "
+                f"was printed, "
+                "that it lies flat and that no photo is mirrored.",
+            )
+        sightings = [
+            _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
+            for i in kept
+        ]
+        start, focal_px = [poses[i] for i in kept], float(lens[0])
+    else:
+        cameras = [cameras[i] for i in kept]
+        errors = [errors[i][good[i]] for i in kept]
+    every = np.concatenate(errors)
+    return Poses(
+        cameras=tuple(cameras),
+        used=np.array([s.photo for s in sightings], int),
+        reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
+        scale_sd=with_print_error(_scale_error(sightings, cameras)),
+        focal_sd_px=float(np.sqrt(covariance)),
+        points=np.concatenate(list(mat.corners_mm.values())),
+        box=blank_box(mat),
+        warnings=warnings,
+    )
+
+
+def _of_one_size(
+    sightings: list[_Sighting], photos: Sequence[Photo]
+) -> tuple[list[_Sighting], tuple[int, int], tuple[str, ...]]:
+    """Sightings in photos of the commonest (height, width), that size, and a warning if others are left."""
+    sizes = [photos[s.photo].image.shape[:2] for s in sightings]
+    (size, count), *others = Counter(sizes).most_common()
+    if not others:
+        return sightings, size, ()
+    fault = (
+        f"{len(sizes) - count} of {len(sizes)} photos that show the mat are not {size[1]} x {size[0]} pixels "
+        "upright, like the most"
+    )
+    advice = "take all photos with one camera, one zoom and one way up"
+    if count < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"{fault}, and {count} of one size are left; at least {FEWEST_VIEWS} must be: {advice}.",
+        )
+    kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
+    return kept, size, (f"{fault}, and were left out; {advice}.",)
+
+
+def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:
+    """Focal length for which the mat's x and y axes are orthogonal and equally long in every view, weighted
+    median.
+
+    With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
+    h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
+    """
+    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
+    squares, weights = [], []
+    for s in sightings:
+        H, _ = cv2.findHomography(s.corners_mm[:, :2], s.corners_px - middle, cv2.RANSAC, 4.0)
+        if H is None:
+            continue
+        h1, h2 = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])
+        over = np.array([h1[:2] @ h2[:2], h1[:2] @ h1[:2] - h2[:2] @ h2[:2]])
+        under = -np.array([h1[2] * h2[2], h1[2] ** 2 - h2[2] ** 2])
+        weight = float(np.sum(under**2))
+        if weight > 0:
+            squares.append(float(over @ under) / weight)
+            weights.append(np.sqrt(weight))
+    if not squares:
+        return None
+    order = np.argsort(squares)
+    share = np.cumsum(np.array(weights)[order])
+    square = float(np.array(squares)[order][np.searchsorted(share, share[-1] / 2)])
+    longest = max(size)
+    return float(np.sqrt(square)) if (0.4 * longest) ** 2 < square < (20.0 * longest) ** 2 else None
+
+
+def _first_pose(sighting: _Sighting, focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "4 4"]:
+    K = np.array([[focal_px, 0, (size[1] - 1) / 2], [0, focal_px, (size[0] - 1) / 2], [0, 0, 1]])
+    _, turn, shift = cv2.solvePnP(sighting.corners_mm, sighting.corners_px, K, None, flags=cv2.SOLVEPNP_IPPE)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(shift)
+    return pose
+
+
+def _adjust(
+    sightings: Sequence[_Sighting],
+    start: Sequence[Float[np.ndarray, "4 4"]],
+    focal_px: float,
+    size: tuple[int, int],
+) -> tuple[Float[np.ndarray, "2"], list[Float[np.ndarray, "4 4"]], float]:
+    """One bundle adjustment with the corners fixed: ((f, k1), poses, variance of f in px²).
+
+    Corners that one photo alone shows are left out: pycolmap takes tracks of two views at least.
+    """
+    scene = pycolmap.Reconstruction()
+    middle = [(size[1] - 1) / 2, (size[0] - 1) / 2]
+    scene.add_camera_with_trivial_rig(
+        pycolmap.Camera(
+            camera_id=1, model="SIMPLE_RADIAL", width=size[1], height=size[0], params=[focal_px, *middle, 0.0]
+        )
+    )
+    times = Counter(tuple(corner) for s in sightings for corner in s.corners_mm.tolist())
+    number: dict[tuple[float, ...], int] = {}
+    for i, (s, pose) in enumerate(zip(sightings, start, strict=True), 1):
+        image = pycolmap.Image(name=str(i), camera_id=1, image_id=i, keypoints=s.corners_px)
+        scene.add_image_with_trivial_frame(image, pycolmap.Rigid3d(pose[:3]))
+        for j, corner in enumerate(s.corners_mm):
+            key = tuple(corner.tolist())
+            if times[key] < 2:
+                continue
+            if key not in number:
+                number[key] = scene.add_point3D(corner, pycolmap.Track())
+            scene.add_observation(number[key], pycolmap.TrackElement(i, j))
+    config = pycolmap.BundleAdjustmentConfig()
+    for i in range(1, len(sightings) + 1):
+        config.add_image(i)
+    for point in number.values():
+        config.add_constant_point(point)
+    options = pycolmap.BundleAdjustmentOptions()
+    options.refine_principal_point = False
+    options.print_summary = False
+    options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
+    options.ceres.loss_function_scale = 1.0
+    options.ceres.solver_options.num_threads = 1
+    adjuster = pycolmap.create_default_bundle_adjuster(options, config, scene)
+    adjuster.solve()
+    params = scene.cameras[1].params
+    poses = []
+    for i in range(1, len(sightings) + 1):
+        pose = np.eye(4)
+        pose[:3] = scene.images[i].cam_from_world().matrix()
+        poses.append(pose)
+    return (
+        np.array([params[0], params[3]]),
+        poses,
+        _focal_variance(sightings, poses, np.array([params[0], params[3]]), size),
+    )
+
+
+def _focal_variance(
+    sightings: Sequence[_Sighting],
+    poses: Sequence[Float[np.ndarray, "4 4"]],
+    lens: Float[np.ndarray, "2"],
+    size: tuple[int, int],
+) -> float:
+    """Variance of the focal length: residual variance over its information once poses and k1 are
+    eliminated.
+    """
+    information, squares, count = np.zeros((2, 2)), 0.0, 0
+    K = np.array([[lens[0], 0, (size[1] - 1) / 2], [0, lens[0], (size[0] - 1) / 2], [0, 0, 1]])
+    for s, pose in zip(sightings, poses, strict=True):
+        turn = cv2.Rodrigues(pose[:3, :3])[0]
+        seen, J = cv2.projectPoints(s.corners_mm, turn, pose[:3, 3], K, np.array([lens[1], 0.0, 0.0, 0.0]))
+        a, b = J[:, :6], np.stack([J[:, 6] + J[:, 7], J[:, 10]], axis=1)
+        residual = (s.corners_px - seen[:, 0]).ravel()
+        keep = np.repeat(np.hypot(*residual.reshape(-1, 2).T) < LONGEST_ERROR_PX, 2)
+        a, b, residual = a[keep], b[keep], residual[keep]
+        if len(a) < 8:
+            continue
+        information += b.T @ b - (b.T @ a) @ np.linalg.solve(a.T @ a, a.T @ b)
+        squares, count = squares + float(residual @ residual), count + len(residual) - 6
+    if count < 3:
+        return float("inf")
+    return float(squares / count * np.linalg.inv(information)[0, 0])
+
+
+def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
+    """Relative standard error of scale: corners triangulated freely, against the print, by similarity
+    (Umeyama 1991).
+    """
+    rays: dict[tuple[float, ...], list[Float[np.ndarray, "2 4"]]] = {}
+    for s, camera in zip(sightings, cameras, strict=True):
+        P = camera.intrinsics @ camera.cam_from_world[:3]
+        plain = s.corners_px - (camera.project(s.corners_mm) - _pinhole(P, s.corners_mm))
+        for corner, pixel in zip(s.corners_mm.tolist(), plain, strict=True):
+            rays.setdefault(tuple(corner), []).append(np.outer(pixel, P[2]) - P[:2])
+    printed = np.array([k for k, rows in rays.items() if len(rows) >= 3])
+    if len(printed) < 4:
+        return float("inf")
+    found = np.empty_like(printed)
+    for i, key in enumerate(map(tuple, printed.tolist())):
+        A = np.concatenate(rays[key])
+        A /= np.linalg.norm(A[:, :3], axis=1, keepdims=True)
+        found[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
+    T, away = fitted_similarity(printed, found)
+    scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
+    variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
+    return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))
+
+
+def _pinhole(P: Float[np.ndarray, "3 4"], points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    homogeneous = points @ P[:, :3].T + P[:, 3]
+    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])

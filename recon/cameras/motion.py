@@ -1,0 +1,224 @@
+"""Cameras without a mat: pycolmap's structure from motion, turned upright on the plane that the fruit stands
+on.
+"""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from recon.cameras.camera import Camera
+from recon.cameras.colmap import pycolmap
+from recon.cameras.ground_plane import ground_plane, upright
+from recon.cameras.mat_poses import Poses
+from recon.cameras.photos import Photo, require_enough
+from recon.cameras.plane_motion import cameras_from_ground
+from recon.cameras.similarity import moved
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.scale import Box
+
+MOST_FEATURES = 4000
+LONGEST_SIDE_PX = 1280
+FEWEST_VIEWS = 3
+FEWEST_FRUIT_POINTS = 40
+MOST_TRIALS = 1000
+SEED = 1
+
+
+def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from the flat ground's texture, or where that leaves photos out, from features of the scene.
+
+    World and box as `cameras_from_features` says; of the two ways the one that places more photos counts,
+    the ground's before the other. Raises ReconFailure: no-overlap, no-fruit.
+    """
+    require_enough(len(photos), where="The set")
+    try:
+        ground = cameras_from_ground(photos, height_mm=height_mm)
+    except ReconFailure as failure:
+        try:
+            return cameras_from_features(photos, height_mm=height_mm)
+        except ReconFailure as other:
+            if failure.views is None:
+                raise
+            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}", failure.views) from None
+    if len(ground.used) == len(photos):
+        return ground
+    try:
+        features = cameras_from_features(photos, height_mm=height_mm)
+    except ReconFailure:
+        return ground
+    return features if len(features.used) > len(ground.used) else ground
+
+
+def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from SIFT features matched between all pairs and incremental mapping (Schönberger, Frahm 2016).
+
+    The world is about millimetres (the points' height over the plane is taken for `height_mm`; the mesh
+    settles it), z up from the support plane, the fruit near the z axis. x points to where the first photo was
+    taken: by convention from the suture's side. Works where the ground or the fruit has texture. Writes the
+    pictures as PNG to a scratch folder of the system, because pycolmap reads only files; it is gone
+    afterwards. Raises ReconFailure: no-overlap (fewer than three photos, or half of them, hang together, or
+    the first photo does not hang together with them or looks straight down), no-fruit.
+    """
+    require_enough(len(photos), where="The set")
+    with tempfile.TemporaryDirectory() as scratch:
+        model = _mapped(photos, Path(scratch))
+    registered = 0 if model is None else model.num_reg_images()
+    if model is None or registered < max(FEWEST_VIEWS, len(photos) / 2):
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"Only {registered} of {len(photos)} photos hang together by features they share; without a mat "
+            f"the fruit "
+            "needs a textured ground and neighbouring photos at most 20 degrees apart: print the mat (drupe "
+            "mat) or take more.",
+        )
+    rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
+    if rows[0][0] != 0:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"The first photo ({photos[0].name}) shares too few features with the others to be placed; "
+            "without a mat it says where the suture is, and with that where pit and pads lie: retake the "
+            "first photo from the suture's side, within 20 degrees of the next, or use the mat (drupe mat).",
+        )
+    cameras = [_camera(photos[i], image) for i, image in rows]
+    cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
+    level = _level(cloud, cameras)
+    cameras = [c.moved(level) for c in cameras]
+    cloud = moved(cloud, level)
+    world, box = _placed(cloud, cameras, height_mm)
+    cameras = [c.moved(world) for c in cameras]
+    focal = model.cameras[rows[0][1].camera_id]
+    return Poses(
+        cameras=tuple(cameras),
+        used=np.array([i for i, _ in rows], int),
+        reprojection_px=float(model.compute_mean_reprojection_error()),
+        scale_sd=float("inf"),
+        focal_sd_px=0.002 * float(focal.params[0]),
+        points=moved(cloud, world),
+        box=box,
+        warnings=()
+        if registered > 0.8 * len(photos)
+        else (f"{len(photos) - registered} of {len(photos)} photos could not be placed.",),
+    )
+
+
+def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction | None:
+    pictures = scratch / "pictures"
+    pictures.mkdir()
+    for i, photo in enumerate(photos):
+        cv2.imwrite(str(pictures / f"{i:06d}.png"), photo.image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    database = scratch / "features.db"
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
+    pycolmap.set_random_seed(SEED)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "SIMPLE_RADIAL"
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads, extraction.use_gpu = 1, False
+    extraction.max_image_size = LONGEST_SIDE_PX
+    extraction.sift.max_num_features = MOST_FEATURES
+    extraction.sift.first_octave = 0
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads, matching.use_gpu = 1, False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed, verification.ransac.max_num_trials = SEED, MOST_TRIALS
+    same_size = len({p.image.shape for p in photos}) == 1
+    mode = pycolmap.CameraMode.SINGLE if same_size else pycolmap.CameraMode.PER_IMAGE
+    known = [p.focal_px for p in photos if p.focal_px is not None]
+    if known and same_size:
+        height, width = photos[0].image.shape[:2]
+        reader.camera_params = f"{float(np.median(known))},{width / 2},{height / 2},0"
+    pycolmap.extract_features(
+        database,
+        pictures,
+        camera_mode=mode,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+    pycolmap.match_exhaustive(
+        database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
+    )
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = 1, SEED
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.4
+    options.ba_global_max_refinements = 2
+    options.mapper.num_threads, options.mapper.random_seed = 1, SEED
+    options.triangulation.random_seed = SEED
+    options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_VIEWS, False, False
+    models = pycolmap.incremental_mapping(database, pictures, scratch, options=options)
+    return max(models.values(), key=lambda m: m.num_reg_images()) if models else None
+
+
+def _camera(photo: Photo, image: pycolmap.Image) -> Camera:
+    params = image.camera.params
+    pose = np.eye(4)
+    pose[:3] = image.cam_from_world().matrix()
+    height, width = photo.image.shape[:2]
+    return Camera(
+        name=photo.name,
+        width_px=width,
+        height_px=height,
+        focal_px=float(params[0]),
+        k1=float(params[3]),
+        cam_from_world=pose,
+    )
+
+
+def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
+    """The motion that puts the plane of most points at z = 0, the cameras above it and the place they look at
+    at x = y = 0.
+    """
+    aim = _aim(cameras)
+    places = np.array([c.place for c in cameras])
+    distance = float(np.median(np.linalg.norm(places - aim, axis=1)))
+    near = cloud[np.linalg.norm(cloud - aim, axis=1) < 0.8 * distance]
+    if len(near) < 20:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"Only {len(near)} points were found where the photos look; use the mat or a textured ground.",
+        )
+    middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
+    foot = aim - ((aim - middle) @ up) * up
+    return upright(up, foot, places[0] - foot)
+
+
+def _aim(cameras: Sequence[Camera]) -> Float[np.ndarray, "3"]:
+    """The point nearest to all optical axes."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for c in cameras:
+        ray = c.cam_from_world[2, :3]
+        off = np.eye(3) - np.outer(ray, ray)
+        A, b = A + off, b + off @ c.place
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
+
+
+def _placed(
+    cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera], height_mm: float
+) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
+
+    Points well over the plane and near where the photos look are the fruit's; where its skin gave too few, a
+    fruit a fifth as tall as the cameras are far is looked for.
+    """
+    distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
+    flat = np.abs(cloud[:, 2]) < 0.03 * distance
+    noise = 1.5 * float(np.median(np.abs(cloud[flat, 2]))) if flat.any() else 0.0
+    over = cloud[
+        (cloud[:, 2] > max(0.02 * distance, 6 * noise))
+        & (np.hypot(cloud[:, 0], cloud[:, 1]) < 0.3 * distance)
+    ]
+    middle, tall, wide = np.zeros(2), 0.2 * distance, 0.1 * distance
+    if len(over) >= FEWEST_FRUIT_POINTS:
+        middle = np.median(over[:, :2], axis=0)
+        away = np.hypot(*(over[:, :2] - middle).T)
+        over = over[away < 3 * np.median(away)]
+        tall = float(np.percentile(over[:, 2], 98))
+        wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
+    factor = height_mm / tall
+    world = np.diag([factor, factor, factor, 1.0])
+    world[:2, 3] = -factor * middle
+    half = 1.7 * factor * max(wide, 0.5 * tall)
+    return world, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))

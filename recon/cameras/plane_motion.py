@@ -1,0 +1,222 @@
+"""Cameras without a mat from the flat ground that the fruit stands on: few photos, taken from far apart."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.cameras.camera import Camera, straightened
+from recon.cameras.ground_plane import upright
+from recon.cameras.mat_poses import Poses
+from recon.cameras.photos import Photo
+from recon.cameras.plane_bundle import Adjusted, PlaneScene, Sightings, adjusted
+from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
+from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
+from recon.cameras.plane_tracks import ground_tracks
+from recon.cameras.view_plan import plan_words, view_plan
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.scale import Box
+from recon.silhouettes.segmentation import Scene, first_block
+from recon.wording import listed
+
+FEWEST_VIEWS = 3
+FEWER_FEATURES, MORE_FEATURES = 700, 1600
+"""Features of each picture from above, at first, and where photos do not join with these: matching costs
+their square."""
+MOST_POINTS = 2500
+START_LOSS_PX, LOSS_PX = 4.0, 1.0
+RIGID = 1e-4
+SEARCHES_PX = (10, 4, 3)
+FEWEST_TRACKS = 30
+MOST_MISS_PX = 1.5
+"""Median miss from which on ground points do not lie on one plane."""
+
+
+def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from the ground's texture, matched as from above, on the plane z = 0.
+
+    Homographies of the ground between all pairs give focal length and poses at once; patches of the ground
+    measured in every photo then refine them, each photo with a focal length of its own about the common one.
+    World and box as in recon.cameras.motion. Photos of one size. Raises ReconFailure: no-overlap where
+    fewer than three photos, or fewer than half, or not the first, hang together; no-fruit.
+    """
+    if len({p.image.shape for p in photos}) != 1:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            "The photos differ in size; take all with one camera, one zoom and one way up.",
+        )
+    pairs = ground_pairs([ground_features(p, most=FEWER_FEATURES) for p in photos])
+    members = joined(pairs, len(photos))[0]
+    if len(members) < len(photos):
+        pairs = ground_pairs([ground_features(p, most=MORE_FEATURES) for p in photos])
+        members = joined(pairs, len(photos))[0]
+    size = (photos[0].image.shape[0], photos[0].image.shape[1])
+    known = [p.focal_px for p in photos if p.focal_px is not None]
+    focal_px = float(np.median(known)) if known else None
+    if len(members) < max(FEWEST_VIEWS, len(photos) / 2) or 0 not in members:
+        raise _apart(photos, joined(pairs, len(photos)), pairs, size, focal_px)
+    found = _refined([photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px)
+    cameras = [_camera(photos[m], found.scene, i) for i, m in enumerate(members)]
+    level = _level(found.scene, cameras[0])
+    cameras = [c.moved(level) for c in cameras]
+    world, box = _placed([photos[i] for i in members], cameras, height_mm)
+    points = np.column_stack([found.scene.ground, np.zeros(len(found.scene.ground))])
+    whole = world @ level
+    names = [p.name for p in photos]
+    left = [name for i, name in enumerate(names) if i not in members]
+    places = np.array([c.place for c in cameras])
+    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names, unplaced=left)
+    return Poses(
+        cameras=tuple(c.moved(world) for c in cameras),
+        used=np.array(members, int),
+        reprojection_px=float(np.median(found.miss_px)),
+        scale_sd=float("inf"),
+        focal_sd_px=found.focal_sd * cameras[0].focal_px,
+        points=points @ whole[:3, :3].T + whole[:3, 3],
+        box=box,
+        warnings=(f"{len(left)} of {len(photos)} photos could not be placed. {plan_words(plan)}",)
+        if left
+        else (),
+    )
+
+
+def _apart(
+    photos: Sequence[Photo],
+    groups: Sequence[Sequence[int]],
+    pairs: Sequence[GroundPair],
+    size: tuple[int, int],
+    focal_px: float | None,
+) -> ReconFailure:
+    """Which photos hang together and which do not, and where more are needed."""
+    names = [p.name for p in photos]
+    largest = list(groups[0])
+    if len(largest) < FEWEST_VIEWS:
+        return ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"Of {len(photos)} photos no three show the same ground (the most that join: {len(largest)}); "
+            f"expected {FEWEST_VIEWS} or more: lay a printed cloth or paper under the fruit and take them "
+            "again.",
+        )
+    scene = _started(pairs, largest, size, focal_px)
+    places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
+    left = [name for i, name in enumerate(names) if i not in largest]
+    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=left)
+    return ReconFailure(
+        ReconProblem.NO_OVERLAP,
+        f"The ground joins {listed([names[i] for i in largest])} alone. {plan_words(plan)}",
+        plan,
+    )
+
+
+def _started(
+    pairs: Sequence[GroundPair], members: Sequence[int], size: tuple[int, int], focal_px: float | None
+) -> PlaneScene:
+    """Poses and focal length from the homographies, then from all matches."""
+    _, from_first = chained(pairs, members)
+    start_px, poses = start_cameras(from_first, size, focal_px)
+    K = np.array([[start_px, 0, (size[1] - 1) / 2], [0, start_px, (size[0] - 1) / 2], [0, 0, 1.0]])
+    number = {m: i for i, m in enumerate(members)}
+    inner = [p for p in pairs if p.a in number and p.b in number]
+    most = max(8, MOST_POINTS // len(inner))
+    view, places, ground = [], [], []
+    for pair in inner:
+        some = np.unique(np.linspace(0, len(pair.places_a) - 1, most).astype(int))
+        a, b = pair.places_a[some], pair.places_b[some]
+        onto = np.linalg.inv(K @ poses[pair.a][:3][:, [0, 1, 3]])
+        at = np.column_stack([a, np.ones(len(a))]) @ onto.T
+        ahead = at[:, 2] > 1e-9  # the inverse of the depth
+        ground.append(at[ahead, :2] / at[ahead, 2:])
+        places.append(np.stack([a[ahead], b[ahead]], axis=1))
+        view.append(np.tile([number[pair.a], number[pair.b]], (int(ahead.sum()), 1)))
+    at = np.concatenate(ground)
+    near = np.linalg.norm(at - np.median(at, axis=0), axis=1) < 10 * np.median(
+        np.linalg.norm(at - np.median(at, axis=0), axis=1)
+    )
+    seen = Sightings(
+        np.concatenate(view)[near].ravel(),
+        np.repeat(np.arange(int(near.sum())), 2),
+        np.concatenate(places)[near].reshape(-1, 2),
+        np.tile(np.eye(2), (2 * int(near.sum()), 1, 1)),
+    )
+    scene = PlaneScene(np.stack([poses[m] for m in members]), np.full(len(members), start_px), 0.0, at[near])
+    prior = _focal_prior(size, focal_px)
+    return adjusted(scene, seen, size, focal_prior=prior, breathing_sd=RIGID, loss_px=START_LOSS_PX).scene
+
+
+def _focal_prior(size: tuple[int, int], focal_px: float | None) -> tuple[float, float]:
+    if focal_px is not None:
+        return float(np.log(focal_px)), KNOWN_FOCAL_SD
+    return float(np.log(USUAL_FOCAL * max(size))), USUAL_FOCAL_SD
+
+
+def _refined(
+    photos: Sequence[Photo], scene: PlaneScene, size: tuple[int, int], focal_px: float | None
+) -> Adjusted:
+    """The scene from patches of the ground, searched in smaller and smaller windows."""
+    found = None
+    for search_px in SEARCHES_PX:
+        seen, ground = ground_tracks(photos, scene, _aim(scene)[:2], search_px=search_px)
+        least = np.bincount(seen.view, minlength=len(photos)).min()
+        if len(ground) < FEWEST_TRACKS or least < 8:
+            break
+        start = PlaneScene(scene.poses, scene.focals_px, scene.k1, ground)
+        found = adjusted(start, seen, size, focal_prior=_focal_prior(size, focal_px), loss_px=LOSS_PX)
+        scene = found.scene
+    if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            "The ground that the photos share is not flat, or has too little texture; expected at least "
+            f"{FEWEST_TRACKS} patches that lie on one plane to {MOST_MISS_PX:g} px: lay a printed cloth or "
+            "paper flat under the fruit, or use the mat (drupe mat).",
+        )
+    return found
+
+
+def _aim(scene: PlaneScene) -> Float[np.ndarray, "3"]:
+    """The point nearest to all optical axes."""
+    A, b = np.zeros((3, 3)), np.zeros(3)
+    for pose in scene.poses:
+        ray = pose[2, :3]
+        off = np.eye(3) - np.outer(ray, ray)
+        A, b = A + off, b - off @ pose[:3, :3].T @ pose[:3, 3]
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
+
+
+def _camera(photo: Photo, scene: PlaneScene, i: int) -> Camera:
+    height, width = photo.image.shape[:2]
+    return Camera(
+        name=photo.name,
+        width_px=width,
+        height_px=height,
+        focal_px=float(scene.focals_px[i]),
+        k1=scene.k1,
+        cam_from_world=scene.poses[i],
+    )
+
+
+def _level(scene: PlaneScene, first: Camera) -> Float[np.ndarray, "4 4"]:
+    """The place that the photos look at to x = y = 0, the first photo towards x."""
+    foot = _aim(scene) * [1.0, 1.0, 0.0]
+    return upright(np.array([0.0, 0.0, 1.0]), foot, first.place - foot)
+
+
+def _placed(
+    photos: Sequence[Photo], cameras: Sequence[Camera], height_mm: float
+) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
+
+    What stands on the ground near the place that the photos look at is the fruit: a block that the photos
+    agree on.
+    """
+    distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
+    guess = np.diag([100 / distance] * 3 + [1.0])
+    pairs = [straightened(p, c.moved(guess)) for p, c in zip(photos, cameras, strict=True)]
+    images, plain = [image for image, _ in pairs], [camera for _, camera in pairs]
+    scene = Scene(images, plain, np.array([-32.0, -32.0, 0.0]), np.array([32.0, 32.0, 55.0]))
+    cells = first_block(scene).points * distance / 100
+    low, high = cells.min(0), cells.max(0)
+    factor = height_mm / high[2]
+    world = np.diag([factor, factor, factor, 1.0])
+    world[:2, 3] = -factor * (low + high)[:2] / 2
+    half = factor * 0.85 * max(float((high - low)[:2].max()), float(high[2]))
+    return world, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))

@@ -1,0 +1,243 @@
+"""What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
+
+The outlines that a mesh was settled on agree with it by construction. This looks again, without the outlines
+and the plate that they came from: a point of the support plane that the mesh leaves free in several photos
+must keep its colour in them all. It is a second look, not independent evidence. Photos, cameras and support
+plane are the same, the mesh itself says where ground and skin are looked at, and the colours are modelled
+alike (shadows and histograms of recon/silhouettes/mask.py). What misleads both, such as a wrong camera or
+ground mirrored in the skin, goes unnoticed here.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+from scipy import ndimage
+
+from recon.cameras.camera import Camera
+from recon.checks.ground_colours import Profiles, profiles_of
+from recon.checks.rim_samples import Rim, rims_of
+from recon.silhouettes.mask import (
+    DARKEST_SHADOW,
+    DEGREES_OF_FREEDOM,
+    LEAST_NOISE_LAB,
+    cells_of,
+    colour_density,
+    density_at,
+)
+
+REACH_PX = 10
+"""How far to either side of the rim a profile reaches, px."""
+REACH_SHARE = 0.05
+"""The same as a share of the fruit's diameter; the larger counts."""
+MOST_EVIDENCE = 3.0
+"""Most that one pixel counts for or against skin (natural log of a ratio of densities)."""
+MOST_OF_SHADOW = 0.5
+"""The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
+CORRELATED = 0.6
+"""Share by which a pixel's evidence counts, as neighbours on a profile are alike: blur, texture. To it comes
+half as much from either neighbouring sample."""
+EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
+"""Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
+STEP_POOLING), and the step (Lab units) that counts so much."""
+STEP_POOLING = (0.25, 0.5, 0.25)
+STEP_PX = 3
+"""The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
+PRIOR_SCALE_PX = 1.5
+"""Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
+Evidence of three units moves the edge by seven pixels all the same. With this and STEP_PX the edge's error
+fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px (benchmarks/photo_evidence.py)."""
+SHADOW_SHARE = 0.15
+"""Prior share of ground beside a fruit that is darkened."""
+LEAST_DENSITY = 2e-7
+"""Density (per Lab unit cubed) of colours that neither model expects."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RimEvidence:
+    """Where each rim sample's photo puts the skin's edge, measured from the mesh's rim.
+
+    Sample i is the point (1 - t) a + t b of the mesh's edge between vertices `a` and `b`, as photo `view`
+    sees it. `offset_mm` is the posterior mean of the edge's place (positive: the fruit reaches further than
+    the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `dim` is the share of the
+    profile's pixels outside the rim that show the ground darkened, `through` the share inside the rim that
+    shows it as it is. `known`: three other photos tell the ground's colour there.
+    `turn`: direction from the fruit's middle in the picture (radians; 0 right, pi / 2 up).
+    """
+
+    view: Int[np.ndarray, " k"]
+    a: Int[np.ndarray, " k"]
+    b: Int[np.ndarray, " k"]
+    t: Float[np.ndarray, " k"]
+    offset_mm: Float[np.ndarray, " k"]
+    sd_mm: Float[np.ndarray, " k"]
+    pixel_mm: Float[np.ndarray, " k"]
+    dim: Float[np.ndarray, " k"]
+    through: Float[np.ndarray, " k"]
+    known: Bool[np.ndarray, " k"]
+    turn: Float[np.ndarray, " k"]
+
+
+def rim_evidence(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+) -> RimEvidence:
+    """The place of the skin's edge along the normals of the mesh's rim, in every photo anew.
+
+    Along a normal, pixel by pixel, l = log p(colour | skin) - log p(colour | ground). Ground is what the
+    other photos show at the same point of z = 0 (median, spread over the photos, range of the eight
+    neighbours), as it is or darkened (L* + 16, a*, b* scaled by one k in DARKEST_SHADOW..1); skin is what
+    this photo shows further inside; l shrinks to 0 where the two look alike. With an edge at d the profile's
+    evidence is sum_{o < d} l - sum_{o > d} l, and a step of colour that the ground does not explain adds to
+    it; the posterior over d (Cauchy prior of scale PRIOR_SCALE_PX) gives `offset_mm` and `sd_mm`.
+    Cameras have no distortion.
+    """
+    sights, rims = rims_of(images, cameras, vertices, faces)
+    diameter_px = float(np.median([np.ptp(s.camera.project(vertices), axis=0).max() for s in sights]))
+    reach = max(REACH_PX, round(REACH_SHARE * diameter_px))
+    offsets = np.arange(-reach - 6, reach + 7, dtype=float)
+    profiles = profiles_of(sights, rims, offsets, vertices)
+    return _evidence(rims, profiles, offsets, reach)
+
+
+def _evidence(
+    rims: Sequence[Rim], profiles: Profiles, offsets: Float[np.ndarray, " o"], reach: int
+) -> RimEvidence:
+    view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
+    out = {k: np.zeros(len(view)) for k in ("offset", "sd", "dim", "through")}
+    known = np.zeros(len(view), bool)
+    for k in range(len(rims)):
+        mine = view == k
+        if mine.sum() < 8:
+            continue
+        lit, dim, skin, separable = _densities(profiles, mine, offsets)
+        ok = profiles.known[mine]
+        ground = (1 - SHADOW_SHARE) * lit + SHADOW_SHARE * dim
+        odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
+        least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
+        odds = np.where(ok, separable * np.clip(odds, least, MOST_EVIDENCE), 0.0)
+        step = _steps(profiles, mine)
+        mean, sd = _edge_of(odds, step, offsets, reach)
+        out["offset"][mine], out["sd"][mine] = mean, sd
+        beside = (offsets >= 2) & (offsets <= 6)
+        within = (offsets <= -2) & (offsets >= -6)
+        out["dim"][mine] = ((dim > lit) & (odds < 0) & ok)[:, beside].mean(1)
+        out["through"][mine] = ((odds < -1.5) & (lit > dim))[:, within].mean(1)
+        known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
+    joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
+    return RimEvidence(
+        view=view,
+        a=joined["a"],
+        b=joined["b"],
+        t=joined["t"],
+        offset_mm=out["offset"] * joined["pixel_mm"],
+        sd_mm=out["sd"] * joined["pixel_mm"],
+        pixel_mm=joined["pixel_mm"],
+        dim=out["dim"],
+        through=out["through"],
+        known=known,
+        turn=np.concatenate([_turn(r.pixel) for r in rims]),
+    )
+
+
+def _turn(pixel: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
+    """Directions of a rim's pixels from its middle; rows count downwards."""
+    if not len(pixel):
+        return np.zeros(0)
+    across, down = (pixel - (pixel.min(0) + pixel.max(0)) / 2).T
+    return np.asarray(np.arctan2(-down, across))
+
+
+def _densities(
+    profiles: Profiles, mine: Bool[np.ndarray, " k"], offsets: Float[np.ndarray, " o"]
+) -> tuple[
+    Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"]
+]:
+    """Densities of one photo's profile colours as lit ground, darkened ground, and skin; and in 0..1 how far
+    skin and ground can be told apart at all there.
+
+    The counterpart of recon.silhouettes.mask's ground_noise and ground_density, from other data. There the
+    ground is the plate, its noise is estimated over a whole window that a shadow may half cover (a low
+    quantile), and the window tells how common and how dark shadows are. Here the ground is what the other
+    photos show, with a spread for every pixel and channel; its noise comes from a few thousand pixels of
+    profiles (their median deviation), too few to tell of shadows, which are taken as even over k with the
+    prior SHADOW_SHARE.
+    Degrees of freedom, least noise and darkest shadow are recon.silhouettes.mask's.
+    """
+    colours, known = profiles.colours[mine], profiles.known[mine]
+    ground = profiles.ground[mine]
+    off = colours - np.clip(colours, profiles.lowest[mine], profiles.highest[mine])
+    sure = known & (offsets >= 6)
+    noise = np.array([2.0, 1.5, 1.5])
+    least = np.array(LEAST_NOISE_LAB)[[0, 1, 1]]
+    if sure.sum() > 50:
+        noise = np.clip(1.48 * np.median(np.abs(off[sure]), axis=0), least, [6.0, 5.0, 5.0])
+    scale = np.hypot(noise, profiles.spread[mine])
+    lit = student(off, scale)
+    k = (colours[..., 0] + 16) / (ground[..., 0] + 16)
+    tint = colours[..., 1:] - k[..., None] * ground[..., 1:]
+    square = np.sum((tint / (1.5 * scale[..., 1:])) ** 2, axis=-1)
+    plane = (
+        1 / (2 * np.pi * 2.25 * np.prod(scale[..., 1:], axis=-1)) * (1 + square / DEGREES_OF_FREEDOM) ** -3.5
+    )
+    dim = np.where(
+        (k > DARKEST_SHADOW) & (k <= 1), plane / ((1 - DARKEST_SHADOW) * (ground[..., 0] + 16)), 0.0
+    )
+    deep = colours[:, offsets <= -5]
+    middle = ndimage.median_filter(np.median(deep, axis=1), size=(9, 1), mode="wrap")
+    wide = 1.48 * ndimage.median_filter(
+        np.median(np.abs(deep - middle[:, None]), axis=1), size=(9, 1), mode="wrap"
+    )
+    palette = colour_density(cells_of(deep.reshape(-1, 3)))
+
+    def skin(of: Float[np.ndarray, "k o 3"]) -> Float[np.ndarray, "k o"]:
+        near = student(of - middle[:, None], np.maximum(wide, [4.0, 2.5, 2.5])[:, None])
+        return np.asarray(0.5 * near + 0.5 * density_at(palette, cells_of(of)))
+
+    separable = np.log(student(0 * off, scale) + LEAST_DENSITY) - np.log(skin(ground) + LEAST_DENSITY)
+    return lit, dim, skin(colours), np.clip(separable / MOST_EVIDENCE, 0, 1)
+
+
+def _steps(profiles: Profiles, mine: Bool[np.ndarray, " k"]) -> Float[np.ndarray, "k o"]:
+    """Evidence of an edge at each offset: how far what the ground leaves unexplained jumps there.
+
+    A high step is blurred over several pixels; only where it is steepest does it count in full.
+    """
+    rest = profiles.colours[mine] - profiles.ground[mine]
+    rest = np.where(profiles.known[mine][..., None], rest, profiles.colours[mine])
+    rest = np.pad(rest, ((0, 0), (2, 2), (0, 0)), mode="edge")
+    jump = np.linalg.norm((rest[:, 3:-1] + rest[:, 4:] - rest[:, :-4] - rest[:, 1:-3]) / 2, axis=2)
+    steepest = np.maximum(ndimage.maximum_filter1d(jump, 2 * STEP_PX + 1, axis=1), EDGE_LAB)
+    return np.asarray(EDGE_EVIDENCE * np.minimum(jump / EDGE_LAB, 1.0) * (jump / steepest) ** 2)
+
+
+def _edge_of(
+    odds: Float[np.ndarray, "k o"],
+    step: Float[np.ndarray, "k o"],
+    offsets: Float[np.ndarray, " o"],
+    reach: int,
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Posterior mean and standard deviation of the edge's offset (px), pooled over the next samples."""
+    pooled = ndimage.convolve1d(odds, [0.5, 1.0, 0.5], axis=0, mode="wrap") * CORRELATED
+    total = np.cumsum(pooled, axis=1)
+    score = 2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, STEP_POOLING, axis=0, mode="wrap")
+    inner = np.abs(offsets) <= reach
+    score, at = score[:, inner], offsets[inner]
+    score = score - np.log1p((at / PRIOR_SCALE_PX) ** 2)
+    weight = np.exp(score - score.max(1, keepdims=True))
+    weight /= weight.sum(1, keepdims=True)
+    mean = weight @ at
+    sd = np.sqrt(np.maximum(weight @ at**2 - mean**2, 0.0) + 1 / 12)
+    return mean, sd
+
+
+def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, " *n"]:
+    """Student's t density in three dimensions, DEGREES_OF_FREEDOM = 5: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
+    at its top for unit scales. recon.silhouettes.mask has one and two dimensions, in single precision for
+    whole windows.
+    """
+    square = np.sum((off / scale) ** 2, axis=-1)
+    return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / DEGREES_OF_FREEDOM) ** -4.0)

@@ -1,0 +1,217 @@
+"""Photos looked at before any geometry: which are of no use, which need their light evened, and why, by
+name.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from recon.cameras.mat import Mat, detect_tags, standard_mat
+from recon.cameras.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
+from recon.cameras.photos import FEWEST_PHOTOS, Photo
+from recon.cameras.tag_optics import TagOptics, tag_optics
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.wording import FEW_NAMES, listed
+
+FEWEST_TAGS = 4
+ENOUGH_VIEWS = 12
+MOST_BLUR_PX = 1.25
+LEAST_SHARP = 0.35
+LEAST_SHARP_ALONE = 0.06
+"""99 % of the second differences of a sharp photo of a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
+MOST_CLIPPED = 0.35
+LEAST_BRIGHT = 45.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckedPhotos:
+    """The photos to work on, and sentences about those that were left out or are doubtful."""
+
+    photos: tuple[Photo, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Look:
+    """What one photo shows at first sight."""
+
+    photo: Photo
+    sharpness: float
+    clipped: float
+    bright: float
+    tags: tuple[int, ...]
+    optics: TagOptics | None
+    mirrored: bool
+
+
+def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
+    """The photos that can serve, at one brightness, and what is to be said of the rest.
+
+    Left out, by name and with the reason: photos that are mirrored, that show fewer than four tags of the
+    mat, and, while twelve good ones stay, blurred, overexposed or dark ones. Copies of a photo count once.
+    Where the paper of the mat shows that photos differ in brightness by more than 12 %, or are dark, all are
+    brought to the same. Raises ReconFailure: mirrored photos all through, unreadable-photo (all too dark to
+    tell fruit from paper), mat-not-found, too-few-views.
+    """
+    known = mat if mat is not None else standard_mat()
+    distinct, copies = _without_copies(photos)
+    looks = [_look(p, known, on_mat=mat is not None) for p in distinct]
+    _refuse_mirrored(looks, on_mat=mat is not None)
+    lost = _reasons(looks, on_mat=mat is not None)
+    weak = _weak(looks, on_mat=mat is not None)
+    good = [look for look in looks if look.photo.name not in lost]
+    best = [look for look in good if look.photo.name not in weak]
+    warnings = [*copies]
+    for reason, names in _by_reason(lost).items():
+        warnings.append(f"Left out: {listed(names)}: {reason}.")
+    kept = best if len(best) >= ENOUGH_VIEWS else good
+    if mat is None:
+        kept = _with_first(distinct[0], good, kept, lost)
+    used = {look.photo.name for look in kept}
+    for done, these in (("left out", False), ("used all the same, for want of better ones", True)):
+        told = {n: r for n, r in weak.items() if n not in lost and (n in used) == these}
+        for reason, names in _by_reason(told).items():
+            warnings.append(f"{listed(names)}: {reason}; {done}.")
+    if len(kept) < FEWEST_PHOTOS:
+        _refuse_rest(looks, lost, known)
+    optics = [look.optics for look in kept if look.optics is not None]
+    if mat is not None:
+        warnings += [*mat_doubts([look.tags for look in kept], mat), *lens_doubts(optics)]
+    return CheckedPhotos(photos=evened([look.photo for look in kept], optics), warnings=tuple(warnings))
+
+
+def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
+    """Without a mat the first photo says where the suture is: it stays, poor or not, or the set is
+    refused.
+    """
+    if first.name in lost:
+        raise ReconFailure(
+            ReconProblem.NO_OVERLAP,
+            f"The first photo, {first.name}, is of no use ({lost[first.name]}); without a mat it says "
+            f"where the suture "
+            "is: retake it from the suture's side, or use the mat (drupe mat).",
+        )
+    names = {look.photo.name for look in kept} | {first.name}
+    return [look for look in good if look.photo.name in names]
+
+
+def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
+    first: dict[bytes, Photo] = {}
+    copies = []
+    for photo in photos:
+        original = first.setdefault(photo.image.tobytes(), photo)
+        if original is not photo:
+            copies.append((photo.name, original.name))
+    if not copies:
+        return list(photos), []
+    told = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
+        ", ..." if len(copies) > FEW_NAMES else ""
+    )
+    noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
+    return list(first.values()), [
+        f"{len(copies)} {noun} of another ({told}) and count once; take a photo from every direction."
+    ]
+
+
+def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
+    grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
+    tags, corners = detect_tags(photo.image, mat)
+    mirrored = False
+    if len(tags) < FEWEST_TAGS:
+        back = np.ascontiguousarray(photo.image[:, ::-1])
+        mirrored = len(detect_tags(back, mat)[0]) >= FEWEST_TAGS
+    small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+    edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
+    return _Look(
+        photo=replace(photo, tags=(tags, corners)) if on_mat else photo,
+        sharpness=float(np.percentile(edges, 99)) / max(float(np.percentile(small, 95)), 1.0),
+        clipped=float((photo.image.max(axis=2) >= 254).mean()),
+        bright=float(np.percentile(small, 95)),
+        tags=tuple(tags.tolist()),
+        optics=tag_optics(grey, corners) if on_mat and len(tags) >= FEWEST_TAGS else None,
+        mirrored=mirrored,
+    )
+
+
+def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
+    """Refuse a set whose every photo that shows tags shows them mirrored."""
+    mirrored = [look for look in looks if look.mirrored]
+    upright = [look for look in looks if len(look.tags) >= FEWEST_TAGS]
+    if mirrored and (not upright if on_mat else len(mirrored) > len(upright)):
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"{len(mirrored)} of {len(looks)} photos are mirrored "
+            f"({listed([m.photo.name for m in mirrored])}): the "
+            "mat's tags can be read in a mirror only; turn the camera's mirroring off, or flip the files "
+            "back.",
+        )
+
+
+def _reasons(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
+    """Photos that cannot be placed, and why."""
+    usual = float(np.median([look.sharpness for look in looks]))
+    others_show_it = any(len(look.tags) >= FEWEST_TAGS for look in looks)
+    lost = {}
+    for look in looks:
+        if look.mirrored:
+            lost[look.photo.name] = "mirrored (the mat's tags can be read in a mirror only); flip it back"
+        elif on_mat and len(look.tags) < FEWEST_TAGS:
+            blurred = look.sharpness < max(LEAST_SHARP * usual, LEAST_SHARP_ALONE)
+            if blurred and (look.tags or not others_show_it):
+                what = "too blurred for its tags to be read"
+            elif blurred:
+                what = "shows no tags of the mat (too blurred, or another scene)"
+            else:
+                what = "shows fewer than four tags of the mat"
+            lost[look.photo.name] = f"{what}; retake it, in focus and with the mat in view"
+    return lost
+
+
+def _weak(looks: list[_Look], *, on_mat: bool) -> dict[str, str]:
+    """Photos that can be placed but show the fruit badly, and how."""
+    usual = float(np.median([look.sharpness for look in looks]))
+    weak = {}
+    for look in looks:
+        optics = look.optics
+        if look.clipped > MOST_CLIPPED:
+            weak[look.photo.name] = "overexposed (over a third of the picture is plain white); expose less"
+        elif (optics is not None and optics.white < LEAST_WHITE) or look.bright < LEAST_BRIGHT:
+            weak[look.photo.name] = "too dark (paper should come out above 90 of 255); expose more"
+        elif optics is not None and optics.blur_px > MOST_BLUR_PX:
+            weak[look.photo.name] = (
+                "blurred (edges of the tags run over several pixels); hold still and focus"
+            )
+        elif not on_mat and look.sharpness < LEAST_SHARP * usual:
+            weak[look.photo.name] = "blurred beside the others; hold still and focus"
+    return weak
+
+
+def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
+    """Refuse a set of which fewer than three photos can be placed."""
+    if not lost:
+        return
+    most = max(len(look.tags) for look in looks)
+    if most == 0 and not any("blurred" in reason for reason in lost.values()):
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
+            f"{len(looks)} "
+            "photos; check that mat.json belongs to the printed mat, and that it is in view and in focus.",
+        )
+    why = "; ".join(f"{len(names)} {reason.split(';')[0]}" for reason, names in _by_reason(lost).items())
+    raise ReconFailure(
+        ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
+        f"Only {len(looks) - len(lost)} of {len(looks)} photos can be placed ({why}: "
+        f"{listed(sorted(lost))}); at least "
+        f"{FEWEST_PHOTOS} must be, and 24 are advised: retake them.",
+    )
+
+
+def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
+    grouped: dict[str, list[str]] = defaultdict(list)
+    for name, reason in reasons.items():
+        grouped[reason].append(name)
+    return dict(grouped)

@@ -1,0 +1,122 @@
+"""How good a reconstruction is, in numbers that a person can check, and the warnings that follow from
+them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from recon.silhouettes.hull import Silhouette, drawn
+from recon.silhouettes.outline import outline_of
+
+ENOUGH_SEEN = 0.8
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReconQuality:
+    """Counts, residuals and agreement of one reconstruction.
+
+    `seen_share` of the surface is in sight of two cameras, of either set where there are photos of the fruit
+    upside down; `unseen_mm2` is not, and was closed by the method.
+    `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
+    is from the upright one where both saw the skin (root mean square).
+    `offset_rms_mm`, `offset_local_mm`, `offset_volume_share`: how far the photos put the skin from the mesh,
+    looked at anew beside its rims (recon/checks/ground_check.py): root mean square, what 2 % of the skin
+    exceeds, and what it adds up to. `ground_known_share` of the rims have ground behind them that other
+    photos show.
+    """
+
+    views_given: int
+    views_used: int
+    reprojection_px: float
+    silhouette_iou: float
+    outline_rms_mm: float
+    clear_outline_share: float
+    focal_px: float
+    focal_sd_px: float
+    k1: float
+    widest_gap_deg: float
+    seen_share: float
+    unseen_mm2: float
+    decimation_rms_mm: float
+    relief_share: float
+    flipped_views: int = 0
+    flipped_miss_mm: float = float("nan")
+    offset_rms_mm: float = float("nan")
+    offset_local_mm: float = float("nan")
+    offset_volume_share: float = float("nan")
+    ground_known_share: float = float("nan")
+
+
+NOTHING_KNOWN = ReconQuality(
+    views_given=0,
+    views_used=0,
+    reprojection_px=float("nan"),
+    silhouette_iou=float("nan"),
+    outline_rms_mm=float("nan"),
+    clear_outline_share=float("nan"),
+    focal_px=float("nan"),
+    focal_sd_px=float("nan"),
+    k1=float("nan"),
+    widest_gap_deg=float("nan"),
+    seen_share=float("nan"),
+    unseen_mm2=float("nan"),
+    decimation_rms_mm=float("nan"),
+    relief_share=0.0,
+)
+
+
+def outline_rms_mm(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
+) -> float:
+    """Root mean square distance between the mesh's projected rim and the outlines seen, mm at the fruit."""
+    squares = []
+    for s in silhouettes:
+        rim = outline_of(drawn(vertices, faces, s.window, s.camera))
+        if rim is None:
+            continue
+        at = np.rint(rim.points).astype(int)
+        depth = float(np.median(s.camera.into(vertices)[:, 2]))
+        squares.append((s.distance_px[at[:, 1], at[:, 0]] * depth / s.camera.focal_px) ** 2)
+    return float(np.sqrt(np.mean(np.concatenate(squares)))) if squares else float("inf")
+
+
+def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "3"]) -> float:
+    """The widest horizontal angle, seen from the fruit, without a camera."""
+    angles = np.sort(np.degrees(np.arctan2(places[:, 1] - middle[1], places[:, 0] - middle[0])))
+    return float(np.max(np.diff(np.concatenate([angles, angles[:1] + 360.0]))))
+
+
+def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
+    """True sentences about what may be wrong, for staff to read."""
+    out = []
+    q = quality
+    if q.views_used < 12:
+        out.append(f"Only {q.views_used} views show the fruit; the shape is coarser than with 24.")
+    if q.views_used < 0.75 * q.views_given:
+        out.append(f"{q.views_given - q.views_used} of {q.views_given} photos were left out.")
+    if q.widest_gap_deg > 75:
+        out.append(
+            f"No photo was taken over {q.widest_gap_deg:.0f} degrees around the fruit; that side is guessed."
+        )
+    if q.reprojection_px > 1.5:
+        out.append(
+            f"Camera poses fit to {q.reprojection_px:.1f} px only; photos may be blurred or the mat not flat."
+        )
+    if q.silhouette_iou < 0.97:
+        out.append(
+            f"Outlines agree to {100 * q.silhouette_iou:.1f} % only; something else may stand in the photos."
+        )
+    if q.outline_rms_mm > 0.01 * largest_mm:
+        out.append(f"The mesh misses the outlines by {q.outline_rms_mm:.2f} mm (root mean square).")
+    return (*out, *seen_doubts(q))
+
+
+def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
+    """What is said where much of the surface was not seen."""
+    if not quality.seen_share < ENOUGH_SEEN:
+        return ()
+    share = f"Only {100 * quality.seen_share:.0f} % of the surface is in sight of two cameras or more"
+    return (f"{share}; take photos from more heights.",)

@@ -1,0 +1,148 @@
+"""Does every photo show the mesh where it should? Colour steps are sought about the mesh's own rim, anew."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.cameras.camera import Camera
+from recon.wording import listed
+
+SAMPLES = 180
+REACH = 0.1
+STEP_PX = 0.5
+LEAST_STEP = 6.0
+FEWEST_STEPS = 40
+NEAR_PX = 2.5
+APART = 0.01
+LEAST_PX = 1.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class RimOffset:
+    """How a photo's fruit lies against the mesh: moved by `shift_px` in the picture, larger by `growth_px`
+    in radius; `apart` is the larger of the two over the fruit's diameter.
+    """
+
+    name: str
+    shift_px: float
+    growth_px: float
+    apart: float
+
+
+def rim_offset(
+    image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
+) -> RimOffset | None:
+    """The shift and growth of the rim that bring it onto the photo's colour steps; None where there are too
+    few.
+
+    The rim is the convex hull of the projected vertices. On its normals, within a tenth of its diameter,
+    steps of colour (CIE Lab) are sought; their offsets s are fitted by s = n . shift + growth, once from the
+    strongest steps, once from those near the rim, with Cauchy's weights; the fit that more normals hold to
+    counts, so that tags, shadows and highlights do not. The camera has no distortion.
+    """
+    hull = cv2.convexHull(camera.project(vertices).astype(np.float32))[:, 0].astype(float)
+    closed = np.concatenate([hull, hull[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
+    rim = np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1)
+    ahead = np.roll(rim, -2, 0) - np.roll(rim, 2, 0)
+    normal = np.stack([ahead[:, 1], -ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)
+    normal *= np.sign(np.sum(normal * (rim - rim.mean(0)), axis=1).mean())
+    size = along[-1] / np.pi
+    reach = max(REACH * size, 4.0)
+    offsets = np.arange(-reach, reach + STEP_PX, STEP_PX)
+    place = rim[:, None] + offsets[:, None] * normal[:, None]
+    low = np.floor(place.min((0, 1))).astype(int) - 4
+    high = np.ceil(place.max((0, 1))).astype(int) + 5
+    if (low < 0).any() or (high > [camera.width_px, camera.height_px]).any():
+        return None
+    part = image[low[1] : high[1], low[0] : high[0]].astype(np.float32) / 255
+    colours = cv2.GaussianBlur(cv2.cvtColor(part, cv2.COLOR_BGR2Lab), (0, 0), 1.0)
+    x, y = np.moveaxis((place - low).astype(np.float32), 2, 0)
+    profile = cv2.remap(colours, x, y, cv2.INTER_LINEAR)
+    steps = np.asarray(np.linalg.norm(profile[:, 4:] - profile[:, :-4], axis=2), float)
+    columns = np.column_stack([normal, np.ones(SAMPLES)])
+    tried = [_held(np.zeros(3), steps, offsets[2:-2], columns), _held(None, steps, offsets[2:-2], columns)]
+    fit, held = max(tried, key=lambda pair: pair[1])
+    if held < FEWEST_STEPS:
+        return None
+    shift, growth = float(np.linalg.norm(fit[:2])), float(fit[2])
+    return RimOffset(
+        name=camera.name, shift_px=shift, growth_px=growth, apart=max(shift, 2 * abs(growth)) / size
+    )
+
+
+def _held(
+    start: Float[np.ndarray, "3"] | None,
+    steps: Float[np.ndarray, "n k"],
+    offsets: Float[np.ndarray, " k"],
+    columns: Float[np.ndarray, "n 3"],
+) -> tuple[Float[np.ndarray, "3"], int]:
+    """A fit and how many normals have their step within a pixel of it: from `start`, or from the
+    strongest steps.
+    """
+    if start is None:
+        best = steps.argmax(axis=1)
+        clear = steps[np.arange(len(steps)), best] > LEAST_STEP
+        fit, weight = np.zeros(3), clear.astype(float)
+        for _ in range(12):
+            fit = np.linalg.lstsq(columns * weight[:, None], offsets[best] * weight, rcond=None)[0]
+            away = np.abs(offsets[best] - columns @ fit)
+            scale = max(
+                1.5
+                * float(
+                    np.median(
+                        away[clear],
+                    )
+                )
+                if clear.any()
+                else 0.5,
+                0.5,
+            )
+            weight = clear / np.sqrt(1 + (away / scale) ** 2)
+    else:
+        fit = start
+    held = 0
+    for _ in range(6):
+        near = np.abs(offsets - (columns @ fit)[:, None]) <= NEAR_PX
+        best = np.where(near, steps, -1).argmax(axis=1)
+        away = np.abs(offsets[best] - columns @ fit)
+        good = (steps[np.arange(len(steps)), best] > LEAST_STEP) & (away < NEAR_PX)
+        held = int((good & (away < 1)).sum())
+        if good.sum() < FEWEST_STEPS:
+            break
+        weight = good / np.sqrt(1 + away**2)
+        fit = np.linalg.lstsq(columns * weight[:, None], offsets[best] * weight, rcond=None)[0]
+    return fit, held
+
+
+def rim_doubts(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    vertices: Float[np.ndarray, "n 3"],
+) -> tuple[str, ...]:
+    """A sentence that names the photos whose fruit lies elsewhere, or is of another size, than the mesh.
+
+    What counts is more than 1 % of the diameter and 1.5 px.
+    """
+    found = [o for i, c in zip(images, cameras, strict=True) if (o := rim_offset(i, c, vertices)) is not None]
+    largest = float(np.ptp(vertices, axis=0).max())
+    odd = sorted((o for o in found if _odd(o)), key=lambda o: -o.apart)
+    if not odd:
+        return ()
+    told = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
+    noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
+    return (
+        f"In {noun} the fruit lies elsewhere, or is larger or smaller, than in the rest ({told}): it "
+        f"was moved "
+        "or changed between photos, something hides its edge, or the zoom was changed; photograph it again "
+        "without "
+        "touching it.",
+    )
+
+
+def _odd(offset: RimOffset) -> bool:
+    return offset.apart > APART and max(offset.shift_px, abs(offset.growth_px)) > LEAST_PX

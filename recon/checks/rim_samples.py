@@ -1,0 +1,183 @@
+"""Photos as the self-check uses them, downscaled and of one brightness, and the mesh's rim in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import drawn
+from recon.silhouettes.mask import Window
+from recon.triangle_mesh import rim_crossings, vertex_normals
+
+DIAMETER_PX = 260.0
+"""Photos are downscaled until the fruit is about this wide (px): finer pixels cost time and tell no more."""
+RIM_SAMPLES = 96
+CLEARANCE_PX = 4.0
+"""A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
+FEWEST_SIGHTINGS = 3
+
+
+@dataclass(frozen=True)
+class Sight:
+    """A downscaled photo as 8-bit Lab with its range over eight neighbours, and the signed distance from the
+    mesh's silhouette in it (px, positive outside).
+    """
+
+    camera: Camera
+    colours: UInt8[np.ndarray, "h w 3"]
+    lowest: UInt8[np.ndarray, "h w 3"]
+    highest: UInt8[np.ndarray, "h w 3"]
+    outside_px: Float[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class Rim:
+    """Rim samples of one photo: edges' ends, share, pixel, outward normal in the picture, pixel size."""
+
+    a: Int[np.ndarray, " k"]
+    b: Int[np.ndarray, " k"]
+    t: Float[np.ndarray, " k"]
+    pixel: Float[np.ndarray, "k 2"]
+    normal: Float[np.ndarray, "k 2"]
+    pixel_mm: Float[np.ndarray, " k"]
+
+
+def rims_of(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+) -> tuple[list[Sight], list[Rim]]:
+    """Every photo downscaled, at the brightness of the median photo, and its rim samples."""
+    normals = vertex_normals(vertices, faces)
+    pairs = [_downscaled(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
+    outside = [_outside_px(c, vertices, faces) for _, c in pairs]
+    gains = _gains(pairs, outside, vertices)
+    sights = []
+    for far, gain in zip(outside, gains, strict=True):
+        image, camera = pairs.pop(0)  # hundreds of MB in all
+        sights.append(_sight(image, camera, far, gain))
+    return sights, [_rim(s, vertices, normals, faces) for s in sights]
+
+
+def _downscaled(
+    image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
+) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
+    """The photo shrunk until the fruit is DIAMETER_PX wide, lightly blurred, and its camera.
+
+    Columns are a multiple of 12, so that pictures of 4:3, 3:2 and 16:9 about keep their shape.
+    """
+    scale = DIAMETER_PX / float(np.ptp(camera.project(vertices), axis=0).max())
+    if scale < 1:
+        columns = max(12, 12 * round(image.shape[1] * scale / 12))
+        rows = round(image.shape[0] * columns / image.shape[1])
+        focal_px = camera.focal_px * columns / image.shape[1]
+        image = cv2.resize(image, (columns, rows), interpolation=cv2.INTER_AREA)
+        camera = replace(camera, width_px=columns, height_px=rows, focal_px=focal_px)
+    return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.6), np.uint8), camera
+
+
+def _outside_px(
+    camera: Camera, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "h w"]:
+    """Signed distance to the mesh's silhouette, px, positive outside."""
+    window = Window(np.empty((camera.height_px, camera.width_px, 0), np.uint8), (0, 0), 1)
+    inside = drawn(vertices, faces, window, camera)
+    out = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, 5)
+    return np.asarray(out - cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, 5), np.float32)
+
+
+def interpolated(
+    picture: np.ndarray, pixels: Float[np.ndarray, "k 2"], flags: int = cv2.INTER_LINEAR
+) -> np.ndarray:
+    """Values at pixels; what misses the picture gets its border."""
+    width = 512
+    maps = np.zeros((-(-len(pixels) // width) * width, 2), np.float32)
+    maps[: len(pixels)] = np.clip(pixels, -9, 3e4)
+    found = cv2.remap(picture, maps.reshape(-1, width, 2), None, flags, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(found.reshape(len(maps), *picture.shape[2:])[: len(pixels)])
+
+
+def visible_ground(
+    camera: Camera,
+    outside_px: Float[np.ndarray, "h w"],
+    points: Float[np.ndarray, "k 3"],
+    clearance_px: float,
+) -> tuple[Float[np.ndarray, "k 2"], Bool[np.ndarray, " k"]]:
+    """Pixels of ground points, and which of them are in the picture and free of the mesh."""
+    ahead = camera.into(points)[:, 2] > 0
+    pixels = camera.project(points)
+    inside = ((pixels > 2) & (pixels < [camera.width_px - 3, camera.height_px - 3])).all(1)
+    return pixels, ahead & inside & (interpolated(outside_px, pixels) > clearance_px)
+
+
+def _gains(
+    pairs: Sequence[tuple[UInt8[np.ndarray, "h w 3"], Camera]],
+    outside: Sequence[Float[np.ndarray, "h w"]],
+    vertices: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "v 3"]:
+    """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
+    middle, radius = ground_centre(vertices)
+    turn, far = np.meshgrid(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.linspace(1.2, 3.0, 12))
+    ring = np.column_stack([(far * np.cos(turn)).ravel(), (far * np.sin(turn)).ravel(), 0 * turn.ravel()])
+    points = ring * radius + middle
+    colours = np.full((len(pairs), len(points), 3), np.nan)
+    for k, ((image, camera), out) in enumerate(zip(pairs, outside, strict=True)):
+        pixels, seen = visible_ground(camera, out, points, 2 * CLEARANCE_PX)
+        colours[k, seen] = np.log(interpolated(image, pixels[seen]).reshape(-1, 3) + 8.0)
+    known = np.isfinite(colours[..., 0]).sum(0) >= FEWEST_SIGHTINGS
+    if known.sum() < 30:
+        return np.ones((len(pairs), 3))
+    apart = np.nanmedian(colours[:, known], axis=0) - colours[:, known]
+    enough = np.isfinite(apart[..., 0]).sum(1) >= 30
+    gains = np.ones((len(pairs), 3))
+    gains[enough] = np.exp(np.nanmedian(apart[enough], axis=1))
+    return np.clip(gains, 0.4, 2.5)
+
+
+def ground_centre(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+    """The ground point under the mesh's middle, and half its width."""
+    low, high = vertices.min(0), vertices.max(0)
+    middle = (low + high) / 2
+    return np.array([middle[0], middle[1], 0.0]), float((high - low).max() / 2)
+
+
+def _sight(
+    image: UInt8[np.ndarray, "h w 3"],
+    camera: Camera,
+    outside_px: Float[np.ndarray, "h w"],
+    gain: Float[np.ndarray, "3"],
+) -> Sight:
+    levels = np.clip((np.arange(256)[:, None] + 8.0) * gain - 8.0 + 0.5, 0, 255).astype(np.uint8)
+    colours = np.asarray(cv2.cvtColor(cv2.LUT(image, levels[None]), cv2.COLOR_BGR2LAB), np.uint8)
+    cell = np.ones((3, 3), np.uint8)
+    return Sight(camera, colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), outside_px)
+
+
+def _rim(
+    sight: Sight,
+    vertices: Float[np.ndarray, "n 3"],
+    normals: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+) -> Rim:
+    """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
+    camera = sight.camera
+    edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    i, j = edges[edges[:, 0] < edges[:, 1]].T
+    a, b, t = rim_crossings(vertices, normals, i, j, camera.place)
+    points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
+    pixel = camera.project(points)
+    outer = np.abs(interpolated(sight.outside_px, pixel)) < 1.6
+    inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
+    keep = np.flatnonzero(outer & inside)
+    turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)
+    keep = keep[np.argsort(turn, kind="stable")]
+    if len(keep) > RIM_SAMPLES:
+        keep = keep[np.linspace(0, len(keep) - 1, RIM_SAMPLES).round().astype(int)]
+    a, b, t, points, pixel = a[keep], b[keep], t[keep], points[keep], pixel[keep]
+    ahead = camera.project(points + 0.01 * ((1 - t)[:, None] * normals[a] + t[:, None] * normals[b])) - pixel
+    ahead /= np.maximum(np.linalg.norm(ahead, axis=1, keepdims=True), 1e-12)
+    return Rim(a, b, t, pixel, ahead, camera.into(points)[:, 2] / camera.focal_px)

@@ -1,0 +1,76 @@
+"""Is the mesh that came out to be believed? Refusals, and doubts about its shape, for staff to act on."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import ConvexHull
+
+from recon.cameras.view_plan import ViewPlan, plan_words
+from recon.checks.quality import ReconQuality
+from recon.pit.priors import STONE_FRUIT, Body
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.triangle_mesh import volume_mm3
+
+FEWEST_VIEWS = 6
+WIDEST_GAP_DEG = 120.0
+
+
+def require_seen(
+    quality: ReconQuality, *, left_out: Sequence[str] = (), plan: ViewPlan | None = None
+) -> None:
+    """Refuse a shape that was seen from too few directions to be more than a guess.
+
+    With fewer than six views, or a side of more than 120 degrees without any, meshes of a known fruit were
+    off by half to all of its volume. `left_out`: why photos were not even tried; `plan`: where the others
+    were taken, which the failure then says and carries. Raises ReconFailure (too-few-views).
+    """
+    where = "" if plan is None else f" {plan_words(plan)}".rstrip()
+    if quality.views_used < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"Too few views: only {quality.views_used} of {quality.views_given} photos could be used, and "
+            f"at least {FEWEST_VIEWS} must be.{_why_left_out(quality, left_out)} Take 24 sharp ones from all "
+            f"around, at two or three heights.{where}",
+            plan,
+        )
+    if quality.widest_gap_deg > WIDEST_GAP_DEG:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS,
+            f"Too few views: no photo that could be used was taken over {quality.widest_gap_deg:.0f} "
+            f"degrees around the "
+            f"fruit, and at most {WIDEST_GAP_DEG:.0f} may be left out; take photos from that side too."
+            f"{where}",
+            plan,
+        )
+
+
+def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
+    if quality.views_used == quality.views_given:
+        return ""
+    return "".join(f" {reason}" for reason in left_out) + (
+        " Photos that were tried in vain show the fruit cut off or hidden, or its outline fits no other "
+        "photo's, as where another fruit stands beside it, or the camera could not be placed."
+    )
+
+
+def shape_doubts(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, body: Body = STONE_FRUIT
+) -> tuple[str, ...]:
+    """Sentences where the mesh is no single body of its category: too long, or hollow between lumps."""
+    out = []
+    box = np.ptp(vertices, axis=0)
+    if box.max() > body.longest_over_shortest * box.min():
+        out.append(
+            f"The mesh is {box[0]:.0f} x {box[1]:.0f} x {box[2]:.0f} mm, {box.max() / box.min():.2f} times "
+            f"as long as wide, expected at most {body.longest_over_shortest:g}: two fruits may stand in "
+            "view, or a hand or leaf beside the fruit; photograph one fruit alone."
+        )
+    share = volume_mm3(vertices, faces) / float(ConvexHull(vertices).volume)
+    if share < body.least_convex:
+        out.append(
+            f"The mesh fills {100 * share:.0f} % of its convex hull only, expected at least "
+            f"{100 * body.least_convex:.0f} %: two fruits may stand in view, or something beside the fruit; "
+            "photograph one fruit alone."
+        )
+    return tuple(out)

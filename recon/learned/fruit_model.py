@@ -1,0 +1,112 @@
+"""The fruit model: a small network (ONNX) that tells from a square picture alone which pixels are fruit.
+
+It is one voice more where outlines are found (`recon.silhouettes.segmentation`), beside the clean plate
+and the colours learned in each photo. The shipped one was trained by benchmarks/fruit_model_train.py.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from recon.learned.onnx_file import bad_model
+from recon.learned.onnx_session import opened
+
+SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
+SIDE_PX = 192
+INPUT, OUTPUT = "images", "fruit_log_odds"
+CPU = ("CPUExecutionProvider",)
+AT_ONCE = 4
+"""Pictures in one run: 36 at once take 680 MiB more memory, and no less time."""
+
+
+@dataclass(frozen=True)
+class FruitModel:
+    """An open model of signature images (n, 3, 192, 192), RGB in [0, 1] -> fruit_log_odds (n, 1, h, w)."""
+
+    path: Path
+    session: Any
+
+    def log_odds(
+        self,
+        images: Sequence[UInt8[np.ndarray, "h w 3"]],
+        corners_px: Sequence[tuple[int, int]],
+        sizes_px: Sequence[tuple[int, int]],
+        shrinks: Sequence[int],
+    ) -> list[Float[np.ndarray, "h w"]]:
+        """Log odds of fruit over windows of BGR photos: first pixel (column, row), shrunk (columns, rows).
+
+        The model sees the square round a window, which beyond the photo goes on as its edge. Raises
+        ReconFailure (bad-geometry-model) where the model fails or gives another shape.
+        """
+        squares, maps = [], []
+        for image, corner, size, shrink in zip(images, corners_px, sizes_px, shrinks, strict=True):
+            side = max(size) * shrink
+            middle = np.array(corner) + np.array(size) * shrink / 2
+            start = np.floor(middle - side / 2).astype(int)
+            squares.append(_square(image, start, side))
+            maps.append((start, side))
+        made = np.concatenate(
+            [self._run(squares[first : first + AT_ONCE]) for first in range(0, len(squares), AT_ONCE)]
+        )
+        out = []
+        for odds, (start, side), corner, size, shrink in zip(
+            made, maps, corners_px, sizes_px, shrinks, strict=True
+        ):
+            # cell of the model's picture -> pixel of the shrunk window, centres at whole numbers
+            cell = side / odds.shape[1]
+            scale = cell / shrink
+            shift = ((cell - 1) / 2 + start - np.array(corner) - (shrink - 1) / 2) / shrink
+            M = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
+            out.append(
+                np.asarray(
+                    cv2.warpAffine(odds, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                )
+            )
+        return out
+
+    def _run(self, squares: list[UInt8[np.ndarray, "s s 3"]]) -> Float[np.ndarray, "n h w"]:
+        batch = np.stack([s[:, :, ::-1].transpose(2, 0, 1) for s in squares]).astype(np.float32) / 255
+        try:
+            made = np.asarray(self.session.run([OUTPUT], {INPUT: batch})[0], np.float32)
+        except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+            raise bad_model(
+                self.path, f"failed while it ran ({error})", "a model that runs on images (n, 3, 192, 192)"
+            ) from error
+        if made.ndim != 4 or made.shape[:2] != (len(squares), 1) or not np.isfinite(made).all():
+            raise bad_model(
+                self.path, f'gives "{OUTPUT}" of shape {made.shape}', f"finite ({len(squares)}, 1, h, w)"
+            )
+        return made[:, 0]
+
+
+def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> FruitModel:
+    """Open a fruit model. Raises ReconFailure (bad-geometry-model) that names the file and what is wrong."""
+    session = opened(path, providers)
+    inputs = {i.name: i.shape for i in session.get_inputs()}
+    wanted = [3, SIDE_PX, SIDE_PX]
+    if list(inputs) != [INPUT] or list(inputs[INPUT][1:]) != wanted:
+        raise bad_model(path, f"takes the inputs {inputs}", f'one input "{INPUT}" of shape (n, 3, 192, 192)')
+    return FruitModel(path, session)
+
+
+def is_fruit_model(path: Path, *, providers: Sequence[str] = CPU) -> bool:
+    """Whether an ONNX file gives fruit_log_odds. Raises ReconFailure where it cannot be opened."""
+    return OUTPUT in {o.name for o in opened(path, providers).get_outputs()}
+
+
+def _square(image: UInt8[np.ndarray, "h w 3"], start: np.ndarray, side: int) -> UInt8[np.ndarray, "s s 3"]:
+    """The photo's square from `start` (column, row) on, at the model's size."""
+    x0, y0 = int(start[0]), int(start[1])
+    rows, columns = image.shape[:2]
+    part = image[max(y0, 0) : min(y0 + side, rows), max(x0, 0) : min(x0 + side, columns)]
+    reach = [max(-y0, 0), max(y0 + side - rows, 0), max(-x0, 0), max(x0 + side - columns, 0)]
+    if any(reach):
+        above, below, left, right = reach
+        part = cv2.copyMakeBorder(part, above, below, left, right, cv2.BORDER_REPLICATE)
+    how = cv2.INTER_AREA if side > SIDE_PX else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(part, (SIDE_PX, SIDE_PX), interpolation=how), np.uint8)

@@ -1,0 +1,53 @@
+"""ONNX files: opened with one thread on the first provider at hand, refused by name."""
+
+import difflib
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
+import onnxruntime
+
+from recon.learned.onnx_file import bad_model, require_onnx
+
+
+def providers_fault(providers: Sequence[str]) -> str:
+    """What is wrong with a list of providers, as "found ...; expected ..."; empty where nothing is.
+
+    Each must be one that ONNX Runtime knows, and this machine must have one of them.
+    """
+    known, here = onnxruntime.get_all_providers(), onnxruntime.get_available_providers()
+    for name in providers:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            hint = f"did you mean {near[0]}?" if near else f"this machine has {', '.join(here)}."
+            return f'found "{name}"; expected names of ONNX Runtime\'s providers: {hint}'
+    if not set(providers) & set(here):
+        found = f"found {', '.join(providers)}" if providers else "found an empty list"
+        return f"{found}; expected one that this machine has: {', '.join(here)}."
+    return ""
+
+
+def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
+    """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
+    that names the file where it is missing, is no ONNX model, or none of the providers is there.
+    """
+    require_onnx(model)
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = 4
+    known = onnxruntime.get_available_providers()
+    usable = [name for name in providers if name in known]
+    if not usable:
+        raise bad_model(
+            model,
+            f"was asked to run on {', '.join(providers) or 'no provider'}, which this machine's "
+            f"onnxruntime has not",
+            f"one of {', '.join(known)} in providers",
+        )
+    try:
+        return onnxruntime.InferenceSession(str(model), options, providers=usable)
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        raise bad_model(
+            model, "is damaged or of a kind that onnxruntime cannot load", "an ONNX model"
+        ) from error

@@ -1,0 +1,184 @@
+"""The pit in the fruit: placed by the category's prior, cut out of the fruit by an exact Boolean
+(manifold3d).
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import manifold3d
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from recon.pit.priors import PitPrior
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
+from recon.surface.poisson import distances_mm
+from recon.triangle_mesh import bodies, open_edges, volume_mm3
+
+Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+LEVEL = 3
+LEAST_FLESH_MM = 0.5
+
+
+@dataclass(frozen=True)
+class EmbeddedPit:
+    """The flesh as one solid: outer skin and pit wall (faces look out of the flesh), and which faces are
+    pit wall.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    on_pit: Bool[np.ndarray, " m"]
+    flesh_volume_mm3: float
+    pit_volume_mm3: float
+    thinnest_flesh_mm: float
+
+    @property
+    def skin(self) -> Mesh:
+        """The flesh's outer surface, faces outward."""
+        return _compact(self.vertices, self.faces[~self.on_pit])
+
+    @property
+    def pit(self) -> Mesh:
+        """The pit as the cut left it, faces out of the pit."""
+        return _compact(self.vertices, self.faces[self.on_pit][:, ::-1])
+
+
+def _compact(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
+    used, renumbered = np.unique(faces, return_inverse=True)
+    return vertices[used], np.asarray(renumbered).reshape(faces.shape)
+
+
+def place_pit(
+    fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior
+) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
+    """The prior's pit for a closed fruit mesh given in the fruit frame: a closed mesh with the
+    superellipsoid's volume.
+
+    In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
+    by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises
+    ReconFailure: not-watertight for an open fruit mesh, no-prior where the category leaves its pits to the
+    batch.
+    """
+    require_closed(fruit_vertices, fruit_faces, what="fruit")
+    low, high = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
+    half = (high - low) / 2
+    centre = (low + high) / 2 + np.array(prior.raised) * half
+    if prior.measured is not None:
+        return centre + prior.measured.vertices, prior.measured.faces
+    if prior.axis_ratios is None:
+        raise ReconFailure(
+            ReconProblem.NO_PRIOR,
+            f'The category "{prior.category}" has no pit of its own; add pit.ply beside fruit.ply, or name a '
+            "pit prior in batch.toml.",
+        )
+    semi = np.array(prior.axis_ratios) * half
+    directions, faces = ball(LEVEL)
+    shape = directions * np.sum(np.abs(directions) ** prior.exponent, axis=1, keepdims=True) ** (
+        -1 / prior.exponent
+    )
+    fine, fine_faces = ball(LEVEL + 3)
+    smooth = fine * np.sum(np.abs(fine) ** prior.exponent, axis=1, keepdims=True) ** (-1 / prior.exponent)
+    grow = np.cbrt(volume_mm3(smooth, fine_faces) / volume_mm3(shape, faces))
+    return centre + grow * semi * shape, faces
+
+
+def embed_pit(
+    fruit_vertices: Float[np.ndarray, "n 3"],
+    fruit_faces: Int[np.ndarray, "m 3"],
+    pit_vertices: Float[np.ndarray, "k 3"],
+    pit_faces: Int[np.ndarray, "l 3"],
+) -> EmbeddedPit:
+    """Fruit minus pit, both closed meshes in one frame (mm).
+
+    Raises ReconFailure: not-watertight (either mesh), pit-outside-fruit (the pit is larger than the fruit,
+    sticks out of it, or leaves less than half a millimetre of flesh).
+    """
+    fruit = _solid(fruit_vertices, fruit_faces, "fruit")
+    pit = _solid(pit_vertices, pit_faces, "pit")
+    pit_volume, fruit_volume = float(pit.volume()), float(fruit.volume())
+    if pit_volume >= fruit_volume:
+        raise _outside(f"The pit ({pit_volume:.0f} mm³) is larger than the fruit ({fruit_volume:.0f} mm³)")
+    outside = float((pit - fruit).volume())
+    if outside > 1e-6 * pit_volume:
+        raise _outside(f"{100 * outside / pit_volume:.1f} % of the pit lies outside the fruit")
+    thinnest = least_gap_mm((fruit_vertices, fruit_faces), (pit_vertices, pit_faces))
+    if thinnest < LEAST_FLESH_MM:
+        raise _outside(f"The flesh between pit and skin is {thinnest:.2f} mm at its thinnest")
+    flesh = (fruit.as_original() - pit.as_original()).to_mesh64()
+    faces = np.asarray(flesh.tri_verts, int)
+    runs = np.asarray(flesh.run_index) // 3
+    sizes = [abs(_run_volume(flesh, faces[a:b])) for a, b in pairwise(runs)]
+    on_pit = np.zeros(len(faces), bool)
+    smallest = int(np.argmin(sizes))
+    on_pit[runs[smallest] : runs[smallest + 1]] = True
+    return EmbeddedPit(
+        vertices=np.asarray(flesh.vert_properties, float)[:, :3],
+        faces=faces,
+        on_pit=on_pit,
+        flesh_volume_mm3=fruit_volume - pit_volume,
+        pit_volume_mm3=pit_volume,
+        thinnest_flesh_mm=thinnest,
+    )
+
+
+def least_gap_mm(one: Mesh, other: Mesh) -> float:
+    """Shortest way between two surfaces that do not cross: over the vertices of each, to the other's faces.
+
+    Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
+    edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
+    """
+    ways = [distances_mm(v[np.unique(f)], *mesh).min() for (v, f), mesh in ((one, other), (other, one))]
+    return float(min(ways))
+
+
+def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, what: str) -> None:
+    """Refuse a mesh that is open, in pieces, or turned inside out."""
+    gaps = open_edges(faces)
+    if gaps:
+        raise ReconFailure(
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is not watertight: {gaps} edges lack their second face or are shared by "
+            f"more; "
+            "expected one closed surface: repair it.",
+        )
+    if (pieces := bodies(faces)) > 1:
+        raise ReconFailure(
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is {pieces} separate surfaces; expected one closed surface: keep the outer "
+            "skin alone (a pit belongs into pit.ply).",
+        )
+    if volume_mm3(vertices, faces) <= 0:
+        raise ReconFailure(
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is inside out; expected faces that look outward: flip them.",
+        )
+
+
+def _solid(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], what: str
+) -> manifold3d.Manifold:
+    require_closed(vertices, faces, what=what)
+    mesh = manifold3d.Mesh64(
+        np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)
+    )
+    solid = manifold3d.Manifold(mesh)
+    if solid.status() != manifold3d.Error.NoError or solid.is_empty():
+        raise ReconFailure(
+            ReconProblem.NOT_WATERTIGHT,
+            f"The {what}'s mesh is no valid solid ({solid.status().name}); expected one closed surface: "
+            f"repair it.",
+        )
+    return solid
+
+
+def _run_volume(mesh: manifold3d.Mesh64, faces: Int[np.ndarray, "m 3"]) -> float:
+    return volume_mm3(np.asarray(mesh.vert_properties, float)[:, :3], faces) if len(faces) else float("inf")
+
+
+def _outside(fault: str) -> ReconFailure:
+    return ReconFailure(
+        ReconProblem.PIT_OUTSIDE_FRUIT,
+        f"{fault}; expected it well inside: check pit.ply, or the category's pit and the height, "
+        "and the meshes' unit (mm).",
+    )

@@ -1,0 +1,50 @@
+"""How a fruit's photos can fail to become a mesh: one exception, whose problem is a word and whose detail a
+sentence.
+"""
+
+from enum import StrEnum
+
+from recon.cameras.view_plan import ViewPlan
+from recon.plain_file import printable
+
+
+class ReconProblem(StrEnum):
+    """What went wrong, in a word that a record can carry."""
+
+    TOO_FEW_VIEWS = "too-few-views"
+    UNREADABLE_PHOTO = "unreadable-photo"
+    UNREADABLE_MESH = "unreadable-mesh"
+    BAD_MAT = "bad-mat"
+    MAT_NOT_FOUND = "mat-not-found"
+    NO_FRUIT = "no-fruit"
+    FRUIT_CUT_OFF = "fruit-cut-off"
+    NO_OVERLAP = "no-overlap"
+    NO_SCALE = "no-scale"
+    NO_SURFACE = "no-surface"
+    NOT_WATERTIGHT = "not-watertight"
+    SURFACE_CONTRADICTED = "surface-contradicted"
+    NO_PRIOR = "no-prior"
+    BAD_PRIOR = "bad-prior"
+    PIT_OUTSIDE_FRUIT = "pit-outside-fruit"
+    BAD_GEOMETRY_MODEL = "bad-geometry-model"
+    MISSING_LIBRARY = "missing-library"
+
+
+class ReconFailure(Exception):
+    """Raised for everything that a user's photos, files or settings can cause.
+
+    `detail` is one sentence: what was found, what was expected, what to do next; it names the file and the
+    field when a file is at fault; control characters, which names of files can hold, are taken out.
+    `str(failure) == failure.detail`. `views` says where photos were taken, where views are missing.
+    """
+
+    def __init__(self, problem: ReconProblem, detail: str, views: ViewPlan | None = None) -> None:
+        detail = printable(detail)
+        super().__init__(detail)
+        self.problem = problem
+        self.detail = detail
+        self.views = views
+
+    def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str, ViewPlan | None]]:
+        """Survive the way back from a worker process."""
+        return type(self), (self.problem, self.detail, self.views)

@@ -1,0 +1,303 @@
+"""All photos' outlines of the fruit together: cut from the outside in, then made sharp in rounds of carving
+and projecting back.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.cameras.camera import Camera
+from recon.learned.fruit_model import FruitModel
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.carve import AGREEMENT, Block
+from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
+from recon.silhouettes.mask import Window
+from recon.silhouettes.outline import (
+    enlarged,
+    kept_near,
+    outline_of,
+    sharpened,
+    silhouette_of_outline,
+    snapped,
+)
+from recon.silhouettes.segmentation import (
+    Bounds,
+    Scene,
+    View,
+    eroded,
+    first_block,
+    learned_odds,
+    no_fruit,
+    pixels_of,
+)  # fmt: skip
+from recon.silhouettes.tangent import settled
+
+LOWEST_AGREEMENT = 0.85
+FEWEST_VIEWS = 3
+MOST_INWARD_PX = 3.5
+DOUBT = 0.03
+HULL_DOUBT = (0.25, 0.25, 0.15)
+"""Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
+again in the next round, too small a one bounds it wrongly."""
+HULL_LEVEL, SETTLED_LEVEL = 4, 5
+SIDES_PX = (320, 420)
+COVER_SHRINK = 4
+SURE_SHARE = 0.06
+"""So deep inside a hull, as a share of the window, pixels are surely fruit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cover:
+    """What may hide the ground while the plate is made: the hull grown by a share of the fruit's size, and a
+    foot under it, a disc on the ground as wide as a share of the hull.
+    """
+
+    grown: float
+    foot: float
+
+
+COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Round:
+    """How far an outline may move, which share of views may be wrong, how much a pixel's odds may count
+    against a step of colour, and what is done with the outline found: kept near the hull's, sharpened on the
+    photo's own pixels, and before that moved to the steepest step nearby.
+    """
+
+    reach_px: float
+    doubt: float
+    most_odds: float
+    keep: bool
+    sharpen: bool
+    search: bool
+
+
+ROUNDS = (
+    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, keep=False, sharpen=False, search=False),
+    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, keep=True, sharpen=True, search=True),
+    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
+    Round(reach_px=2.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FoundFruit:
+    """The fruit's outlines in the views that agree, the surface settled on them, how many rims hold each of
+    its vertices, and how far photos and surface agree.
+    """
+
+    silhouettes: tuple[Silhouette, ...]
+    used: Int[np.ndarray, " v"]
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    support: Float[np.ndarray, " n"]
+    agreement: float
+    clear_share: float
+
+
+@dataclass(frozen=True)
+class _Hull:
+    """The coarse hull of some outlines, settled on them."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+
+
+def find_fruit(
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    *,
+    low_mm: Float[np.ndarray, "3"],
+    high_mm: Float[np.ndarray, "3"],
+    level: int,
+    agreement: float = AGREEMENT,
+    model: FruitModel | None = None,
+) -> FoundFruit:
+    """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
+
+    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown
+    in the plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the next.
+    `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is asked,
+    too, which pixels are fruit.
+    Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
+    whole).
+    """
+    scene = Scene(images, cameras, low_mm, high_mm, model)
+    block = first_block(scene, agreement=agreement)
+    scene, names = _whole(scene, block)
+    centre = block.points.mean(0)
+    longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
+
+    def hull(silhouettes: Sequence[Silhouette], doubt: float, level: int = HULL_LEVEL) -> _Hull:
+        vertices, faces = visual_hull(
+            silhouettes,
+            centre_mm=centre,
+            longest_mm=longest,
+            floor_mm=0.0,
+            level=level,
+            doubt=doubt,
+        )
+        return _Hull(vertices, faces)
+
+    views, odds, masks = _cut_block(scene, block)
+    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], HULL_DOUBT[0])
+    for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
+        del views, odds, masks  # hundreds of MB, before as much is made anew
+        views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
+        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], doubt)
+    overlaps = [
+        _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
+        for v, m in zip(views, masks, strict=True)
+    ]
+    kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
+    if len(kept) < FEWEST_VIEWS:
+        raise no_fruit(
+            f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
+            f"{np.mean(overlaps):.2f})"
+        )
+    views, odds = [views[i] for i in kept], [odds[i] for i in kept]
+    silhouettes: list[Silhouette] = []
+    clear = 0.0
+    for step in ROUNDS:
+        silhouettes, clear = _refined(views, odds, mesh, step)
+        rough = hull(silhouettes, step.doubt)
+        surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+        mesh = _Hull(surface.vertices, rough.faces)
+    coarse = max(HULL_LEVEL, min(level, SETTLED_LEVEL))
+    rough = hull(silhouettes, DOUBT, level=coarse)
+    surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+    overlap = [
+        _overlap(drawn(surface.vertices, rough.faces, s.window, s.camera), s.distance_px > 0)
+        for s in silhouettes
+    ]
+    return FoundFruit(
+        silhouettes=tuple(silhouettes),
+        used=names[[v.index for v in views]],
+        vertices=split(surface.vertices, coarse, level),
+        faces=ball(level)[1],
+        support=split(surface.support[:, None], coarse, level)[:, 0],
+        agreement=float(np.mean(overlap)),
+        clear_share=clear,
+    )
+
+
+def _cut_block(
+    scene: Scene, block: Block
+) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """Views, odds and masks, with the block and everything under it as what may be fruit."""
+    column = block.with_column(reach=2)
+    covered = []
+    for image, camera in zip(scene.images, scene.cameras, strict=True):
+        covered.append(pixels_of(column, Window(image, (0, 0), COVER_SHRINK), camera))
+    views = scene.views(column.points, margin=0.12, side_px=SIDES_PX[0])
+    bounds = []
+    for view in views:
+        inner = pixels_of(block, view.window, view.camera)
+        bounds.append(
+            Bounds(eroded(inner, 0.5 * SURE_SHARE * len(inner)), pixels_of(column, view.window, view.camera))
+        )
+    return views, *learned_odds(views, bounds, scene.plate(covered), block.points.mean(0))
+
+
+def _cut_hull(
+    scene: Scene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
+) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """The same with a hull, grown, and a foot under it."""
+    size = float(np.ptp(mesh.vertices, axis=0).max())
+    turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    middle = (mesh.vertices.min(0) + mesh.vertices.max(0)) / 2
+    half = np.ptp(mesh.vertices, axis=0) / 2
+    foot = np.stack(
+        [
+            middle[0] + cover.foot * half[0] * np.cos(turn),
+            middle[1] + cover.foot * half[1] * np.sin(turn),
+            np.zeros_like(turn),
+        ],
+        axis=1,
+    )
+    both = np.concatenate([mesh.vertices, foot])
+
+    def perhaps(window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
+        columns, rows = window.small_size_px
+        out = np.zeros((rows, columns), np.uint8)
+        outer = cv2.convexHull(window.into_small(camera.project(both)).astype(np.float32))
+        cv2.fillConvexPoly(out, np.rint(outer).astype(np.int32), 1)
+        depth = float(camera.into(middle[None])[0, 2])
+        reach = 2 * round(cover.grown * size * camera.focal_px / depth / window.shrink) + 1
+        return np.asarray(cv2.dilate(out, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))) > 0)
+
+    covered = [
+        perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
+        for image, camera in zip(scene.images, scene.cameras, strict=True)
+    ]
+    views = scene.views(both, margin=0.15, side_px=side_px)
+    bounds = []
+    for view in views:
+        inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
+        bounds.append(Bounds(eroded(inner, SURE_SHARE * len(inner)), perhaps(view.window, view.camera)))
+    return views, *learned_odds(views, bounds, scene.plate(covered), centre_mm)
+
+
+def _of_mask(mask: Bool[np.ndarray, "h w"], view: View) -> Silhouette:
+    return silhouette_of_mask(mask, view.window, view.camera)
+
+
+def _refined(
+    views: list[View], odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
+) -> tuple[list[Silhouette], float]:
+    """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
+    drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
+    expected = [outline for outline in drawings if outline is not None]
+    if len(expected) < len(views):
+        raise no_fruit("its outline was lost while it was refined")
+    found = snapped(
+        expected, odds, [v.colours for v in views], reach_px=step.reach_px, most_odds=step.most_odds
+    )
+    silhouettes, clear = [], []
+    for view, outline, near in zip(views, found, expected, strict=True):
+        window = view.window
+        if step.sharpen:
+            outline, window = sharpened(outline, window, search=step.search)
+            near = enlarged(near, view.window.shrink)
+        if step.keep:
+            outline = kept_near(outline, near, inward_px=MOST_INWARD_PX)
+        clear.append(outline.clear_share)
+        silhouettes.append(silhouette_of_outline(outline, window, view.camera))
+    return silhouettes, float(np.mean(clear))
+
+
+def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
+    """The photos that hold the whole block, and which they are."""
+    whole = []
+    for i, camera in enumerate(scene.cameras):
+        pixels = camera.project(block.points)
+        inside = (pixels > 3) & (pixels < [camera.width_px - 4, camera.height_px - 4])
+        if inside.all():
+            whole.append(i)
+    given = len(scene.cameras)
+    if len(whole) < FEWEST_VIEWS:
+        raise ReconFailure(
+            ReconProblem.FRUIT_CUT_OFF,
+            f"Only {len(whole)} of {given} photos hold the whole fruit; at least {FEWEST_VIEWS} must, "
+            "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
+            "top open: take photos from two or three heights.",
+        )
+    if len(whole) == given:
+        return scene, np.arange(given)
+    kept = Scene(
+        [scene.images[i] for i in whole],
+        [scene.cameras[i] for i in whole],
+        scene.low_mm,
+        scene.high_mm,
+        scene.model,
+    )
+    return kept, np.array(whole, int)
+
+
+def _overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
+    return float((a & b).sum() / max((a | b).sum(), 1))

@@ -1,0 +1,158 @@
+"""The visual hull as an implicit function, met by rays from inside the fruit: vertices finer than any
+cell.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.mask import Window
+
+STEPS = 40
+NEAREST_MM = 1e-3
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """Signed distance to a fruit's outline, px of the photo, positive inside, over a window (shrunk
+    pixels).
+    """
+
+    distance_px: Float[np.ndarray, "h w"]
+    window: Window
+    camera: Camera
+
+    def depth_mm(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+        """How far inside the cone through the outline points lie (mm, to first order); far inside off the
+        window.
+        """
+        local = self.camera.into(points)
+        pixels = self.window.into_small(self.camera.project(points)).astype(np.float32)
+        far = float(self.distance_px.max())
+        return np.asarray(sampled(self.distance_px, pixels, outside=far) * local[:, 2] / self.camera.focal_px)
+
+
+def sampled(
+    picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float
+) -> Float[np.ndarray, "n *c"]:
+    """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it."""
+    row = 1024
+    padded = np.full((-(-len(pixels) // row) * row, 2), -9.0, np.float32)
+    padded[: len(pixels)] = np.clip(pixels, -9.0, 30000.0)
+    maps = padded.reshape(-1, row, 2)
+    found = cv2.remap(
+        picture, maps, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=(outside,) * 4
+    )
+    return np.asarray(found.reshape(len(padded), *picture.shape[2:])[: len(pixels)])
+
+
+def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Camera) -> Silhouette:
+    """Distance to a pixel mask's edge, to about half a pixel of the mask."""
+    padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
+    inside = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    outside = cv2.distanceTransform(1 - padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
+    signed = np.where(mask, inside - 0.5, 0.5 - outside) * window.shrink
+    return Silhouette(signed.astype(np.float32), window, camera)
+
+
+@cache
+def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """Even directions: an icosahedron whose faces are split in four `level` times; 10 * 4^level + 2
+    vertices.
+    """
+    g = (1 + 5**0.5) / 2
+    flat = [(-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0)]
+    vertices = np.array([np.roll(p, turn) for turn in range(3) for p in flat])
+    edge = np.linalg.norm(vertices[:, None] - vertices, axis=2) < 2.1
+    sides = [t for t in combinations(range(12), 3) if all(edge[i, j] for i, j in combinations(t, 2))]
+    faces = np.array(
+        [(i, j, k) if np.linalg.det(vertices[[i, j, k]]) > 0 else (i, k, j) for i, j, k in sides]
+    )
+    for _ in range(level):
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        unique, inverse = np.unique(edges, axis=0, return_inverse=True)
+        ab, bc, ca = (inverse.ravel() + len(vertices)).reshape(3, -1)
+        vertices = np.concatenate([vertices, vertices[unique].mean(1)])
+        a, b, c = faces.T
+        faces = np.concatenate(
+            [np.stack(f, 1) for f in ((a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca))]
+        )
+    return vertices / np.linalg.norm(vertices, axis=1, keepdims=True), faces
+
+
+def split(values: Float[np.ndarray, "n k"], level: int, finer: int) -> Float[np.ndarray, "m k"]:
+    """Values at the vertices of `ball(level)` carried to `ball(finer)`: a new vertex gets the mean of its
+    edge's ends.
+    """
+    for step in range(level, finer):
+        faces = ball(step)[1]
+        edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        values = np.concatenate([values, values[np.unique(edges, axis=0)].mean(1)])
+    return values
+
+
+def visual_hull(
+    silhouettes: Sequence[Silhouette],
+    *,
+    centre_mm: Float[np.ndarray, "3"],
+    longest_mm: float,
+    floor_mm: float | None,
+    level: int,
+    doubt: float = 0.0,
+) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """Where rays from `centre_mm` leave the intersection of all silhouette cones and the half-space z >=
+    floor.
+
+    phi(X) = min over views of the depth inside the cone, or with `doubt` the depth that this share of the
+    views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² / 2); a
+    ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines' own
+    precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included. The
+    mesh is closed and of genus 0.
+    """
+    directions, faces = ball(level)
+    radius = np.zeros(len(directions))
+    busy = np.arange(len(directions))
+    rank, part = divmod(doubt * len(silhouettes), 1.0)
+    ranks = [int(rank), min(int(rank) + 1, len(silhouettes) - 1)]
+    for _ in range(STEPS):
+        points = centre_mm + radius[busy, None] * directions[busy]
+        depths = np.array([s.depth_mm(points) for s in silhouettes])
+        low, high = np.partition(depths, ranks, axis=0)[ranks]
+        phi = (1 - part) * low + part * high
+        if floor_mm is not None:
+            phi = np.minimum(phi, points[:, 2] - floor_mm)
+        radius[busy] = np.clip(radius[busy] + phi, 0.02 * longest_mm, longest_mm)
+        busy = busy[(np.abs(phi) > NEAREST_MM) & (radius[busy] < longest_mm)]
+        if len(busy) == 0:
+            break
+    return centre_mm + radius[:, None] * directions, faces
+
+
+def drawn(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], window: Window, camera: Camera
+) -> Bool[np.ndarray, "h w"]:
+    """The closed mesh's shadow in a shrunk window, without holes: what its rim encloses.
+
+    The rim is the edges that one face turned to the camera has to itself.
+    """
+    columns, rows = window.small_size_px
+    picture = np.zeros((rows, columns), np.uint8)
+    pixels = np.rint(window.into_small(camera.project(vertices)) * 16).astype(np.int32)
+    x, y = pixels.astype(np.int64).T
+    a, b, c = faces.T
+    facing = (x[b] - x[a]) * (y[c] - y[a]) - (y[b] - y[a]) * (x[c] - x[a]) < 0
+    seen = faces[facing]
+    ends = np.concatenate([seen[:, [0, 1]], seen[:, [1, 2]], seen[:, [2, 0]]])
+    edges = np.sort(ends.min(1) * len(vertices) + ends.max(1))
+    apart = np.concatenate([[True], edges[1:] != edges[:-1], [True]])
+    rim = edges[apart[1:] & apart[:-1]]
+    cv2.polylines(picture, pixels[np.stack(np.divmod(rim, len(vertices)), axis=1)], False, 1, shift=4)
+    contours, _ = cv2.findContours(picture, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    cv2.drawContours(picture, contours, -1, 1, cv2.FILLED)
+    return picture > 0

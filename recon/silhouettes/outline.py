@@ -1,0 +1,250 @@
+"""A fruit's outline to a fraction of a pixel: the best closed path across the odds, then the colour step
+itself.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy import ndimage
+from scipy.spatial import KDTree
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import Silhouette
+from recon.silhouettes.mask import Window
+from recon.silhouettes.ring_path import best_rings
+
+SAMPLES = 1024
+LEASH = 4.0
+EDGE_GAIN = 15.0
+EDGE_LAB = 40.0
+EDGE_PX = 2.0
+BAND_PX = 12.0
+STEEPEST_REACH_PX = 3.0
+STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
+"""Where the colours inside and outside are taken, and which share of fruit the true edge has between them. At
+grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
+in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets (benchmarks/edge_share.py)."""
+CLEAR_STEP = 0.05
+LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
+"""Light of each pixel value, of a display's usual gamma."""
+
+
+@dataclass(frozen=True)
+class Outline:
+    """A closed curve in shrunk pixels of a window, its outward normals, and the share found on a clear
+    edge.
+    """
+
+    points: Float[np.ndarray, "n 2"]
+    normals: Float[np.ndarray, "n 2"]
+    clear_share: float
+
+
+def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
+    """The outer edge of a mask's largest part as evenly spaced samples; None for an empty mask."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    if not contours:
+        return None
+    largest = max(contours, key=cv2.contourArea)[:, 0].astype(float)
+    if len(largest) < 20:
+        return None
+    return _even(largest, smooth=4.0)
+
+
+def snapped(
+    outlines: Sequence[Outline],
+    odds: Sequence[Float[np.ndarray, "h w"]],
+    colours: Sequence[Float[np.ndarray, "h w 3"]],
+    *,
+    reach_px: float,
+    most_odds: float,
+    step_px: float = 0.5,
+    bend: float = 2.0,
+) -> list[Outline]:
+    """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
+
+    Sample i may shift by d along its normal; its gain is the sum of odds (each at most `most_odds`, so that a
+    likeness of colours does not outweigh a plain edge) inside d less those outside, plus
+    the colour step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole
+    reach. Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the
+    ring.
+    """
+    shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
+    gains = [
+        _gain(outline, odd, colour, shifts, most_odds)
+        for outline, odd, colour in zip(outlines, odds, colours, strict=True)
+    ]
+    paths = best_rings(np.array(gains, np.float32), bend=bend, steepest=1)
+    moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
+    return [_even(points, smooth=1.5) for points in moved]
+
+
+def _gain(
+    outline: Outline,
+    odds: Float[np.ndarray, "h w"],
+    colours: Float[np.ndarray, "h w 3"],
+    shifts: Float[np.ndarray, " k"],
+    most_odds: float,
+) -> Float[np.ndarray, "n k"]:
+    step_px = float(shifts[1] - shifts[0])
+    reach_px = float(shifts[-1])
+    wide = round(EDGE_PX / step_px)
+    longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
+    at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
+    values = cv2.remap(
+        odds.astype(np.float32), at[:, wide:-wide], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    values = np.clip(values, -most_odds, most_odds) * step_px
+    total = np.cumsum(values, axis=1)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)
+    k = np.arange(len(shifts)) + wide
+    apart = (sums[:, k + 1 + wide] - sums[:, k + 1] - sums[:, k] + sums[:, k - wide]) / wide
+    step = np.sqrt(np.einsum("nkc,nkc->nk", apart, apart))
+    gain = 2 * total - values - total[:, -1:] + EDGE_GAIN * np.minimum(step / EDGE_LAB, 1.0)
+    return np.asarray(gain - LEASH * (shifts / reach_px) ** 2)
+
+
+def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outline, Window]:
+    """The outline on the colour step of the whole-resolution window, which is returned unshrunk.
+
+    Along each normal, with F and B the mean colours STEP_BAND_PX inside and outside, the pixel's share of
+    fruit is a = (c - B).(F - B) / |F - B|²; the edge is where a crosses STEP_SHARE. Colours from further away
+    mislead: shadows on the ground deepen towards the fruit. `search`: before that the outline goes to the
+    steepest change of colour within STEEPEST_REACH_PX. Samples without a clear step (|F - B| small, no
+    crossing nearby) keep the shift of their neighbours.
+    """
+    whole = Window(window.image, window.corner_px, 1)
+    colours = cv2.LUT(window.image, LINEAR_LIGHT)
+    fine = _even(outline.points * window.shrink + (window.shrink - 1) / 2, smooth=1.0)
+    if search:
+        fine = _on_steepest(fine, colours, STEEPEST_REACH_PX)
+    return _on_step(fine, colours, *STEP_BAND_PX, STEP_SHARE), whole
+
+
+def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"], reach_px: float) -> Outline:
+    """A curve moved to the steepest change of colour within `reach_px`; nearer ones count for more."""
+    shifts = np.arange(-reach_px - 1, reach_px + 1.25, 0.5)
+    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = ndimage.gaussian_filter1d(profile[:, 4:] - profile[:, :-4], 1.5, axis=0, mode="wrap")
+    inner = shifts[2:-2]
+    slope = np.linalg.norm(apart, axis=2) * (1 - 0.3 * (inner / reach_px) ** 2)
+    best = slope.argmax(axis=1)
+    clear = slope.max(axis=1) > CLEAR_STEP
+    if clear.sum() < 0.2 * len(clear):
+        return curve
+    shift = _fill_ring(np.where(clear, inner[best], 0.0), clear)
+    return _even(curve.points + shift[:, None] * curve.normals, smooth=1.0)
+
+
+def _on_step(
+    curve: Outline,
+    colours: Float[np.ndarray, "h w 3"],
+    nearest_px: float,
+    furthest_px: float,
+    at_share: float,
+) -> Outline:
+    """A curve moved to where the colour lies so far between those of two bands beside it."""
+    shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
+    at = (curve.points[:, None] + shifts[None, :, None] * curve.normals[:, None]).astype(np.float32)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    fruit = profile[:, shifts <= -nearest_px].mean(1)
+    behind = profile[:, shifts >= nearest_px].mean(1)
+    step = fruit - behind
+    square = np.sum(step**2, axis=1)
+    share = np.sum((profile - behind[:, None]) * step[:, None], axis=2) / np.maximum(square, 1e-6)[:, None]
+    share = ndimage.gaussian_filter1d(share, 1.5, axis=0, mode="wrap")
+    near = np.abs(shifts) <= nearest_px
+    inner, outer = share[:, :-1][:, near[:-1]], share[:, 1:][:, near[:-1]]
+    crossing = (inner >= at_share) & (outer < at_share)
+    where = shifts[:-1][near[:-1]] + 0.5 * (inner - at_share) / np.maximum(inner - outer, 1e-6)
+    where = np.where(crossing, where, np.inf)
+    pick = np.abs(where).argmin(1)
+    shift = where[np.arange(len(where)), pick]
+    clear = np.isfinite(shift) & (square > CLEAR_STEP**2)
+    if clear.sum() < 0.2 * len(clear):
+        return Outline(curve.points, curve.normals, float(clear.mean()))
+    shift = _fill_ring(np.where(clear, shift, 0.0), clear)
+    moved = curve.points + shift[:, None] * curve.normals
+    fine = _even(moved, smooth=1.0)
+    return Outline(fine.points, fine.normals, float(clear.mean()))
+
+
+def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:
+    """The found outline, but the expected one wherever the found one lies more than `inward_px` inside it.
+
+    A hull that most views agree on is hardly larger than the fruit; an outline far inside it has followed a
+    highlight, a reflection or a likeness of colour, and must not carve.
+    """
+    _, nearest = KDTree(expected.points).query(found.points)
+    signed = np.sum((found.points - expected.points[nearest]) * expected.normals[nearest], axis=1)
+    wrong = ndimage.binary_dilation(np.pad(signed < -inward_px, 16, mode="wrap"), iterations=8)[16:-16]
+    if not wrong.any():
+        return found
+    weight = ndimage.gaussian_filter1d(wrong.astype(float), 4.0, mode="wrap")[:, None]
+    even = _even(found.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
+    return Outline(even.points, even.normals, found.clear_share * float(1 - wrong.mean()))
+
+
+def enlarged(outline: Outline, factor: int) -> Outline:
+    """An outline in pixels that are `factor` times smaller."""
+    return _even(outline.points * factor + (factor - 1) / 2, smooth=0.0)
+
+
+def silhouette_of_outline(outline: Outline, window: Window, camera: Camera) -> Silhouette:
+    """Signed distance to the curve: exact to first order within 12 px, clipped there."""
+    columns, rows = window.small_size_px
+    inside = np.zeros((rows, columns), np.uint8)
+    cv2.fillPoly(inside, [np.rint(outline.points * 16).astype(np.int32)], 1, shift=4)
+    band = BAND_PX / window.shrink
+    signed = np.where(inside > 0, band, -band).astype(np.float32)
+    y, x, nearest = _nearest_samples(outline.points, (rows, columns), band)
+    normals = outline.normals[nearest]
+    off = (x - outline.points[nearest, 0]) * normals[:, 0] + (y - outline.points[nearest, 1]) * normals[:, 1]
+    signed[y, x] = np.clip(-off, -band, band)
+    return Silhouette(signed * window.shrink, window, camera)
+
+
+def _nearest_samples(
+    points: Float[np.ndarray, "n 2"], shape: tuple[int, int], within_px: float
+) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
+    """Rows and columns of the pixels near a curve, and the sample next to each, to about a sample."""
+    column, row = np.rint(points).astype(int).T
+    there = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
+    column, row = column[there], row[there]
+    away = np.ones(shape, np.uint8)
+    away[row, column] = 0
+    distance, labels = cv2.distanceTransformWithLabels(
+        away, cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    sample = np.zeros(int(labels.max()) + 1, int)
+    sample[labels[row, column]] = np.flatnonzero(there)
+    y, x = np.nonzero(distance < within_px)
+    return y, x, sample[labels[y, x]]
+
+
+def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    weight = ndimage.gaussian_filter1d(known.astype(float), 6.0, mode="wrap")
+    smooth = ndimage.gaussian_filter1d(values * known, 6.0, mode="wrap") / np.maximum(weight, 1e-3)
+    return np.where(known, np.clip(values, smooth - 0.7, smooth + 0.7), smooth)
+
+
+def _even(points: Float[np.ndarray, "n 2"], *, smooth: float) -> Outline:
+    """Resample a closed curve to even spacing; normals from a slightly smoothed copy, pointing outward."""
+    closed = np.concatenate([points, points[:1]])
+    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
+    even = np.stack([np.interp(at, along, closed[:, 0]), np.interp(at, along, closed[:, 1])], axis=1)
+    samples_per_px = SAMPLES / max(along[-1], 1e-6)
+    if smooth > 0:
+        even = ndimage.gaussian_filter1d(even, smooth * samples_per_px, axis=0, mode="wrap")
+    smoother = ndimage.gaussian_filter1d(even, 2 * samples_per_px, axis=0, mode="wrap")
+    tangent = np.roll(smoother, -1, 0) - np.roll(smoother, 1, 0)
+    normal = np.stack([tangent[:, 1], -tangent[:, 0]], axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    area = np.sum(even[:, 0] * np.roll(even[:, 1], -1) - even[:, 1] * np.roll(even[:, 0], -1))
+    return Outline(even, normal if area > 0 else -normal, 0.0)

@@ -1,0 +1,305 @@
+"""Which cells and pixels are fruit: a clean plate, each pixel's odds, each photo's cut, a block by vote."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.cameras.camera import Camera
+from recon.learned.fruit_model import FruitModel
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes import mask as colour
+from recon.silhouettes.background_plate import GroundViews, Plate, clean_plate, ground_views
+from recon.silhouettes.carve import AGREEMENT, Block, carve
+from recon.silhouettes.mask import Behind, Window
+from recon.silhouettes.star_cut import star_cuts
+
+COARSE_SIDE_PX = 300
+SURE_ODDS = 2.0
+FEWEST_CELLS = 60
+CORE_SHARE = 0.4
+FEWEST_SURE_PIXELS = 500
+PRIOR_ODDS, PRIOR_SHARE = 8.0, 0.03
+UNKNOWN_ODDS = (-0.3, 0.5)
+"""Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
+what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
+BLURRED_ODDS, MOST_LEARNED_ODDS = 2.0, 4.0
+"""Log odds of the fruit model count less the first, at most the second: within 2 of nought lies its blurred
+edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
+0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
+THINNED = 2
+"""Scales of the ground's noise and the share of the strange are means over tens of thousands of pixels: every
+second pixel and line tells them as well."""
+
+
+@dataclass(frozen=True)
+class View:
+    """A photo's window around the fruit: Lab colours, their cells in a histogram, and what the fruit model
+    adds to the log odds of fruit (0 without one).
+    """
+
+    index: int
+    window: Window
+    camera: Camera
+    colours: Float[np.ndarray, "h w 3"]
+    cells: Int[np.ndarray, "h w"]
+    learned: Float[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What is known of the fruit in a view's shrunk window: surely fruit, and perhaps fruit."""
+
+    sure: Bool[np.ndarray, "h w"]
+    perhaps: Bool[np.ndarray, "h w"]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Undistorted photos of one fruit on the plane z = 0, the box (mm) that it stands in, and the fruit model
+    that is asked, if any.
+    """
+
+    images: Sequence[UInt8[np.ndarray, "h w 3"]]
+    cameras: Sequence[Camera]
+    low_mm: Float[np.ndarray, "3"]
+    high_mm: Float[np.ndarray, "3"]
+    model: FruitModel | None = None
+
+    @cached_property
+    def ground(self) -> GroundViews:
+        """The plane under and around the box as the photos show it."""
+        reach = float(np.abs(np.stack([self.low_mm, self.high_mm])[:, :2]).max())
+        half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
+        return ground_views(self.images, self.cameras, half_width_mm=half_width)
+
+    def plate(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> Plate:
+        """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
+        return clean_plate(self.ground, covered)
+
+    def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[View]:
+        """The photos' windows around some points, about `side_px` wide once shrunk."""
+        windows = {}
+        for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
+            window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
+            if window is not None:
+                windows[i] = window
+        views = []
+        for (i, window), learned in zip(windows.items(), self._learned(windows), strict=True):
+            colours = window.small_lab()
+            views.append(View(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
+        return views
+
+    def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "h w"]]:
+        """What the fruit model adds to the log odds in each window."""
+        sizes = [w.small_size_px for w in windows.values()]
+        if self.model is None or not windows:
+            return [np.zeros(size[::-1], np.float32) for size in sizes]
+        told = self.model.log_odds(
+            [self.images[i] for i in windows],
+            [w.corner_px for w in windows.values()],
+            sizes,
+            [w.shrink for w in windows.values()],
+        )
+        return [
+            np.clip(x - np.clip(x, -BLURRED_ODDS, BLURRED_ODDS), -MOST_LEARNED_ODDS, MOST_LEARNED_ODDS)
+            for x in told
+        ]
+
+
+def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
+    """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
+
+    The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
+    views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
+    """
+    corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
+    views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
+    plate = scene.plate(None)
+    scatter = colour.plate_scatter(plate)
+    odds, known, masks = [], [], []
+    for view in views:
+        behind = colour.ground_behind(view.window, plate, scatter, view.camera)
+        odds.append(colour.first_odds(view.colours, behind) + view.learned)
+        known.append(behind.known)
+        masks.append(colour.tidy(odds[-1]) | ~behind.known)
+    try:
+        return _carved(masks, views, scene, agreement)
+    except ReconFailure:
+        alike = _alike(views, odds, known, scene.low_mm, scene.high_mm)
+        return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene, agreement)
+
+
+def _alike(
+    views: list[View],
+    odds: list[Float[np.ndarray, "h w"]],
+    known: list[Bool[np.ndarray, "h w"]],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
+
+    They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
+    pixels surely unlike the plate, where the middle of the box projects to.
+    """
+    x, y, z = (np.linspace(-s, s, 9) for s in (1.0, 1.0, 1.0))
+    grid = np.stack(np.meshgrid(x, y, z), axis=-1).reshape(-1, 3)
+    middle, half = (low + high) / 2, (high - low) / 2
+    core = middle + grid * half * CORE_SHARE
+    core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
+    sure = []
+    for view, odd, there in zip(views, odds, known, strict=True):
+        columns, rows = view.window.small_size_px
+        hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
+        inside = np.zeros((rows, columns), np.uint8)
+        cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
+        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & there])
+    pixels = np.concatenate(sure)
+    if len(pixels) < FEWEST_SURE_PIXELS:
+        return [np.zeros_like(there) for there in known]
+    return [colour.looks_like(v.colours, pixels) & there for v, there in zip(views, known, strict=True)]
+
+
+def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene, agreement: float) -> Block:
+    """The coarse fruit that the masks agree on, or the failure that there is none."""
+    windows, cameras = [v.window for v in views], [v.camera for v in views]
+    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
+    if block.filled.sum() < FEWEST_CELLS:
+        raise no_fruit("the photos show nothing but the support")
+    return block
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What does not change while the fruit's colours are learned: the pixels (counted line by line) of which
+    the odds are asked, elsewhere prior and fruit model say all; their densities under the plate and the
+    surroundings and the share of the strange; what prior and model say; and where the plate is known.
+    """
+
+    asked: Int[np.ndarray, " n"]
+    on_plate: Float[np.ndarray, " n"]
+    other: Float[np.ndarray, " n"]
+    strange: Float[np.ndarray, " n"]
+    before: Float[np.ndarray, "h w"]
+    known: Bool[np.ndarray, "h w"]
+
+
+def learned_odds(
+    views: Sequence[View], bounds: Sequence[Bounds], plate: Plate, centre_mm: Float[np.ndarray, "3"]
+) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    """Log odds of fruit against ground in every view, and the mask that they make.
+
+    The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
+    ground's on what is surely not. (Learned once more, inside the masks, they took a glossy cherry's shadow
+    in: 0.138 instead of 0.130 mm.) Outside of what may be fruit the odds are against it. `centre_mm` is about
+    the fruit's middle.
+    """
+    ground = [
+        cv2.dilate(b.perhaps.astype(np.uint8), _disc(max(3, round(0.02 * len(b.perhaps))))) == 0
+        for b in bounds
+    ]
+    around = colour.colour_density(
+        np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
+    )
+    scatter = colour.plate_scatter(plate)
+    told = [
+        _told(v, b, out, colour.ground_behind(v.window, plate, scatter, v.camera), around)
+        for v, b, out in zip(views, bounds, ground, strict=True)
+    ]
+    inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
+    fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
+    odds = [
+        _odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
+        for v, own, t in zip(views, inside, told, strict=True)
+    ]
+    centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
+    masks = star_cuts(odds, [v.colours for v in views], centres)
+    return odds, masks
+
+
+def _told(
+    view: View,
+    bound: Bounds,
+    ground: Bool[np.ndarray, "h w"],
+    behind: Behind,
+    around: Float[np.ndarray, " c"],
+) -> _Told:
+    """One view's densities; how strange it is to the plate is asked of every THINNED-th pixel and line."""
+    thin = (slice(None, None, THINNED), slice(None, None, THINNED))
+    colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
+    noise = colour.ground_noise(colours, few, out)
+    palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
+    strange = colour.strange_share(
+        colour.ground_density(colours, few, noise), colour.density_at(palette, cells), out
+    )
+    strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
+    prior = _prior(bound)
+    asked = np.flatnonzero(np.abs(prior) < PRIOR_ODDS)
+    return _Told(
+        asked=asked,
+        on_plate=colour.ground_density(view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise),
+        other=colour.density_at(palette, view.cells.ravel()[asked]),
+        strange=strange.ravel()[asked],
+        before=prior + view.learned,
+        known=behind.known,
+    )
+
+
+def _odds(
+    told: _Told, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
+) -> Float[np.ndarray, "h w"]:
+    found = colour.colour_odds(
+        colour.density_at(fruit, cells.ravel()[told.asked]), told.on_plate, told.other, told.strange
+    )
+    odds = told.before.copy()
+    known = told.known.ravel()[told.asked]
+    odds.ravel()[told.asked] += np.where(known, found, np.clip(found, *UNKNOWN_ODDS))
+    return odds
+
+
+def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
+    """Log odds for what is surely fruit, against what cannot be; each grows over PRIOR_SHARE of the side."""
+    width = PRIOR_SHARE * len(bound.sure)
+    outside = cv2.distanceTransform((~bound.perhaps).astype(np.uint8), cv2.DIST_L2, 3)
+    inside = cv2.distanceTransform(bound.sure.astype(np.uint8), cv2.DIST_L2, 3)
+    prior = PRIOR_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1))
+    return np.asarray(prior, np.float32)
+
+
+def pixels_of(block: Block, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
+    """The cells' shadow in a camera's shrunk window."""
+    columns, rows = window.small_size_px
+    points = block.points
+    at = np.rint(window.into_small(camera.project(points))).astype(int)
+    ok = (at >= 0).all(1) & (at[:, 0] < columns) & (at[:, 1] < rows)
+    hit = np.zeros((rows, columns), np.uint8)
+    hit[at[ok, 1], at[ok, 0]] = 1
+    depth = float(camera.into(points.mean(0)[None])[0, 2])
+    size = int(block.cell_mm * camera.focal_px / depth / window.shrink) + 2
+    return np.asarray(
+        cv2.morphologyEx(hit, cv2.MORPH_CLOSE, np.ones((2 * size + 1, 2 * size + 1), np.uint8)) > 0
+    )
+
+
+def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w"]:
+    """What lies deeper inside than so many pixels, two at least."""
+    inside = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
+    return np.asarray(inside > max(2.0, by_px))
+
+
+def _disc(radius_px: int) -> UInt8[np.ndarray, "k k"]:
+    size = 2 * radius_px + 1
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)), np.uint8)
+
+
+def no_fruit(fault: str) -> ReconFailure:
+    """The failure that there is no fruit, and why it is thought so."""
+    return ReconFailure(
+        ReconProblem.NO_FRUIT,
+        f"No fruit found: {fault}; expected one fruit in the blank centre, seen from all around: check the "
+        f"photos.",
+    )

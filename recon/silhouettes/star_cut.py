@@ -1,0 +1,77 @@
+"""The best closed contours around points: log odds and steps of colour parted by dynamic programming."""
+
+from collections.abc import Sequence
+from functools import cache
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float
+
+from recon.silhouettes.ring_path import best_rings
+
+RAYS = 384
+STEP_PX = 1.0
+MOST_ODDS = 1.5
+EDGE_GAIN = 18.0
+EDGE_LAB = 25.0
+EDGE_PX = 2
+BEND = 3.0
+STEEPEST = 5
+BEYOND_PX, FEWEST_RADII = 6.0, 8
+"""Rays end so far outside the last pixel that may be fruit, after so many steps at least."""
+
+
+def star_cuts(
+    odds: Sequence[Float[np.ndarray, "h w"]],
+    colours: Sequence[Float[np.ndarray, "h w 3"]],
+    centres: Sequence[Float[np.ndarray, "2"]],
+) -> list[Bool[np.ndarray, "h w"]]:
+    """Of each picture the region star-shaped about its centre (column, row) that parts the odds best.
+
+    Along each of RAYS rays the contour lies at one radius r; its gain is the sum of the odds inside r less
+    those outside (each clipped to +-MOST_ODDS), plus up to EDGE_GAIN for a step of colour at r. Radii of
+    neighbouring rays differ by at most STEEPEST steps, at a cost of BEND a step. This is the minimum cut with
+    a star-shape prior (Veksler 2008), found by dynamic programming round the ring.
+    """
+    gains = [_gain(o, c, centre) for o, c, centre in zip(odds, colours, centres, strict=True)]
+    longest = max(g.shape[1] for g in gains)
+    stacked = np.full((len(gains), RAYS, longest), -1e6, np.float32)
+    for row, gain in zip(stacked, gains, strict=True):
+        row[:, : gain.shape[1]] = gain
+    paths = best_rings(stacked, bend=BEND, steepest=STEEPEST)
+    masks = []
+    for path, centre, picture in zip(paths, centres, odds, strict=True):
+        contour = centre + ((path + 1) * STEP_PX)[:, None] * _rays()
+        mask = np.zeros(picture.shape, np.uint8)
+        cv2.fillPoly(mask, [np.rint(contour * 16).astype(np.int32)], 1, shift=4)
+        masks.append(mask > 0)
+    return masks
+
+
+def _gain(
+    odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
+) -> Float[np.ndarray, "r k"]:
+    rows, columns = odds.shape
+    y, x = np.nonzero(odds > -MOST_ODDS)
+    furthest = float(np.hypot(x - centre[0], y - centre[1]).max()) if len(x) else 0.0
+    radii = np.arange(STEP_PX, max(furthest + BEYOND_PX, FEWEST_RADII * STEP_PX), STEP_PX)
+    at = (centre + radii[None, :, None] * _rays()[:, None]).astype(np.float32)
+    u, v = at[..., 0], at[..., 1]
+    inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
+    values = cv2.remap(odds.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    values = np.where(inside, np.clip(values, -MOST_ODDS, MOST_ODDS), np.float32(-0.5 * MOST_ODDS))
+    values *= np.float32(STEP_PX)
+    total = np.cumsum(values, axis=1)
+    profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    apart = profile[:, 2 * EDGE_PX :] - profile[:, : -2 * EDGE_PX]
+    apart *= apart
+    step = np.zeros_like(total)
+    step[:, EDGE_PX:-EDGE_PX] = np.sqrt(apart[..., 0] + apart[..., 1] + apart[..., 2])
+    edge = np.minimum(step * np.float32(EDGE_GAIN / EDGE_LAB), np.float32(EDGE_GAIN)) * inside
+    return np.asarray(2 * total - total[:, -1:] + edge, np.float32)
+
+
+@cache
+def _rays() -> Float[np.ndarray, "r 2"]:
+    angles = np.arange(RAYS) * 2 * np.pi / RAYS
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)

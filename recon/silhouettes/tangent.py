@@ -1,0 +1,113 @@
+"""A hull settled onto the outlines: where a view grazes the skin the outline says where it is, between views
+it bends least.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy import sparse
+from scipy.sparse.linalg import splu
+
+from recon.silhouettes.hull import Silhouette
+from recon.triangle_mesh import neighbour_mean, rim_crossings, vertex_normals
+
+ROUNDS, CAUTIOUS_ROUNDS = 8, 5
+STIFFNESS = 6.0
+REACH_SHARE = 0.03
+LEAST_SPREAD_PX = 0.35
+SPREADS = 3.0
+SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
+"""How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in
+the CAUTIOUS_ROUNDS first rounds; over the SHADED before that it counts ever less."""
+SPREADING = 6
+
+
+@dataclass(frozen=True)
+class Settled:
+    """A surface that lies on the outlines: its vertices, how many rims hold each of them, and the median miss
+    (mm).
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    support: Float[np.ndarray, " n"]
+    miss_mm: float
+
+
+def settled(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    silhouettes: Sequence[Silhouette],
+    *,
+    floor_mm: float | None,
+) -> Settled:
+    """A hull's vertices moved along their normals until its rims lie on the outlines.
+
+    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by about
+    r δ² / 2 at δ from the nearest tangent view), inward by the noise, because the innermost outline wins.
+    Here all outlines count alike. A rim of a view is where an edge's ends face to and away from the camera;
+    its signed distance to that view's outline, interpolated, is one equation for the shift δ of the edge's
+    ends,
+
+        min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
+
+    with L the mean of the neighbours less the vertex and w Geman and McClure's weight for wrong outlines,
+    solved again on the moved mesh. The lowest vertex belongs on the floor, where there is one, and none lies
+    below it. Rims that look down at it have the fruit's own shadow behind them: in the first rounds those
+    beyond 53 degrees do not count at all, and what the rest say of the bottom tells afterwards which of them
+    are wrong.
+    """
+    i, j = _edges(faces)
+    L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))
+    x = vertices.copy()
+    size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
+    misses, held = np.zeros(1), np.zeros(len(x))
+    for turn in range(ROUNDS):
+        normals = vertex_normals(x, faces)
+        rows, values, pixel_mm = [], [], []
+        for s in silhouettes:
+            a, b, t = rim_crossings(x, normals, i, j, s.camera.place)
+            depth = (1 - t) * s.depth_mm(x[a]) + t * s.depth_mm(x[b])
+            near = np.abs(depth) < (REACH_SHARE if turn else 2 * REACH_SHARE) * size
+            rows.append(np.stack([a, b, 1 - t, t])[:, near])
+            values.append(depth[near])
+            pixel_mm.append(float(np.median(s.camera.into(x[:50])[:, 2])) / s.camera.focal_px)
+        a, b, wa, wb = np.concatenate(rows, axis=1)
+        miss = np.concatenate(values)
+        count = np.arange(len(miss))
+        A = sparse.csr_array(
+            (np.concatenate([wa, wb]), (np.tile(count, 2), np.concatenate([a, b]).astype(int))),
+            shape=(len(miss), len(x)),
+        )
+        spread = max(1.48 * float(np.median(np.abs(miss))), LEAST_SPREAD_PX * float(np.median(pixel_mm)))
+        weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
+        if floor_mm is not None:
+            down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
+            none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM
+            weight *= np.clip((none_from - down) / SHADED, 0.0, 1.0) ** 2
+        normal_of = A.T @ sparse.diags(weight) @ A + STIFFNESS * (L.T @ L)
+        right = A.T @ (weight * miss) - STIFFNESS * (L.T @ np.einsum("ij,ij->i", normals, L @ x))
+        if floor_mm is not None:
+            lowest = int(x[:, 2].argmin())
+            pull = sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
+            normal_of = normal_of + pull
+            right[lowest] += 100.0 * (x[lowest, 2] - floor_mm)
+        matrix = sparse.csc_array(normal_of + 1e-6 * sparse.identity(len(x)))
+        shift = splu(
+            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+        ).solve(right)
+        limit = 0.1 * size
+        x = x + np.clip(shift, -limit, limit)[:, None] * normals
+        if floor_mm is not None:
+            x[:, 2] = np.maximum(x[:, 2], floor_mm)
+        misses, held = miss, np.asarray(A.T @ weight).ravel()
+    for _ in range(SPREADING):
+        held = held + 0.5 * (L @ held)
+    return Settled(x, held, float(np.median(np.abs(misses))))
+
+
+def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
+    every = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    i, j = np.unique(every, axis=0).T
+    return i, j

@@ -1,0 +1,59 @@
+"""The fruit frame: stem end up z, suture towards +x, origin under the middle of the fruit on its support
+plane. The placement convention makes it; the shape of the fruit checks it.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.surface.orientation import Stance
+
+SURE = 0.5
+MOST_TILT_DEG = 15.0
+MOST_TURN_DEG = 20.0
+
+
+def to_fruit_frame(
+    vertices: Float[np.ndarray, "n 3"],
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
+    """A photographed mesh in its fruit frame, and `fruit_from_mesh` that takes it there.
+
+    On a mat the fruit is laid stem end up, suture towards the mat's +x, so that the frame is the mat's,
+    shifted: the origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
+
+    >>> to_fruit_frame(np.array([[1.0, 2.0, 3.0], [3.0, 6.0, 4.0]]))[0].tolist()
+    [[-1.0, -2.0, 0.0], [1.0, 2.0, 1.0]]
+    """
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    fruit_from_mesh = np.eye(4)
+    fruit_from_mesh[:3, 3] = -np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return vertices + fruit_from_mesh[:3, 3], fruit_from_mesh
+
+
+def stance_doubts(stance: Stance) -> tuple[str, ...]:
+    """Sentences where the shape, with a confidence of 0.5 or more, contradicts how the fruit should stand.
+
+    The frame itself stays as placed: the recordings' poses are written in it, so that turning it after the
+    fact would move the pads off the places that they touched. `stance` is that of the mesh in the fruit
+    frame.
+    """
+    out = []
+    if stance.stem_confidence >= SURE and stance.tilt_deg > MOST_TILT_DEG:
+        out.append(
+            f"The stem axis appears tilted by {stance.tilt_deg:.0f} degrees (a hollow "
+            f"{stance.hollow_mm:.1f} mm deep; "
+            f"confidence {stance.stem_confidence:.2f}): the pit was placed for a fruit that stands stem "
+            f"end up; set "
+            "the fruit upright, photograph and grasp it again, or give its pit as pit.ply."
+        )
+    elif stance.suture_confidence >= SURE and abs(stance.turn_deg) > MOST_TURN_DEG:
+        side = "left" if stance.turn_deg > 0 else "right"
+        out.append(
+            f"The suture appears turned by {abs(stance.turn_deg):.0f} degrees to the {side} of the mat's "
+            f"arrow, or of "
+            f"+x (a groove {stance.groove_mm:.1f} mm deep; confidence {stance.suture_confidence:.2f}): the "
+            f"pit was "
+            "placed for a suture towards the arrow; turn the fruit, photograph and grasp it again, or give "
+            "its pit as "
+            "pit.ply."
+        )
+    return tuple(out)

@@ -1,0 +1,176 @@
+"""Photo-consistency of small surface patches: how well the views agree on them, and where along the normals
+they agree best.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import sampled
+from recon.triangle_mesh import facing
+
+SIDE = 7
+PATCH_STEP_PX = 1.7
+FACING = 0.35
+"""Least cosine between normal and line of sight: flatter than 70 degrees a patch shrinks to a third."""
+FEWEST_VIEWS = 3
+VIEW_COUNTS = (5, 8)
+"""Views compared. Few face the bottom of a narrow cavity; many average a highlight out that moves between
+them."""
+LEAST_CONTRAST = (1.2, 0.8)
+"""Least standard deviation of a patch, grey levels, as it is and without its gradient; noise of a photo after
+the blur is about 0.5."""
+LEAST_SCORE = (0.5, 0.4)
+DISTINCT, DISTINCT_STEPS = 0.1, 3
+HIGHLIGHT, MOST_HIGHLIGHT = 215.0, 0.05
+
+
+@dataclass(frozen=True)
+class View:
+    """A photo in grey levels, blurred to what the patches resolve, and its camera."""
+
+    grey: Float[np.ndarray, "h w"]
+    camera: Camera
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Surface points (mm), outward normals, and mean curvature (1/mm, negative where convex)."""
+
+    points: Float[np.ndarray, "n 3"]
+    normals: Float[np.ndarray, "n 3"]
+    curvature: Float[np.ndarray, " n"]
+
+    def __getitem__(self, rows: np.ndarray) -> "Patches":
+        return Patches(self.points[rows], self.normals[rows], self.curvature[rows])
+
+
+def grey_views(images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[Camera]) -> list[View]:
+    """Photos as the patches are compared in: grey, slightly blurred."""
+    return [
+        View(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)
+        for i, c in zip(images, cameras, strict=True)
+    ]
+
+
+def views_facing(patches: Patches, views: Sequence[View]) -> Float[np.ndarray, " n"]:
+    """How many views each patch faces well enough to be compared in."""
+    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
+    return np.asarray((cosine > FACING).sum(axis=0))
+
+
+def agreement(
+    patches: Patches, views: Sequence[View], offsets_mm: Float[np.ndarray, " d"]
+) -> tuple[Float[np.ndarray, "k n d"], Bool[np.ndarray, "k n d"]]:
+    """Mean pairwise correlation of each patch in the views that face it most, moved along its normal.
+
+    With unit patches p_v of zero mean the score is (|sum_v p_v|² - K) / (K (K - 1)). k runs over VIEW_COUNTS
+    for patches as they are, then for patches less their gradient (which shading and blurred mirror images
+    have, and texture has not). Where fewer than three views show contrast and no highlight, the score is 0
+    and the second answer False.
+    """
+    cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
+    rank = np.argsort(np.argsort(-cosine, axis=0, kind="stable"), axis=0)
+    square = _square(patches, views)
+    shape = (2, len(VIEW_COUNTS), len(square), len(offsets_mm))
+    total, count = np.zeros((*shape, SIDE * SIDE), np.float32), np.zeros(shape, np.float32)
+    for view, ranks, cosines in zip(views, rank, cosine, strict=True):
+        rows = np.flatnonzero((ranks < max(VIEW_COUNTS)) & (cosines > FACING))
+        if len(rows) == 0:
+            continue
+        values = _seen(square[rows], patches.normals[rows], view, offsets_mm)
+        dull = np.mean(values > HIGHLIGHT, axis=2) < MOST_HIGHLIGHT
+        values -= values.mean(axis=2, keepdims=True)
+        for kind in range(2):
+            if kind:
+                values -= (values @ _GRADIENT) @ _GRADIENT.T
+            length = np.sqrt(np.einsum("ndp,ndp->nd", values, values))
+            good = dull & (length > LEAST_CONTRAST[kind] * SIDE)
+            unit = values * np.where(good, 1 / np.maximum(length, 1e-9), 0.0).astype(np.float32)[..., None]
+            for k, most in enumerate(VIEW_COUNTS):
+                among = ranks[rows] < most
+                total[kind, k, rows[among]] += unit[among]
+                count[kind, k, rows[among]] += good[among]
+    power = np.einsum("skndp,skndp->sknd", total, total)
+    enough = count >= FEWEST_VIEWS
+    scores = np.where(enough, (power - count) / np.maximum(count * (count - 1), 1), 0.0)
+    return scores.reshape(-1, *shape[2:]).astype(float), enough.reshape(-1, *shape[2:])
+
+
+def best_offsets(
+    scores: Float[np.ndarray, "k n d"], offsets_mm: Float[np.ndarray, " d"]
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Offset (mm) where the scores peak, to a part of the step by a parabola, and its weight, the score
+    squared; 0 where no peak is high and distinct, or where two such peaks are over three steps apart.
+    """
+    step = float(offsets_mm[1] - offsets_mm[0])
+    each = [_peak(s, offsets_mm, LEAST_SCORE[k // len(VIEW_COUNTS)]) for k, s in enumerate(scores)]
+    offset, weight = np.stack([o for o, _ in each]), np.stack([w for _, w in each])
+    best = np.take_along_axis(offset, weight.argmax(0)[None], axis=0)
+    same = np.abs(offset - best) <= DISTINCT_STEPS * abs(step)
+    agreed = ~((weight > 0) & ~same).any(axis=0)
+    shares = weight * same
+    mean = (shares * offset).sum(0) / np.maximum(shares.sum(0), 1e-9)
+    return mean, np.where(agreed, weight.max(0), 0.0)
+
+
+def _square(patches: Patches, views: Sequence[View]) -> Float[np.ndarray, "n p 3"]:
+    """Points of square patches as wide as SIDE steps of pixels, bent as the surface is."""
+    depth = [np.median(v.camera.into(patches.points)[:, 2]) / v.camera.focal_px for v in views]
+    normals = patches.normals
+    aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
+    across = np.cross(normals, aside)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normals, across)
+    steps = (np.arange(SIDE) - (SIDE - 1) / 2) * PATCH_STEP_PX * float(np.median(depth))
+    u, v = (g.ravel() for g in np.meshgrid(steps, steps))
+    flat = patches.points[:, None] + u[None, :, None] * across[:, None] + v[None, :, None] * along[:, None]
+    bulge = 0.5 * patches.curvature[:, None] * (u**2 + v**2)
+    return np.asarray(flat + bulge[..., None] * normals[:, None])
+
+
+def _seen(
+    square: Float[np.ndarray, "n p 3"],
+    normals: Float[np.ndarray, "n 3"],
+    view: View,
+    offsets_mm: Float[np.ndarray, " d"],
+) -> Float[np.ndarray, "n d p"]:
+    """Grey levels of patches in one view at every offset."""
+    P = view.camera.intrinsics @ view.camera.cam_from_world[:3]
+    start = (square @ P[:, :3].T + P[:, 3]).astype(np.float32)
+    step = (normals @ P[:, :3].T).astype(np.float32)
+    h = start[:, None] + offsets_mm.astype(np.float32)[None, :, None, None] * step[:, None, None]
+    pixels = (h[..., :2] / h[..., 2:]).reshape(-1, 2)
+    return sampled(view.grey, pixels, outside=0.0).reshape(len(square), len(offsets_mm), -1)
+
+
+def _peak(
+    scores: Float[np.ndarray, "n d"], offsets: Float[np.ndarray, " d"], least: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    rows = np.arange(len(scores))
+    best = scores.argmax(1)
+    inner = np.clip(best, 1, len(offsets) - 2)
+    low, mid, high = scores[rows, inner - 1], scores[rows, inner], scores[rows, inner + 1]
+    bend = low - 2 * mid + high
+    shift = np.where(bend < -1e-6, 0.5 * (low - high) / np.where(bend < -1e-6, bend, -1.0), 0.0)
+    offset = offsets[inner] + np.clip(shift, -1, 1) * (offsets[1] - offsets[0])
+    score = scores[rows, best]
+    edge = (best == 0) | (best == len(offsets) - 1)
+    far = np.abs(np.arange(len(offsets))[None] - best[:, None]) > DISTINCT_STEPS
+    second = np.where(far, scores, -1.0).max(1)
+    trusted = (score > least) & ~edge & (score - second > DISTINCT)
+    return offset, np.where(trusted, score**2, 0.0)
+
+
+def _gradient() -> Float[np.ndarray, "p 2"]:
+    """Unit patches that rise evenly along each side."""
+    steps = np.arange(SIDE) - (SIDE - 1) / 2
+    rises = np.stack([g.ravel() for g in np.meshgrid(steps, steps)], axis=1)
+    return np.asarray((rises / np.linalg.norm(rises, axis=0)).astype(np.float32))
+
+
+_GRADIENT = _gradient()

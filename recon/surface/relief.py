@@ -1,0 +1,165 @@
+"""Relief that no silhouette shows (the stem cavity, a suture): the outline surface moved along its normals to
+where photos agree, kept only where photos that took no part in the search agree better than before.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.hull import split
+from recon.surface.photo_consistency import FEWEST_VIEWS, View, grey_views, views_facing
+from recon.surface.relief_mesh import OutlineMesh, grown, outline_mesh, roundness, vertices_per_patch
+from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, refined, searched
+from recon.surface.relief_verdict import Region, judged, mean_gain
+
+COARSE, FINE = 4, 5
+"""Levels of the ball (2562 and 10242 vertices) that are searched first and where a region is kept: 2 and 1 mm
+apart on a peach; patches are about 4 mm wide."""
+SUPPORT_WEIGHT = 5.0
+"""Pull (as a weight) back to the outline surface where rims hold it: five times the best depth's."""
+MOST_ROUNDS = 4
+"""Rounds on the finer mesh. What is left moves by under 0.03 mm a round."""
+HELD_SHARE, RIM_RINGS, ZONE_RINGS = 0.2, 2, 3
+"""Vertices held by under a fifth of what rims hold the median one may move, and so many rings around them;
+so many rings around a region kept are refined."""
+LEAST_MEAN_GAIN, LEAST_MEAN_GAIN_LESS_AVERAGED = 0.03, 0.2
+"""Mean rise of correlation that a region must bring, by search. True cavities brought 0.07 to 0.55 with
+AVERAGED; with LESS_AVERAGED a nectarine's brought 0.44 to 0.55, skin without texture 0.037, a glossy
+cherry's wrong region 0.099:
+
+    python benchmarks/recon_relief.py FOLDER... --set LEAST_MEAN_GAIN_LESS_AVERAGED=0.03
+"""
+LEAST_AGAIN_GAIN, LEAST_FINE_GAIN = 0.05, 0.02
+"""Mean rise of correlation that a search on the finer mesh must bring over the whole range, and near the
+surface found. True improvements brought 0.099 and 0.28 over the whole range; one on mirror images, wrong by
+0.2 mm, 0.034; with 0.004 near the surface bank set 12 (glossy plum) gets worse, 0.052 -> 0.060 mm:
+
+    python benchmarks/recon_relief.py FOLDER... --set LEAST_AGAIN_GAIN=0.0 --set LEAST_FINE_GAIN=0.0
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relief:
+    """A surface with its relief, and what is known of it at each vertex.
+
+    `measured`: placed by photos that agree, in a region that held-out views confirm. `bridged`: 1 where the
+    outline surface is so flat that outlines may bridge a hollow, 0 where it is round; where it is high and
+    `measured` is not, the skin may lie deeper by more than the outlines' error tells.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    measured: Bool[np.ndarray, " n"]
+    bridged: Float[np.ndarray, " n"]
+    regions: tuple[Region, ...]
+
+
+def relief(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    cameras: Sequence[Camera],
+    *,
+    support: Float[np.ndarray, " n"],
+) -> Relief:
+    """A surface on `ball`'s directions, moved where photos show that outlines bridge a hollow.
+
+    Only vertices that few rims hold (`support`) or where the surface is flat may move, and only where at
+    least three of every second view and three of the others face them. The first half of the views is
+    searched: for each vertex a small patch, bent as the surface is, slides along the normal to where the
+    views' mean pairwise correlation is highest, and a membrane on the mesh fills between high and distinct
+    peaks. The second half judges each connected region that moved: a vertex confirms it where its correlation
+    in the held-out views is higher by LEAST_GAIN than on the outline surface. The same search run where rims
+    hold a round surface, which relief cannot improve, tells how often that happens by chance p0 (per patch,
+    (k0 + 1) / (n0 + 2): Laplace); a region is kept where the binomial tail P(K >= k; n, p0) is under CHANCE,
+    everything else stays on the outlines. Where nothing is kept, both searches are made once more with scores
+    averaged over fewer neighbours. Regions kept are searched again near the surface found on a finer
+    mesh (over the whole range where coarse vertices are further apart than patches are wide), each time only
+    while the held-out views agree better with what comes out.
+    """
+    finer = round(np.log(max(len(vertices) - 2, 10) / 10) / np.log(4))
+    coarse = outline_mesh(vertices, faces, min(COARSE, finer))
+    count = len(coarse.outline.points)
+    convex = roundness(coarse.outline.curvature * coarse.radius_mm)
+    bridged = np.clip(split(1 - convex[:, None], coarse.level, finer)[:, 0], 0.0, 1.0)
+    nothing = Relief(vertices=vertices, measured=np.zeros(len(vertices), bool), bridged=bridged, regions=())
+    views = grey_views(images, cameras)
+    halves = views[::2], views[1::2]
+    if len(halves[1]) < FEWEST_VIEWS:
+        return nothing
+    seen = np.minimum(*(views_facing(coarse.outline, half) for half in halves)) >= FEWEST_VIEWS
+    if not seen.any():
+        return nothing
+    held = support[:count] * convex
+    loose = seen & (held < HELD_SHARE * np.median(held[seen]))
+    loose = seen & grown(loose, coarse.faces, RIM_RINGS)
+    certain = seen & ~grown(loose, coarse.faces, 1) & (convex > 0.9)
+    certain &= support[:count] > 0.5 * np.median(support[:count])
+    held = SUPPORT_WEIGHT * held
+    regions: tuple[Region, ...] = ()
+    for averaged, least in (
+        (AVERAGED, LEAST_MEAN_GAIN),
+        (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED),
+    ):
+        found = searched(coarse, halves[0], loose, held, averaged=averaged)
+        if not (found.far & (found.weight > 0)).any():
+            continue
+        null = searched(coarse, halves[0], certain, np.zeros(count), averaged=averaged)
+        regions, kept = judged(coarse, halves[1], found, null, least_mean_gain=least)
+        if kept.any():
+            break
+    else:
+        return replace(nothing, regions=regions)
+    zone = grown(kept, coarse.faces, ZONE_RINGS) & loose & ~(found.far & ~kept)
+    if (found.far & ~zone).any():
+        found = searched(coarse, halves[0], zone, held, averaged=averaged)
+    fine = outline_mesh(vertices, faces, min(FINE, finer))
+    again = vertices_per_patch(coarse, views) < 1
+    surface, measured = _finer(coarse, fine, found, zone, held, halves, again=again)
+    return Relief(
+        vertices=vertices + split(surface - fine.outline.points, fine.level, finer),
+        measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
+        bridged=bridged,
+        regions=regions,
+    )
+
+
+def _finer(
+    coarse: OutlineMesh,
+    fine: OutlineMesh,
+    found: Found,
+    zone: Bool[np.ndarray, " n"],
+    held: Float[np.ndarray, " n"],
+    halves: tuple[Sequence[View], Sequence[View]],
+    *,
+    again: bool,
+) -> tuple[Float[np.ndarray, "m 3"], Bool[np.ndarray, " m"]]:
+    """A surface found, improved on a finer mesh inside a zone while the second half of the views agrees
+    better with what the first half finds; and where it was measured. `again`: over the whole range first.
+
+    The second half is asked up to 3 + MOST_ROUNDS times: once or twice whether regions are kept (`judged`),
+    once for `again`, once a round. As the same views decide each time, they are strictly held out only when
+    first asked, and their gain over all steps is no unbiased score of the result. What protects against
+    following their noise: they are never searched, only accept or refuse what the first half found as a
+    whole; and each step must raise their mean correlation over the zone by LEAST_AGAIN_GAIN or
+    LEAST_FINE_GAIN, well above zero, or the rounds end.
+    """
+
+    def spread(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
+        return split(values, coarse.level, fine.level)
+
+    surface = fine.outline.points + spread(found.surface - coarse.outline.points)
+    measured = spread((found.weight > 0)[:, None].astype(float))[:, 0] > 0
+    zone = spread(zone[:, None].astype(float))[:, 0] > 0.5
+    if again:
+        other = searched(fine, halves[0], zone, spread(held[:, None])[:, 0], averaged=AVERAGED)
+        if mean_gain(fine, halves[1], surface, other.surface, zone) > LEAST_AGAIN_GAIN:
+            surface, measured = other.surface, measured | (other.weight > 0)
+    for _ in range(MOST_ROUNDS):
+        better, placed = refined(fine, surface, halves[0], zone)
+        if mean_gain(fine, halves[1], surface, better, zone) < LEAST_FINE_GAIN:
+            break
+        surface, measured = better, measured | placed
+    return surface, measured
