@@ -35,8 +35,8 @@ from pipeline.layout import Results
 from pipeline.stages import grade_fruit
 from pipeline.task import fruit_task
 from recon.surface.mesh_file import write_mesh
-from samples.batch import write_scan
 from samples.fruit import fruits_of_seed
+from samples.sample_batch import write_scan
 
 SHIPPED = Path(__file__).parents[1] / "samples" / "data" / "nectarines"
 SHIPPED_SEED, SHIPPED_COUNT = 1, 4

@@ -19,12 +19,12 @@ import numpy as np
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.failure import SampleFailure
 from samples.fruit import Pit, SampleFruit, fruit_of_seed, scanned_mesh
-from samples.grasp import simulate
 from samples.grasp_plan import hold_along, two_cycles
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit, scanned_skin
+from samples.sample_failure import SampleFailure
+from samples.simulated_grasp import simulate
 from tactile.io.recording import Recording, write_recording
 
 FINENESS = Fineness(degrees=(0, 5, 10, 15, 28, 45), along=3, depths=(0, 0.2, 0.5, 1))

@@ -10,9 +10,9 @@ import numpy as np
 
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruit_of_seed, scanned_mesh
-from samples.grasp import MARKER_AREA_MM2, marker_grid
 from samples.grasp_plan import hold_along, two_cycles
 from samples.sensor_noise import SensorNoise, measured
+from samples.simulated_grasp import MARKER_AREA_MM2, marker_grid
 from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.registration import depth_along
 

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import kendalltau
 
-from samples.raw_grasp import write_raw_grasp, write_sensor
+from samples.raw_frames import write_raw_grasp, write_sensor
 from tactile.io.recording import GelPad, read_recording
 
 

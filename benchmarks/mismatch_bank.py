@@ -10,9 +10,9 @@ import argparse
 import time
 from pathlib import Path
 
-from samples.failure import SampleFailure
 from samples.mismatch.bank import SEED, outsiders, pairs, singles, write_bank_case
 from samples.mismatch.nulls import write_nulls
+from samples.sample_failure import SampleFailure
 
 
 def main() -> None:

@@ -9,13 +9,13 @@ nothing with the tetrahedra that grading makes from the photos. The recordings, 
 mat.json become a batch folder, on which `drupe grade` runs as a process of its own: cameras, mesh, pit and
 modulus all come from what a user would hand in, but for Poisson's ratio: batch.toml states the true one.
 The pit that grading assumes is the prior of the kind of fruit (recon/priors), not the true pit. The bank's
-pits scatter (samples/scenes/shape.py; 1 % of the half box per axis, 4 % in size) exactly about the prior's
-proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box from the
-prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So for
-nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no kind of a
-wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn` the batch
-brings a category file of its own, the shipped one with the proportions about which the bank's pits were
-drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit. With
+pits scatter (samples/scenes/scene_fruit.py; 1 % of the half box per axis, 4 % in size) exactly about the
+prior's proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box
+from the prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So
+for nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no
+kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn`
+the batch brings a category file of its own, the shipped one with the proportions about which the bank's
+pits were drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit. With
 `--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
@@ -42,12 +42,12 @@ import numpy as np
 from recon.pit.priors import FOLDER
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.failure import NotInEquilibrium
 from samples.fruit import Pit, SampleFruit, Skin
-from samples.grasp import simulate
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
-from samples.scenes.shape import KINDS
+from samples.sample_failure import NotInEquilibrium
+from samples.scenes.scene_fruit import KINDS
+from samples.simulated_grasp import simulate
 from tactile.io.recording import write_recording
 
 MOST_ERROR = 0.02
@@ -113,7 +113,7 @@ def category_of_bank(kind: str) -> str:
     """The shipped category file with the proportions about which the bank draws the kind's pits."""
     shipped = (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
     drawn = ", ".join(f"{share:g}" for share in KINDS[kind].pit_over_box)
-    own = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/shape.py" }}'
+    own = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/scene_fruit.py" }}'
     return re.sub(r"^axis_ratios = .*$", own, shipped, flags=re.MULTILINE)
 
 

@@ -16,7 +16,7 @@ from recon.cameras.mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.kinds import KINDS, fruit_of_kind
-from samples.photos import PhotoOptions, write_photos
+from samples.photo_set import PhotoOptions, write_photos
 
 
 def main() -> None:

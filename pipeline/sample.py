@@ -16,7 +16,7 @@ def write_sample(
 
     `folder` is empty or not there yet; a new one appears whole or not at all.
     """
-    from samples.failure import SampleFailure
+    from samples.sample_failure import SampleFailure
 
     target = folder.resolve()
     with scratch(beside=target) as beside:
@@ -24,7 +24,7 @@ def write_sample(
             if seed is None:
                 _copied(beside / "batch", name)
             else:
-                from samples.batch import write_batch
+                from samples.sample_batch import write_batch
 
                 write_batch(
                     beside / "batch",

@@ -14,10 +14,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from samples.brick_flesh import assembled, shape_gradients
 from samples.factors import Solve, factorise
-from samples.failure import NotInEquilibrium
-from samples.flesh import assembled, shape_gradients
 from samples.hexahedra import lagrange, with_midpoints
+from samples.sample_failure import NotInEquilibrium
 
 SHIPPED_X = (-13.0, -10.5, -8.5, -7.2, *np.arange(-6.2, 6.3, 1.0333333), 7.2, 8.5, 10.5, 13.0)
 SHIPPED_Y = (-11.0, -9.2, -8.0, -7.1, *np.arange(-6.2, 6.3, 1.0333333), 7.1, 8.0, 9.2, 11.0)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from samples.failure import RendererMissing
+from samples.sample_failure import RendererMissing
 from samples.viewpoints import View
 
 

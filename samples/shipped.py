@@ -3,7 +3,7 @@
 import shutil
 from pathlib import Path
 
-from samples.failure import SampleFailure
+from samples.sample_failure import SampleFailure
 
 _DATA = Path(__file__).parent / "data"
 

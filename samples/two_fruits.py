@@ -3,10 +3,10 @@
 from pathlib import Path
 
 from recon.cameras.mat import standard_mat
-from samples.batch import Progress, write_answers, write_grasps, write_scan, write_settings
 from samples.fruit import fruits_of_seed
 from samples.hexahedra import SHIPPED, Fineness
-from samples.photos import PhotoOptions, write_photos
+from samples.photo_set import PhotoOptions, write_photos
+from samples.sample_batch import Progress, write_answers, write_grasps, write_scan, write_settings
 
 SEED = 2
 FEW = 2

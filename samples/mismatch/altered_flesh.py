@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import coo_array, csr_array
 
-from samples.flesh import Flesh, assembled, rigid_tie
+from samples.brick_flesh import Flesh, assembled, rigid_tie
 from samples.hexahedra import lagrange
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 

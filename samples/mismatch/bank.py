@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from samples.mismatch.case import write_first_that_balances
-from samples.mismatch.outside import OUTSIDE
-from samples.mismatch.planted import EFFECTS
+from samples.mismatch.case_simulation import write_first_that_balances
+from samples.mismatch.injected import EFFECTS
+from samples.mismatch.out_of_catalogue import OUTSIDE
 
 SEED = 2026
 

@@ -12,11 +12,11 @@ from jaxtyping import Float
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.grasp import SENSOR
 from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, MESH_ERROR_MM, DrawnFruit, scanned_skin
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.mismatch.true_recording import TrueRecording
 from samples.sensor_noise import SensorNoise, measured
+from samples.simulated_grasp import SENSOR
 from tactile.io.recording import GelPad, Recording, write_recording
 
 MESH_CELLS = 33

@@ -14,7 +14,7 @@ def _shares() -> Float[np.ndarray, "27 27"]:
 
 
 def integration_points_mm(bricks: Bricks) -> Float[np.ndarray, "m 27 3"]:
-    """Places of the 27 integration points of every cell, in the order of samples.flesh."""
+    """Places of the 27 integration points of every cell, in the order of samples.brick_flesh."""
     return np.asarray(np.einsum("gn,mni->mgi", _shares(), bricks.nodes_mm[bricks.cells]))
 
 

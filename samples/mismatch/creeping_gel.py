@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from samples.contact import Gel
+from samples.gel_contact import Gel
 from samples.mismatch.grip import Grip, Instant, next_instant
 
 

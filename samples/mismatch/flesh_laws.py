@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Float
 
-from samples.failure import NotInEquilibrium
+from samples.sample_failure import NotInEquilibrium
 
 State = tuple[np.ndarray, ...]
 

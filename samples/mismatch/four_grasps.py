@@ -7,7 +7,7 @@ import numpy as np
 from samples.cubed_sphere import even_sphere
 from samples.fruit import Skin
 from samples.grasp_plan import Hold
-from samples.mismatch.programme import Motion, four_manners, motion_of
+from samples.mismatch.protocol import Motion, four_manners, motion_of
 
 TILT_SD_DEG, UNEVEN_SD_MM = 4.0, 0.02
 OBLIQUE_TURN_DEG, OBLIQUE_TILT_DEG = 45.9, -28.8

@@ -1,8 +1,9 @@
 """A gel pad as a bed of springs, each held by the skin point it met: contact followed from the gel's side.
 
-Every gel point X carries the traction of samples.contact: pressure kn times depth, shear kt times how far the
-skin point x that it met has moved aside, and no more shear than friction times pressure. A gel point that is
-free looks straight up at the skin; what it sees when the skin comes through the gel's face, it keeps.
+Every gel point X carries the traction of samples.gel_contact: pressure kn times depth, shear kt times how
+far the skin point x that it met has moved aside, and no more shear than friction times pressure. A gel
+point that is free looks straight up at the skin; what it sees when the skin comes through the gel's face,
+it keeps.
 """
 
 from dataclasses import dataclass, replace
@@ -11,9 +12,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from samples.contact import Gel, traction
-from samples.failure import NotInEquilibrium
+from samples.gel_contact import Gel, traction
 from samples.mismatch.skin_points import seen_from_above, settle_in_cell, weights
+from samples.sample_failure import NotInEquilibrium
 
 HALF_WIDTH_MM, PER_MM = 10.0, 2
 CLOSE_MM, SPACE_MM = 0.1, 1.0

@@ -12,8 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
-from samples.contact import Gel, traction
-from samples.failure import NotInEquilibrium
+from samples.gel_contact import Gel, traction
 from samples.mismatch.gel_bed import (
     Bed,
     Held,
@@ -25,6 +24,7 @@ from samples.mismatch.gel_bed import (
     nothing_held,
 )
 from samples.mismatch.skin_patch import Patch
+from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N = 2e-7
 LOOKS = 4

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.machine_effects import with_clock_lag
-from samples.mismatch.programme import Motion
+from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 
 

@@ -8,10 +8,10 @@ changes.
 import numpy as np
 from jaxtyping import Float
 
-from samples.failure import NotInEquilibrium
 from samples.mismatch.flesh_laws import FleshLaw, State
 from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
+from samples.sample_failure import NotInEquilibrium
 
 SETTLED_MM = 4e-4
 REST_S = 1e4

@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
-from samples.contact import Gel
-from samples.failure import NotInEquilibrium
+from samples.gel_contact import Gel
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import CATEGORIES, DrawnFruit, drawn_fruit, with_new_prior
 from samples.mismatch.four_grasps import four_grasps
+from samples.mismatch.meshed_fruit import standing
 from samples.mismatch.schur import schur_complement
-from samples.mismatch.standing import standing
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
+from samples.sample_failure import NotInEquilibrium
 
 NOTHING = Label(effect="none", parameters={})
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from samples.contact import Gel
-from samples.grasp import marker_grid
+from samples.gel_contact import Gel
 from samples.grasp_plan import Hold
 from samples.mismatch.bodies import Body
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.gel_bed import bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
-from samples.mismatch.programme import Motion
-from samples.mismatch.standing import Standing, nodes_of
+from samples.mismatch.meshed_fruit import Standing, nodes_of
+from samples.mismatch.protocol import Motion
+from samples.simulated_grasp import marker_grid
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
+from samples.brick_flesh import Flesh, rigid_tie
 from samples.factors import Solve, factorise
-from samples.flesh import Flesh, rigid_tie
 
 
 @dataclass(frozen=True, kw_only=True)

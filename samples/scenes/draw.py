@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from samples.fruit import SampleFruit, box_mm
-from samples.scenes.coin import Coin, draw_coin
+from samples.scenes.euro_coin import Coin, draw_coin
 from samples.scenes.ground import GROUNDS, Ground, draw_ground
 from samples.scenes.light import Light, draw_light
 from samples.scenes.phone import PIPELINES, Pipeline, Shot, draw_pipeline
-from samples.scenes.shape import draw_fruit
+from samples.scenes.scene_fruit import draw_fruit
 from samples.scenes.sheet import Sheet, draw_sheet
-from samples.scenes.skin import SkinLook, draw_skin
+from samples.scenes.skin_optics import SkinLook, draw_skin
 from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, Camera, draw_camera, hand_held
 from samples.viewpoints import View
 

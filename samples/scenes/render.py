@@ -11,13 +11,13 @@ from jaxtyping import Bool, Float
 from samples.cubed_sphere import even_sphere
 from samples.fruit import box_mm
 from samples.renderer import denoiser, layers_of, mitsuba, sensor, vertex_normals, window_sensor
-from samples.scenes.coin import coin_mesh
 from samples.scenes.draw import Scene
+from samples.scenes.euro_coin import coin_mesh
 from samples.scenes.ground import ground_shape
 from samples.scenes.lens import margin_px
 from samples.scenes.light import flash_mesh, flash_radiance, photographer_mesh, standing_lights
 from samples.scenes.sheet import sheet_mat, sheet_mesh, sheet_texture
-from samples.scenes.skin import skin_attributes, skin_bsdf
+from samples.scenes.skin_optics import skin_attributes, skin_bsdf
 from samples.viewpoints import View
 
 _PAPER_BELOW_MM = 0.02

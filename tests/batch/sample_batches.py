@@ -8,8 +8,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from samples.batch import write_scan
 from samples.fruit import fruits_of_seed
+from samples.sample_batch import write_scan
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = """

@@ -3,15 +3,15 @@
 import numpy as np
 from ball_fruit import ball
 
-from samples.contact import Gel
 from samples.fruit import Pit, SampleFruit
+from samples.gel_contact import Gel
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import Body
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp, through_centre
 from samples.mismatch.grip import InnerContact
-from samples.mismatch.programme import Motion
-from samples.mismatch.standing import Standing, standing
+from samples.mismatch.meshed_fruit import Standing, standing
+from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
 ROUGH = Fineness(degrees=(0, 7, 14, 45), along=1, depths=(0, 0.3, 1))

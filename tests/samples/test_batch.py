@@ -7,10 +7,10 @@ import pytest
 
 from recon.cameras.mat import parse_mat
 from recon.surface.mesh_file import read_mesh
-from samples.batch import write_batch
-from samples.failure import SampleFailure
 from samples.fruit import mesh_volume_mm3
 from samples.hexahedra import COARSE
+from samples.sample_batch import write_batch
+from samples.sample_failure import SampleFailure
 from tactile.io.recording import GelPad, read_recording
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from ball_fruit import ball
 
+from samples.brick_flesh import Law, flesh_of
 from samples.cubed_sphere import even_sphere
 from samples.factors import factorise
-from samples.flesh import Law, flesh_of
 from samples.fruit import fruit_of_seed
 from samples.hexahedra import COARSE, Fineness, flesh_bricks
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from samples.contact import Gel, at_markers, gel_areas, gel_points, settled, traction, untouched
+from samples.gel_contact import Gel, at_markers, gel_areas, gel_points, settled, traction, untouched
 
 GEL = Gel(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05, friction=0.5)
 

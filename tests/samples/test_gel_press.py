@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from samples.failure import NotInEquilibrium
 from samples.gel_press import BallPose, GelBlock, gel_block, pressed
+from samples.sample_failure import NotInEquilibrium
 
 SIDES = (-6, -3.5, -2.4, -1.6, -0.8, 0, 0.8, 1.6, 2.4, 3.5, 6)
 RADIUS, FRICTION = 6.0, 0.4

@@ -8,17 +8,17 @@ import pytest
 from mismatch_ball import drawn_ball
 
 from recon.surface.mesh_file import read_mesh
-from samples.contact import Gel
-from samples.failure import SampleFailure
-from samples.grasp import marker_grid
+from samples.gel_contact import Gel
 from samples.mismatch.bank import outsiders, pairs, singles
-from samples.mismatch.case import planned
 from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
-from samples.mismatch.catalogue import drawn_parameters
+from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
-from samples.mismatch.planted import EFFECTS
-from samples.mismatch.programme import four_manners, motion_of
+from samples.mismatch.injected import EFFECTS
+from samples.mismatch.protocol import four_manners, motion_of
+from samples.mismatch.strengths import drawn_parameters
 from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.sample_failure import SampleFailure
+from samples.simulated_grasp import marker_grid
 from tactile.io.recording import GelPad, read_recording
 
 

@@ -4,22 +4,22 @@ import numpy as np
 import pytest
 from mismatch_ball import ROUGH, drawn_ball, motion, rough, squeezed, total_N
 
-from samples.contact import Gel
-from samples.failure import SampleFailure
-from samples.flesh import Flesh, flesh_of, rigid_tie
+from samples.brick_flesh import Flesh, flesh_of, rigid_tie
+from samples.gel_contact import Gel
 from samples.hexahedra import flesh_bricks
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, uneven, with_skin, with_soft_spot
 from samples.mismatch.bodies import ElasticBody, RelaxingBody
-from samples.mismatch.case import body_of
+from samples.mismatch.case_simulation import body_of
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Damaged, Lame, Stiffening, Yielding
 from samples.mismatch.grip import before_touch
+from samples.mismatch.injected import Planted
 from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.planted import Planted
 from samples.mismatch.schur import schur_complement
 from samples.mismatch.true_recording import grip_of
 from samples.mismatch.whole_fruit import whole_fruit
+from samples.sample_failure import SampleFailure
 
 LAME = Lame(mu=0.2, lam=1.1)
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion, rough, squeezed, total_N
 
-from samples.contact import Gel
 from samples.factors import factorise
-from samples.grasp import simulate
+from samples.gel_contact import Gel
 from samples.grasp_plan import Programme
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.schur import schur_complement
+from samples.simulated_grasp import simulate
 
 FINER_UNDER_THE_PAD = Fineness(degrees=(0, 4.3, 8.6, 13, 45), along=1, depths=(0, 0.3, 1))
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion
 
-from samples.contact import Gel
-from samples.grasp import marker_grid
+from samples.gel_contact import Gel
+from samples.mismatch.injected import Planted
 from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
 from samples.mismatch.machine_effects import (
     with_drift,
@@ -15,9 +15,9 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.outside import believed, with_hysteresis, with_thermal_drift
-from samples.mismatch.planted import Planted
+from samples.mismatch.out_of_catalogue import believed, with_hysteresis, with_thermal_drift
 from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.simulated_grasp import marker_grid
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, motion, rough, squeezed, total_N
 
-from samples.failure import SampleFailure
 from samples.mismatch.bodies import ElasticBody
-from samples.mismatch.outside import Outside, drawn_outside, outside_body, split_pit_stiffness
+from samples.mismatch.out_of_catalogue import Outside, drawn_outside, outside_body, split_pit_stiffness
 from samples.mismatch.schur import schur_complement
+from samples.sample_failure import SampleFailure
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
 

@@ -11,17 +11,17 @@ from recon.cameras.mat import detect_tags, mat_mapping, parse_mat
 from recon.cameras.photos import read_photo
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import box_mm, skin_mesh
-from samples.scenes.coin import DIAMETER_MM, coin_mesh
 from samples.scenes.draw import Scene, draw_scene, scene_mapping
+from samples.scenes.euro_coin import DIAMETER_MM, coin_mesh
 from samples.scenes.ground import GROUNDS, ground_texture
 from samples.scenes.jpeg import write_jpeg
 from samples.scenes.lens import distorted_picture, distorted_pixels, margin_px, pinhole_pixels
 from samples.scenes.light import LIGHTS, flash_mesh, photographer_mesh, room_picture
 from samples.scenes.phone import Pipeline, Shot, developed, exposed
 from samples.scenes.render import RenderOptions, fruit_mask, widened
-from samples.scenes.shape import KINDS
+from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
-from samples.scenes.skin import COLOURS, GLOSSES, skin_attributes
+from samples.scenes.skin_optics import COLOURS, GLOSSES, skin_attributes
 from samples.scenes.write import cameras_mapping, complete, metered_gain, write_scene
 from samples.viewpoints import View
 

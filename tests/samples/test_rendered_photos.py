@@ -8,9 +8,9 @@ import pytest
 from recon.cameras.mat import detect_tags, standard_mat
 from samples.appearance import mat_texture, skin_colours, table_texture
 from samples.cubed_sphere import even_sphere
-from samples.failure import RendererMissing
 from samples.fruit import fruit_of_seed
-from samples.photos import PhotoOptions, write_photos
+from samples.photo_set import PhotoOptions, write_photos
+from samples.sample_failure import RendererMissing
 from samples.viewpoints import rings
 
 

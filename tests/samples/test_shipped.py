@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from samples.failure import SampleFailure
+from samples.sample_failure import SampleFailure
 from samples.shipped import shipped_batches, write_shipped
 from tactile.io.recording import GelPad, read_recording
 

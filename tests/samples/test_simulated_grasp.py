@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from ball_fruit import ball
 
-from samples.contact import Gel
 from samples.fruit import SampleFruit, fruit_of_seed
-from samples.grasp import Grasp, simulate
+from samples.gel_contact import Gel
 from samples.grasp_plan import Hold, Programme, hold_along, planned_grasps, two_cycles
 from samples.hexahedra import COARSE, Fineness
 from samples.sensor_noise import SensorNoise, measured
+from samples.simulated_grasp import Grasp, simulate
 
 SILENT = SensorNoise(
     displacement_mm=0, reference_mm=0, force_N=0, reference_N=0, displacement_scale=0, force_scale=0,

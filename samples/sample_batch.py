@@ -14,12 +14,12 @@ import numpy as np
 
 from recon.cameras.mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
-from samples.failure import SampleFailure
 from samples.fruit import SampleFruit, box_mm, fruits_of_seed, mesh_volume_mm3, scanned_mesh, skin_mesh
-from samples.grasp import simulate
 from samples.grasp_plan import planned_grasps
 from samples.hexahedra import SHIPPED, Fineness
-from samples.photos import PhotoOptions, write_photos
+from samples.photo_set import PhotoOptions, write_photos
+from samples.sample_failure import SampleFailure
+from samples.simulated_grasp import simulate
 from tactile.io.recording import write_recording
 
 __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]

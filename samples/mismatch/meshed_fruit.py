@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from samples.flesh import Flesh, flesh_of
+from samples.brick_flesh import Flesh, flesh_of
 from samples.hexahedra import Fineness, flesh_bricks
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp

@@ -8,24 +8,13 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from samples.failure import NotInEquilibrium, SampleFailure
 from samples.mismatch.bodies import Body, ElasticBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
-from samples.mismatch.catalogue import drawn_parameters
 from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, CATEGORIES, Category, DrawnFruit, drawn_fruit
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
+from samples.mismatch.freestone import LoosePitBody, loose_stiffness, pit_contact
 from samples.mismatch.grip import InnerContact
-from samples.mismatch.lagged_motion import recorded_late, with_instants
-from samples.mismatch.loose_pit import LoosePitBody, loose_stiffness, pit_contact
-from samples.mismatch.machine_effects import (
-    with_drift,
-    with_gain,
-    with_gripper_compliance,
-    with_pose_error,
-)
-from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.outside import Outside, drawn_outside, outside_body, outside_recorded
-from samples.mismatch.planted import (
+from samples.mismatch.injected import (
     MATERIAL_LAWS,
     Planted,
     altered_stiffness,
@@ -37,10 +26,21 @@ from samples.mismatch.planted import (
     spot_under_pad,
     touches_widely,
 )
+from samples.mismatch.lagged_motion import recorded_late, with_instants
+from samples.mismatch.machine_effects import (
+    with_drift,
+    with_gain,
+    with_gripper_compliance,
+    with_pose_error,
+)
+from samples.mismatch.meshed_fruit import CASE, Standing, standing
+from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.out_of_catalogue import Outside, drawn_outside, outside_body, outside_recorded
 from samples.mismatch.schur import schur_complement
-from samples.mismatch.standing import CASE, Standing, standing
+from samples.mismatch.strengths import drawn_parameters
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
+from samples.sample_failure import NotInEquilibrium, SampleFailure
 
 Progress = Callable[[str], None]
 

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from samples.failure import SampleFailure
 from samples.mismatch.machine_effects import PAD_NAMES
+from samples.sample_failure import SampleFailure
 
 Range = tuple[float, float]
 LEVELS = (0, 1, 2)

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from samples.contact import Gel
-from samples.failure import SampleFailure
-from samples.flesh import Flesh
+from samples.brick_flesh import Flesh
+from samples.gel_contact import Gel
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, Stiffening, Yielding
 from samples.mismatch.four_grasps import CaseGrasp
+from samples.sample_failure import SampleFailure
 
 EFFECTS = (
     "viscoelastic", "stiffening", "skin", "graded_modulus", "soft_spot", "anisotropy", "poisson_ratio",

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from samples.contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
+from samples.brick_flesh import Flesh
 from samples.factors import Solve, factorise
-from samples.failure import NotInEquilibrium
-from samples.flesh import Flesh
+from samples.gel_contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
+from samples.sample_failure import NotInEquilibrium
 
 REACH_MM = 9.9
 TOLERANCE = 3e-5

@@ -15,8 +15,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial.transform import Rotation
 
-from samples.failure import NotInEquilibrium
 from samples.hexahedra import Bricks, lagrange
+from samples.sample_failure import NotInEquilibrium
 
 Law = Literal["neo-hookean", "linear"]
 HOLDING_N_PER_MM = 2e-2

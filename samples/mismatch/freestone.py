@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array, hstack
 
-from samples.flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
 from samples.mismatch.grip import Grip, InnerContact, Instant, KeptTangent, next_instant
 from samples.mismatch.schur import schur_complement
 

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from samples.contact import Gel, at_markers
-from samples.failure import NotInEquilibrium
-from samples.flesh import Law, flesh_of
+from samples.brick_flesh import Law, flesh_of
 from samples.fruit import SampleFruit
+from samples.gel_contact import Gel, at_markers
 from samples.grasp_plan import Hold, Programme
 from samples.hexahedra import SHIPPED, Fineness, flesh_bricks
+from samples.quasi_static_contact import Moment, Squeeze, at_rest, squeeze_of, step
+from samples.sample_failure import NotInEquilibrium
 from samples.sensor_noise import SensorNoise, measured
-from samples.squeeze import Moment, Squeeze, at_rest, squeeze_of, step
 from tactile.io.recording import GelPad, Recording
 
 SENSOR = "20x20 marker gel"

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from samples.contact import Gel
-from samples.failure import SampleFailure
-from samples.flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.gel_contact import Gel
 from samples.mismatch.bodies import Body, ElasticBody
 from samples.mismatch.creeping_gel import CreepingGelBody
 from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Lame
+from samples.mismatch.meshed_fruit import Standing
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.schur import schur_complement
-from samples.mismatch.standing import Standing
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.mismatch.whole_fruit import whole_fruit
+from samples.sample_failure import SampleFailure
 
 OUTSIDE = ("split_pit", "palm", "gel_hysteresis", "thermal_drift", "gel_creep", "drainage")
 
