@@ -34,11 +34,11 @@ import numpy as np
 from campaign_inputs import Broken, cases
 from campaign_sound import write_sound
 
-from pipeline.batch import survey
-from pipeline.case import open_case
-from pipeline.check import check
-from pipeline.convert import Wanted, convert
-from pipeline.problem import BatchRefused
+from pipeline.batch.checking import check
+from pipeline.batch.opening import survey
+from pipeline.batch.problem import BatchRefused
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.recordings.conversion import Wanted, convert
 from recon.cameras.photos import read_photo
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh

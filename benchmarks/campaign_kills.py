@@ -29,11 +29,11 @@ from pathlib import Path
 
 import trimesh
 
-from pipeline import whole_file
-from pipeline.batch import open_batch
-from pipeline.layout import Results
-from pipeline.stages import grade_fruit
-from pipeline.task import fruit_task
+from pipeline.batch.layout import Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.task import fruit_task
+from pipeline.files import whole_file
+from pipeline.fruit.stages import grade_fruit
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import fruits_of_seed
 from samples.sample_batch import write_scan

@@ -36,7 +36,7 @@ from fem.solid.discretisation_error import discretisation_error
 from fem.solid.linear_solid import BASE_HEIGHT_MM, Support, UnitModulusSolid
 from fem.solid.rigid_core import reduced, reduction
 from fem.sparse.solver import factorise
-from pipeline.config import FleshMesh as Sizes
+from pipeline.batch.settings import FleshMesh as Sizes
 from recon.surface.mesh_file import read_mesh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))

@@ -43,7 +43,7 @@ from field_changes import (
     about_the_middle as middled,
 )
 
-from pipeline.doubts import PitKind
+from pipeline.fruit.input_doubts import PitKind
 from tactile.checks.finding import Field, Kind
 
 Said = Kind | PitKind

@@ -23,12 +23,12 @@ import numpy as np
 from field_fruit import Fruit, cheap_fruit, fruits_in, partner
 from field_list import MISTAKES, Answer, Mistake, naming
 
-from pipeline.batch import open_batch
-from pipeline.doubts import of_a_given_pit
-from pipeline.layout import Results
-from pipeline.records import FruitRecord, read_record, write_record
-from pipeline.stages import grade_fruit
-from pipeline.task import fruit_task
+from pipeline.batch.layout import Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.task import fruit_task
+from pipeline.fruit.input_doubts import of_a_given_pit
+from pipeline.fruit.stages import grade_fruit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh
 from tactile.checks.of_recording import recording_findings

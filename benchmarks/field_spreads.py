@@ -21,7 +21,7 @@ from field_fruit import Fruit, cheap_fruit, fruits_in
 from field_mistakes import graded
 from scipy.spatial import ConvexHull
 
-from pipeline.doubts import against_category
+from pipeline.fruit.input_doubts import against_category
 from recon.pit.priors import load_prior
 from tactile.checks.footprint import footprint, tilted
 from tactile.checks.jaws import closing_mm

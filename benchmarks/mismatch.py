@@ -23,12 +23,12 @@ from mismatch_score import score
 from mismatch_summary import summary, table
 
 from fem.fem_failure import FemFailure
-from pipeline.cache import code_version
-from pipeline.case import open_case
-from pipeline.diary import Diary
-from pipeline.finding import finding
-from pipeline.outcome import FruitEnded
-from pipeline.problem import BatchRefused
+from pipeline.batch.cache import code_version
+from pipeline.batch.outcome import FruitEnded
+from pipeline.batch.problem import BatchRefused
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import finding
+from pipeline.fruit.stage_log import Diary
 from recon.recon_failure import ReconFailure
 from tactile.tactile_failure import TactileFailure
 

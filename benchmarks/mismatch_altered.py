@@ -9,7 +9,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from pipeline.layout import CaseFolder
+from pipeline.batch.layout import CaseFolder
 from tactile.contact import Phase, find_contact
 from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.noise import Noise
@@ -36,7 +36,7 @@ def altered(ablation: str) -> Iterator[None]:
     if ablation == WHOLE:
         yield
         return
-    with patch("pipeline.grasp.read_recording", lambda path: change(read_recording(path), path)):
+    with patch("pipeline.fruit.placed_grasp.read_recording", lambda path: change(read_recording(path), path)):
         yield
 
 

@@ -32,10 +32,10 @@ from fem.mismatch.procedure import detection_statistics, plain_ground
 from fem.mismatch.selection.detection import LEVEL, NAMES, p_values_beside
 from fem.mismatch.selection.null_reference import FRUITS, NULLS
 from fem.mismatch.selection.screening import linear_round
-from pipeline.case import open_case
-from pipeline.diary import Diary
-from pipeline.finding import mismatch_case
-from pipeline.grasped import grasped_fruit
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import Diary
 
 USUALLY = 0.9
 BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"

@@ -6,7 +6,7 @@ import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter
-from pipeline.confirmed import PARAMETERS
+from pipeline.diagnosis.confirmed_effects import PARAMETERS
 
 NINETY = 1.645
 FAMILY = {effect.name: effect.family for effect in EFFECTS}

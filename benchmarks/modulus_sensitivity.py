@@ -22,7 +22,7 @@ from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.grasp import history, place_grasp
+from pipeline.fruit.placed_grasp import history, place_grasp
 from recon.surface.mesh_file import read_mesh
 
 Surface = tuple[np.ndarray, np.ndarray]

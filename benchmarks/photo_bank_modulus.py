@@ -15,8 +15,8 @@ from the prior's place; for apricots, plums and cherries they are drawn 2 to 25 
 for nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no
 kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn`
 the batch brings a category file of its own, the shipped one with the proportions about which the bank's
-pits were drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit. With
-`--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
+pits were drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit.
+With `--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
 standard deviation, CPU seconds of the grading, and what was warned of. Exit status 1 where an error is over

@@ -33,12 +33,12 @@ from fault_pictures import TrueView
 from fault_words import HARMLESS, WORDS
 from jaxtyping import Bool, Float
 
-from pipeline.config import Recon, Settings
-from pipeline.layout import FruitFolder, FruitResults
-from pipeline.outcome import FruitEnded
-from pipeline.records import Given
-from pipeline.shape import fruit_shape
-from pipeline.task import FruitTask
+from pipeline.batch.layout import FruitFolder, FruitResults
+from pipeline.batch.outcome import FruitEnded
+from pipeline.batch.records import Given
+from pipeline.batch.settings import Recon, Settings
+from pipeline.batch.task import FruitTask
+from pipeline.fruit.fruit_shape import fruit_shape
 from recon.cameras.mat import parse_mat
 from recon.cameras.photos import read_photos
 from recon.cameras.similarity import fitted_similarity

@@ -16,6 +16,8 @@ from typing import Annotated
 
 import typer
 
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.problem import BatchRefused
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.convert import convert
@@ -24,10 +26,8 @@ from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
 from pipeline.commands.mat import mat
 from pipeline.commands.sample import sample
-from pipeline.outcome import Outcome, ending_of
-from pipeline.problem import BatchRefused
-from pipeline.scratch import PREFIX
-from pipeline.whole_file import NotWritten
+from pipeline.files.scratch import PREFIX
+from pipeline.files.whole_file import NotWritten
 from recon.plain_file import printable
 
 app = typer.Typer(

@@ -17,7 +17,7 @@ def check(batch: BatchArgument) -> None:
     """
     require_libraries()
     with elsewhere():
-        from pipeline.check import check as check_batch
+        from pipeline.batch.checking import check as check_batch
     with said_when_interrupted(""):
         found = check_batch(batch)
     for one in found:

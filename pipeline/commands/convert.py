@@ -45,9 +45,9 @@ def convert(
     interrupted.
     """
     with elsewhere():
-        from pipeline.convert import Wanted
-        from pipeline.convert import convert as convert_source
-        from pipeline.progress import StageLines
+        from pipeline.batch.progress import StageLines
+        from pipeline.recordings.conversion import Wanted
+        from pipeline.recordings.conversion import convert as convert_source
         from tactile.tactile_failure import TactileFailure
 
     wanted = Wanted(

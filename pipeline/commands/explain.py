@@ -73,10 +73,10 @@ def explain(
     require_libraries()
     with elsewhere():
         load(*LOADED_LATE)
-        from pipeline.explain import NO_ANSWER, NotExplained, Wanted
-        from pipeline.explain import explain as explain_case
-        from pipeline.explain_summary import print_explanation
-        from pipeline.progress import StageLines
+        from pipeline.batch.progress import StageLines
+        from pipeline.diagnosis.explaining import NO_ANSWER, NotExplained, Wanted
+        from pipeline.diagnosis.explaining import explain as explain_case
+        from pipeline.diagnosis.terminal_summary import print_explanation
 
     console = Console(stderr=True)
     try:

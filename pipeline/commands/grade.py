@@ -35,8 +35,8 @@ def grade(
     """
     require_libraries()
     with elsewhere():
-        from pipeline.grade import grade as grade_batch
-        from pipeline.summary import print_summary
+        from pipeline.batch.grading import grade as grade_batch
+        from pipeline.batch.run_summary import print_summary
 
     try:
         status, entry = grade_batch(

@@ -5,8 +5,8 @@ from typing import Annotated
 
 import typer
 
+from pipeline.batch.paper_sizes import Paper
 from pipeline.commands.endings import said_when_interrupted
-from pipeline.paper import Paper
 from pipeline.safe_start import elsewhere
 
 
@@ -19,7 +19,7 @@ def mat(
 ) -> None:
     """Write the marker mat: mat.pdf to print at 100 %, and the mat.json that goes beside batch.toml."""
     with elsewhere():
-        from pipeline.mat import write_mat
+        from pipeline.batch.marker_mat import write_mat
     with said_when_interrupted(""):
         written = write_mat(folder, paper=paper, cherry=cherry)
     for path in written:

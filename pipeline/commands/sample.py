@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.commands.endings import said_when_interrupted
-from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
 
 
@@ -35,7 +35,7 @@ def sample(
             [Problem("sample", "--fruits and --no-photos are for new fruit; give a --seed too.")]
         )
     with elsewhere():
-        from pipeline.sample import write_sample
+        from pipeline.batch.sample_batches import write_sample
     with said_when_interrupted("; nothing was written"):
         write_sample(
             folder, name=name, seed=seed, fruits=fruits or 4, photos=photos, console=Console(stderr=True)

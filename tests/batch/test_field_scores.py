@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.doubts import PitKind
+from pipeline.fruit.input_doubts import PitKind
 from tactile.checks.finding import Kind
 
 ROOT = Path(__file__).parents[2]

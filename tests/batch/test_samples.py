@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from sample_batches import drupe
 
-from pipeline.batch import read_mat
+from pipeline.batch.opening import read_mat
 
 
 @pytest.fixture(scope="module")

@@ -7,10 +7,10 @@ import pytest
 from fake_explanation import GAIN, VISCOELASTIC, candidate, fake_explanation
 
 from fem.mismatch.result import HeldOut
-from pipeline.apply import confirmed_effects, why_not, with_effects
-from pipeline.config import read_settings
-from pipeline.confirmed import effects_on, faults, keyed
-from pipeline.problem import BatchRefused
+from pipeline.batch.problem import BatchRefused
+from pipeline.batch.settings import read_settings
+from pipeline.diagnosis.apply_to_settings import confirmed_effects, why_not, with_effects
+from pipeline.diagnosis.confirmed_effects import effects_on, faults, keyed
 from tactile.correction import SensorGain
 
 TEXT = """# a batch of our own

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pipeline.batch import survey
+from pipeline.batch.opening import survey
 
 
 def said(folder, text):

@@ -4,8 +4,8 @@ import os
 
 import numpy as np
 
-from pipeline.cache import Artifact, cached, file_hash, stage_key
-from pipeline.records import read_record
+from pipeline.batch.cache import Artifact, cached, file_hash, stage_key
+from pipeline.batch.records import read_record
 
 
 def make(counter):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import pipeline.calibrate
-from pipeline.calibrate import Presses, _scaled, as_toml, calibrate
+import pipeline.recordings.calibration
+from pipeline.batch.problem import BatchRefused
 from pipeline.cli import app
-from pipeline.problem import BatchRefused
+from pipeline.recordings.calibration import Presses, _scaled, as_toml, calibrate
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.press_modulus import GelGain

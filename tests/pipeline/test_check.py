@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline import check as checking
-from pipeline.batch import open_batch
-from pipeline.check import check, implausible_fruit
+from pipeline.batch import checking as checking
+from pipeline.batch.checking import check, implausible_fruit
+from pipeline.batch.opening import open_batch
 from pipeline.cli import app
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior

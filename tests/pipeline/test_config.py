@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from pipeline.config import read_settings
-from pipeline.problem import BatchRefused
+from pipeline.batch.problem import BatchRefused
+from pipeline.batch.settings import read_settings
 
 
 def refusals(tmp_path, text):

@@ -10,14 +10,20 @@ import pytest
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
-from pipeline.config import Pit, Settings
-from pipeline.confirmed import PARAMETERS, ConfirmedEffect, PitFound, pit_found
-from pipeline.effect_spread import _shifted
-from pipeline.flesh import error_budget, poisson_ratio
-from pipeline.flesh_effects import MECHANICS, catalogue_parameters, unused_warnings, used, with_departures
-from pipeline.layout import FruitResults
-from pipeline.report import _explained
-from pipeline.shape import embedded_pit
+from pipeline.batch.layout import FruitResults
+from pipeline.batch.settings import Pit, Settings
+from pipeline.diagnosis.confirmed_effects import PARAMETERS, ConfirmedEffect, PitFound, pit_found
+from pipeline.fruit.effect_spread import _shifted
+from pipeline.fruit.flesh_effects import (
+    MECHANICS,
+    catalogue_parameters,
+    unused_warnings,
+    used,
+    with_departures,
+)
+from pipeline.fruit.flesh_model import error_budget, poisson_ratio
+from pipeline.fruit.fruit_shape import embedded_pit
+from pipeline.ranking.report_entries import _explained
 from recon.surface.mesh_file import write_mesh
 
 NU = ConfirmedEffect(effect="poisson_ratio", parameters={"nu": 0.41}, sd={"nu": 0.007})

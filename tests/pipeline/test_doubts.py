@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
-from pipeline.doubts import (
+from pipeline.batch.records import PitFoundRecord
+from pipeline.fruit.input_doubts import (
     EXPLAINS,
     Doubt,
     causes_alone,
@@ -17,7 +18,6 @@ from pipeline.doubts import (
     remarks_of_grasps,
     signs_explained,
 )
-from pipeline.records import PitFoundRecord
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from samples.fruit import fruit_of_seed, scanned_mesh

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-import pipeline.elasticity as elasticity
+import pipeline.fruit.elasticity as elasticity
 from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory

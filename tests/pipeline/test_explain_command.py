@@ -14,8 +14,8 @@ import pytest
 from fake_explanation import GAIN, OTHERS, fake_explanation
 from threadpoolctl import threadpool_info, threadpool_limits
 
-import pipeline.finding
-import pipeline.grasped
+import pipeline.diagnosis.diagnosis
+import pipeline.fruit.grasped
 from fem.mismatch.result import Where
 from pipeline.cli import main
 from tactile.io.recording import IndenterPad, Recording, write_recording

@@ -8,10 +8,10 @@ import shutil
 import pytest
 from rich.console import Console
 
-from pipeline import grade as grading
-from pipeline.explain import Wanted, explain
-from pipeline.problem import BatchRefused
-from pipeline.records import FruitRecord, ModulusRecord, write_record
+from pipeline.batch import grading as grading
+from pipeline.batch.problem import BatchRefused
+from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
+from pipeline.diagnosis.explaining import Wanted, explain
 
 IDS = ("01", "02", "03", "04", "05")
 

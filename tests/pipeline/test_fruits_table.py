@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.fruits_table import read_fruits
-from pipeline.problem import BatchRefused
+from pipeline.batch.fruits_table import read_fruits
+from pipeline.batch.problem import BatchRefused
 
 
 def table(tmp_path, text):

@@ -6,11 +6,11 @@ import json
 import pytest
 from rich.console import Console
 
-from pipeline import grade as grading
-from pipeline.layout import write_whole
-from pipeline.outcome import Outcome
-from pipeline.problem import BatchRefused
-from pipeline.records import FruitRecord, Given, ModulusRecord, read_record, write_record
+from pipeline.batch import grading as grading
+from pipeline.batch.layout import write_whole
+from pipeline.batch.outcome import Outcome
+from pipeline.batch.problem import BatchRefused
+from pipeline.batch.records import FruitRecord, Given, ModulusRecord, read_record, write_record
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 

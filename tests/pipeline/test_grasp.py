@@ -15,7 +15,7 @@ from fem.estimation.modulus import estimate_modulus
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.grasp import grasp_record, history, place_grasp, refusal
+from pipeline.fruit.placed_grasp import grasp_record, history, place_grasp, refusal
 from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding, Kind, Rank
 from tactile.io.recording import read_recording, write_recording

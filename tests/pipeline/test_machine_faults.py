@@ -11,14 +11,15 @@ from types import SimpleNamespace
 
 import pytest
 
-from pipeline import cli, grade, runner
-from pipeline.alone import alone, is_held
-from pipeline.layout import write_whole
-from pipeline.memory import free_memory_MiB, jobs_that_fit
-from pipeline.outcome import Outcome, ending_of
-from pipeline.problem import BatchRefused
-from pipeline.scratch import PREFIX, scratch
-from pipeline.whole_file import MARK, NotWritten, put, sweep
+from pipeline import cli
+from pipeline.batch import grading, runner
+from pipeline.batch.layout import write_whole
+from pipeline.batch.memory import free_memory_MiB, jobs_that_fit
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.problem import BatchRefused
+from pipeline.files.results_lock import alone, is_held
+from pipeline.files.scratch import PREFIX, scratch
+from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 
 
 @pytest.mark.parametrize(
@@ -125,7 +126,9 @@ def test_unfinished_files_of_killed_runs_are_swept_and_others_are_not(tmp_path):
 
 def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    killed = "from pipeline.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
+    killed = (
+        "from pipeline.files.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
+    )
     done = subprocess.run(
         [sys.executable, "-c", killed], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False
     )
@@ -171,12 +174,12 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     photos = SimpleNamespace(folder=SimpleNamespace(fruit_ply=Path("/nowhere")))
     said = []
     console = SimpleNamespace(print=lambda text, **_: said.append(text))
-    monkeypatch.setattr(grade, "free_memory_MiB", lambda: 3200.0)
-    assert grade._jobs([photos] * 4, 4, console) == 2
+    monkeypatch.setattr(grading, "free_memory_MiB", lambda: 3200.0)
+    assert grading._jobs([photos] * 4, 4, console) == 2
     assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are left")
-    monkeypatch.setattr(grade, "free_memory_MiB", lambda: 200.0)
+    monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
     with pytest.raises(BatchRefused, match=r"has 200 MiB of memory left, and one fruit needs about 1500 MiB"):
-        grade._jobs([photos], 1, console)
+        grading._jobs([photos], 1, console)
 
 
 def test_a_folder_of_a_file_system_without_locks_is_written_into(tmp_path, monkeypatch):

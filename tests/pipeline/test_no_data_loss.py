@@ -11,9 +11,9 @@ import h5py
 import numpy as np
 import pytest
 
+from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.cli import main
-from pipeline.layout import FruitResults, Results, write_whole
-from pipeline.manifest import NotOurs
+from pipeline.files.manifest import NotOurs
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
@@ -174,7 +174,7 @@ def test_a_run_killed_between_list_and_file_leaves_nothing_unknown(tmp_path, mon
     results.claim()
     write_whole(results.record, "first")
     with monkeypatch.context() as killed:
-        killed.setattr("pipeline.layout.put", lambda *_: None)
+        killed.setattr("pipeline.batch.layout.put", lambda *_: None)
         write_whole(results.record, "never written")
     assert not list(results.in_the_way())
     write_whole(results.record, "third")

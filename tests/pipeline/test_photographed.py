@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.photographed import _photo_doubts, _plan
+from pipeline.fruit.photographed import _photo_doubts, _plan
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
 from recon.cameras.view_plan import plan_words

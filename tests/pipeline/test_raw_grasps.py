@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline import raw_grasps
-from pipeline.layout import FruitFolder, raw_grasp_files
-from pipeline.raw_grasps import kept_recording
+from pipeline.batch.layout import FruitFolder, raw_grasp_files
+from pipeline.fruit import raw_grasps
+from pipeline.fruit.raw_grasps import kept_recording
 from tactile.io.converted import Converted
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pipeline.batch import open_batch
-from pipeline.grade import _status
-from pipeline.layout import Results
-from pipeline.problem import BatchRefused
-from pipeline.records import FruitRecord, Given, GraspRecord, ModulusRecord
-from pipeline.reference_ratio import (
+from pipeline.batch.grading import _status
+from pipeline.batch.layout import Results
+from pipeline.batch.opening import open_batch
+from pipeline.batch.problem import BatchRefused
+from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord
+from pipeline.batch.run_summary import print_summary
+from pipeline.ranking.reference_ratio import (
     Ratio,
     against_references,
     as_measured,
     combined_ratio,
     corrected_modulus,
 )
-from pipeline.report import batch_entry
-from pipeline.summary import print_summary
+from pipeline.ranking.report_entries import batch_entry
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from reports.page import report_html

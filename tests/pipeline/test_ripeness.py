@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from pipeline.config import GradingClass
-from pipeline.ripeness import agreement, maturity, standings
+from pipeline.batch.settings import GradingClass
+from pipeline.ranking.maturity import agreement, maturity, standings
 
 CLASSES = (
     GradingClass(name="soft", E_max_MPa=0.3),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pipeline.layout import FruitResults
-from pipeline.records import MeshRecord, PitRecord
-from pipeline.shape import Pit, Shape, write_meshes
+from pipeline.batch.layout import FruitResults
+from pipeline.batch.records import MeshRecord, PitRecord
+from pipeline.fruit.fruit_shape import Pit, Shape, write_meshes
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import read_mesh
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from pipeline.records import Given, MeshRecord
-from pipeline.size_doubts import size_doubts
+from pipeline.batch.records import Given, MeshRecord
+from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.priors import load_prior
 
 MESH = MeshRecord(

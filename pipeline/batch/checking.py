@@ -1,0 +1,351 @@
+"""`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.batch.fruits_table import SAFE_ID, FruitRow
+from pipeline.batch.layout import FruitFolder
+from pipeline.batch.opening import Batch, Survey, survey
+from pipeline.batch.outcome import Outcome
+from pipeline.batch.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
+from pipeline.batch.problem import Problem
+from pipeline.batch.same_recording import in_two_fruit, refuse_copy
+from pipeline.diagnosis.confirmed_effects import effects_on, faults, pit_found
+from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
+from pipeline.fruit.placed_grasp import Checked, findings_of
+from pipeline.fruit.recording_owner import Owner, owner_findings
+from pipeline.ranking.reference_body import category_of
+from recon.cameras.photos import SUFFIXES, read_photo, require_enough
+from recon.pit.placement import embed_pit, place_pit, require_closed
+from recon.plain_file import named_in_utf8, not_plain
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.surface.mesh_file import read_mesh
+from tactile.checks.finding import Finding
+from tactile.correction import corrected
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import read_recording
+from tactile.io.recording_fields import first_line
+from tactile.recording_digest import recording_digest
+from tactile.tactile_failure import TactileFailure
+
+SPIKE = 2.0
+"""A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
+1.45 times as long as wide (recon.pit.priors). It chooses the sentence for a mesh of no fruit's size, no
+more."""
+Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+Read = dict[str, list[tuple[FruitRow, Path]]]
+"""Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
+
+
+def check(root: Path) -> tuple[Problem, ...]:
+    """Everything that would stop the batch or any fruit of it, and, `doubtful`, what would put an E in doubt;
+    as far as reading the files can tell.
+    """
+    found = survey(root)
+    if found.rows is None:
+        rows: tuple[FruitRow, ...] = tuple(
+            FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found)
+        )
+        return (*found.problems, *(p for row in rows for p in fruit_problems(found, row, {})))
+    read: Read = {}
+    fruit = [p for row in found.rows for p in fruit_problems(found, row, read)]
+    return (*found.problems, *_strays(found), *fruit, *_in_two_fruit(found, read))
+
+
+def implausible_fruit(batch: Batch) -> dict[str, str]:
+    """For each fruit whose own numbers no fruit of the category has, the sentence that says so: what was
+    measured of it, or the size of its ready mesh.
+    """
+    said = {}
+    for row in batch.rows:
+        kind = kind_of(category_of(row, batch.known))
+        mesh, _ = _closed_mesh(row, batch.folder.fruit(row.fruit_id).fruit_ply)  # the fruit's own work says
+        doubts = [*row_doubts(row, batch.rows, kind), *_size_doubt(mesh, row, kind)]
+        if doubts:
+            said[row.fruit_id] = " ".join(doubts)
+    return said
+
+
+def implausible_batch(batch: Batch) -> dict[str, list[str]]:
+    """For each fruit, the sentences on numbers of the whole batch that no fruit of the category has and that
+    touch it: limits of classes, and columns in which it has a number.
+    """
+    kind = kind_of(batch.known)
+    classes = list(grading_doubts(batch.settings.grading, kind))
+    columns = table_doubts(batch.rows, kind)
+    return {
+        row.fruit_id: [
+            *classes,
+            *(said for name, said in columns.items() if getattr(row, name) is not None),
+        ]
+        for row in batch.rows
+        if not row.reference
+    }
+
+
+def fruit_problems(batch: Survey, row: FruitRow, read: Read) -> Iterator[Problem]:
+    """What stands in the way of grading one fruit, and what puts its E in doubt.
+
+    Its recordings that can be used are added to `read`.
+    """
+    kind = kind_of(category_of(row, batch.category))
+    for sentence in row_doubts(row, batch.rows or (), kind):
+        named = f"{row.fruit_id}: {sentence}"
+        yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
+    folder = batch.folder.fruit(row.fruit_id)
+    if not folder.root.is_dir():
+        yield _at(row, folder.root, "there is no such folder; make it, with photos/ and grasps/ inside.")
+        return
+    yield from _no_files(row, folder)
+    mesh, broken = _closed_mesh(row, folder.fruit_ply)
+    yield from broken
+    if mesh is not None:
+        yield from _ready_mesh_problems(batch, row, folder, kind, mesh)
+    elif not broken:
+        yield from _photo_problems(batch, row, folder)
+    grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
+    if not grasps and not raw:
+        yield _at(
+            row,
+            folder.root / "grasps",
+            "needs at least one .h5 recording or folder of gel frames, found none.",
+        )
+    for path in grasps:
+        yield from _recording_problems(path, batch, row, mesh, kind, read)
+    for path in raw:
+        yield from _raw_grasp_problems(path, batch, row)
+
+
+def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]:
+    """The closed mesh at `path`, read once, and what is wrong with it; neither where there is no file."""
+    held: list[Mesh] = []
+
+    def read() -> None:
+        mesh = read_mesh(path)
+        require_closed(*mesh, what=path.name)
+        held.append(mesh)
+
+    there = path.exists() or path.is_symlink()
+    problems = list(_tried(row, path, read)) if there else []
+    return (held[0] if held else None), problems
+
+
+def _recording_problems(
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
+) -> Iterator[Problem]:
+    """Why a recording is of no use, or what in it will put E in doubt."""
+    found: list[Finding] = []
+    yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind, read)))
+    for one in found:
+        if not one.remark:
+            yield _doubted(row, path, f"{path.name}: {one.sentence}.")
+
+
+def _findings(
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
+) -> tuple[Finding, ...]:
+    """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
+    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
+    of_the_gripper = faults(effects)
+    recorded = read_recording(path)
+    said = recorded.fruit_id, recorded.category
+    found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
+    recording = corrected(recorded, of_the_gripper)
+    vertices, faces = (None, None) if mesh is None else mesh
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa)
+    own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+    same = read.setdefault(recording_digest(recorded), [])
+    refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
+    same.append((row, path))
+    return (*found, *own)
+
+
+def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
+    """Recordings that several fruit have, each named at all of them."""
+    for same in read.values():
+        for row, path in same if len(same) > 1 else ():
+            others = (other.relative_to(batch.folder.root) for one, other in same if one != row)
+            yield _doubted(row, path, in_two_fruit(path.name, map(str, others)))
+
+
+def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:
+    """Why a raw grasp is of no use, or whose it may be."""
+    found: list[Finding] = []
+
+    def read() -> None:
+        raw = read_raw_grasp(path)
+        field = "fruit_id in grasp.toml"
+        found.extend(
+            owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)
+        )
+
+    yield from _tried(row, path, read)
+    yield from (_doubted(row, path, f"{path.name}: {one.sentence}.") for one in found)
+
+
+def _owner(batch: Survey, row: FruitRow) -> Owner:
+    """What the recordings of this row should name, as grading has it (pipeline.fruit.grasped.owner_of)."""
+    category = None
+    if batch.settings is not None and not row.reference:
+        category = batch.settings.category if batch.category is None else batch.category.category
+    known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
+    return Owner(fruit_id=row.fruit_id, category=category, batch_fruits=frozenset(known))
+
+
+def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    """What is named like an input and is no file: links to nothing, pipes, devices, folders."""
+    places: list[tuple[Path, tuple[str, ...]]] = [(folder.root / "grasps", (".h5",))]
+    places += [(place, SUFFIXES) for place in (folder.photos, folder.photos_flipped)]
+    for place, suffixes in places:
+        for path in sorted(place.iterdir()) if place.is_dir() else ():
+            if path.suffix.lower() not in suffixes or path.name.startswith("."):
+                continue
+            if not named_in_utf8(path):
+                continue  # its reader says so
+            if wrong := not_plain(path):
+                yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
+
+
+def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: Kind) -> Iterator[str]:
+    """A sentence where the ready mesh, if there is one, is of no fruit's size."""
+    if mesh is None:
+        return
+    vertices, _ = mesh
+    limits, height_mm = kind.ranges.height_mm, row.height_mm
+    if height_mm is not None and limits is not None and not limits[0] <= height_mm <= limits[1]:
+        height_mm = None  # said already, with its own slip
+    doubt = mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
+    if not doubt:
+        return
+    away = np.linalg.norm(vertices - np.median(vertices, axis=0), axis=1)
+    rest = away <= SPIKE * np.quantile(away, 0.99)
+    if not rest.all() and not mesh_doubt(np.ptp(vertices[rest], axis=0).tolist(), height_mm, kind):
+        doubt = (
+            f"the mesh has a spike: {_so_many(int((~rest).sum()), 'vertex', 'vertices')} up to "
+            f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm; remove the "
+            "spike and close the surface, or scan the fruit again."
+        )
+    yield doubt
+
+
+def _so_many(count: int, one: str, more: str) -> str:
+    return f"{count} {one if count == 1 else more}"
+
+
+def _ready_mesh_problems(
+    batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind, mesh: Mesh
+) -> Iterator[Problem]:
+    """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
+    broken = [
+        Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
+        for doubt in _size_doubt(mesh, row, kind)
+    ]
+    pit, wrong = _closed_mesh(row, folder.pit_ply)
+    broken += wrong
+    if pit is not None and not broken:
+        broken += _tried(row, folder.pit_ply, partial(_pit_sized, folder.pit_ply, pit, kind))
+    yield from broken
+    if not broken and not row.reference:
+        doubts: list[Doubt] = []
+        yield from _tried(row, folder.fruit_ply, lambda: doubts.extend(_pit_doubts(batch, row, mesh, pit)))
+        for doubt in doubts:
+            if doubt.refused:
+                yield _at(row, folder.pit_ply, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
+            else:
+                yield _doubted(row, folder.pit_ply, doubt.sentence)
+
+
+def _pit_doubts(batch: Survey, row: FruitRow, fruit: Mesh, pit: Mesh | None) -> list[Doubt]:
+    """What grading says of the fruit's own pit, if it has one; raises ReconFailure where none fits."""
+    placed = pit if pit is not None else _usual_pit(batch, fruit)
+    if placed is None:
+        return []
+    effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
+    embedded = embed_pit(*fruit, pit_found(effects).moved(placed[0]), placed[1])
+    return [] if pit is None else of_a_given_pit(fruit[0], *embedded.pit, batch.prior)
+
+
+def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
+    """The pit that the category puts into a fruit without one of its own; None where it has none."""
+    none = batch.settings is not None and batch.settings.pit.none
+    if none or batch.prior is None or not batch.prior.has_pit:
+        return None
+    return place_pit(*fruit, batch.prior)
+
+
+def _pit_sized(path: Path, pit: Mesh, kind: Kind) -> None:
+    """Refuse a pit of no pit's size; raises ReconFailure."""
+    longest, (least, most) = float(np.ptp(pit[0], axis=0).max()), kind.body.pit_mm
+    if not least <= longest <= most:
+        sentence = (
+            f"{path.name} is {longest:.3g} mm long; a pit of {kind.a_fruit} has {least:g} to {most:g} mm"
+        )
+        raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
+
+
+def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    if not batch.folder.mat.exists() and row.height_mm is None and "height_mm" not in row.unreadable:
+        yield _at(
+            row,
+            batch.folder.table,
+            f'"{row.fruit_id}" has no height_mm, and there is no mat.json for scale.',
+        )
+    photos = folder.photo_files()
+    if astray := folder.photos_elsewhere():
+        yield _at(row, folder.photos, astray)
+    else:
+        yield from _tried(row, folder.photos, lambda: require_enough(len(photos), where="The folder"))
+    flipped = folder.flipped_files()
+    if folder.photos_flipped.is_dir():
+        where = "The folder of the fruit upside down"
+        yield from _tried(row, folder.photos_flipped, lambda: require_enough(len(flipped), where=where))
+    for path in (*photos, *flipped):
+        yield from _tried(row, path, partial(read_photo, path))
+
+
+def _strays(batch: Survey) -> tuple[Problem, ...]:
+    """Fruit folders that no row of the table speaks of."""
+    listed = {row.fruit_id for row in batch.rows or ()}
+    fruits = batch.folder.root / "fruits"
+    return tuple(
+        Problem(
+            str(fruits / name), f'is not listed in fruits.csv; add a row "{name}", or move the folder away.'
+        )
+        for name in _folders(batch)
+        if name not in listed
+    )
+
+
+def _folders(batch: Survey) -> list[str]:
+    """The names of the fruit that have a folder."""
+    fruits = batch.folder.root / "fruits"
+    found = sorted(p.name for p in fruits.iterdir() if p.is_dir()) if fruits.is_dir() else []
+    return [name for name in found if SAFE_ID.fullmatch(name)]
+
+
+def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Problem]:
+    """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
+    try:
+        read()
+    except (ReconFailure, TactileFailure) as failure:
+        yield _at(row, path, failure.detail)
+    except MemoryError:
+        yield _at(row, path, "needs more memory than there is; expected a file of usual size.")
+    except OSError as error:
+        why = error.strerror or first_line(error)
+        yield _at(row, path, f"cannot be read ({why}); ask for the right to read it, or copy it again.")
+    except Exception as fault:  # noqa: BLE001 - a fault of ours costs this file alone, and is said as one
+        said = f"{type(fault).__name__}: {first_line(fault)}"
+        yield _at(row, path, f"a fault of drupe itself reading {path.name}: {said}; report it with the file.")
+
+
+def _doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
+    return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
+
+
+def _at(row: FruitRow, path: Path, sentence: str) -> Problem:
+    return Problem(str(path), sentence, fruit_id=row.fruit_id)

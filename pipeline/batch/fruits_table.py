@@ -1,0 +1,299 @@
+"""`fruits.csv`: one row per fruit, read with every fault of every row named."""
+
+import csv
+import difflib
+import io
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fem.elements.assembly import LARGEST_POISSON_RATIO
+from pipeline.batch.problem import BatchRefused, Problem
+from recon.pit.priors import LEAST_POISSON_RATIO
+from recon.plain_file import NotReadable, not_plain, printable, read_text
+from tactile.io.decimal_number import decimal_number, meant
+
+MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
+"""Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
+MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
+REFERENCE_E_MPA = (0.0005, 60.0)
+"""What a reference body's modulus can be: as phantoms' (recon/pit/priors/phantom.toml), from hydrogels to
+cast polyurethane."""
+REFERENCE_SD = (1e-4, 0.5)
+"""Its standard deviation as a share of it: at a half nothing is known any more, and no tensile test is better
+than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
+REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
+COLUMNS = ("fruit_id", *MEASURES, "notes", "reference", *REFERENCE_MEASURES)
+NUMBERS = frozenset((*MEASURES, *REFERENCE_MEASURES))
+YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
+SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitRow:
+    """What staff wrote of one fruit; a measure left empty is None."""
+
+    fruit_id: str
+    height_mm: float | None = None
+    mass_g: float | None = None
+    shore_oo: float | None = None
+    diameter_mm: float | None = None
+    notes: str = ""
+    reference: bool = False
+    """Whether this is no fruit but a body of known modulus."""
+    reference_E_MPa: float | None = None
+    reference_E_sd_MPa: float | None = None
+    reference_poisson_ratio: float | None = None
+    unreadable: tuple[str, ...] = ()
+    """Measures that were written, but are no numbers."""
+
+
+def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
+    """The fruit that can be told from the table, each once, and every fault of it.
+
+    Raises BatchRefused where it is no table, or has no ids.
+    """
+    problems: list[Problem] = []
+    columns, records = _table(path, problems)
+    problems += [
+        Problem(str(path), f'unknown column "{column[:80]}"; {_known_column(column)}.')
+        for column in columns
+        if column not in COLUMNS
+    ]
+    if "fruit_id" not in columns:
+        if not any(_plainly(column) == "fruit_id" for column in columns):
+            problems.append(Problem(str(path), 'the column "fruit_id" is missing; add it, one id per row.'))
+        raise BatchRefused(problems)
+    rows = [_row(path, line, record, problems) for line, record in records]
+    lines: dict[str, list[int]] = {}
+    for (line, _), row in zip(records, rows, strict=True):
+        lines.setdefault(row.fruit_id, []).append(line)
+    for fruit_id, where in lines.items():
+        if len(where) > 1:
+            at = ", ".join(map(str, where))
+            problems.append(
+                Problem(
+                    str(path), f'fruit_id "{fruit_id}" stands on lines {at}; every fruit needs its own id.'
+                )
+            )
+    if not rows:
+        problems.append(Problem(str(path), "holds no fruit; add one row per fruit below the header."))
+    once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
+    return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
+
+
+def _known_column(found: str) -> str:
+    """What a column that is not known was likely meant to be."""
+    if (plain := _plainly(found)) in COLUMNS:
+        return f"write {plain}"
+    near = difflib.get_close_matches(plain, COLUMNS, n=1, cutoff=0.75)
+    return f"write {near[0]}, if that is meant" if near else f"known columns: {', '.join(COLUMNS)}"
+
+
+def _plainly(column: str) -> str:
+    """A column's name in the way that they are written here."""
+    plain = re.sub(r"[\s_-]+", "_", column.strip().lower())
+    return next((name for name in COLUMNS if name.lower() == plain), plain)
+
+
+Record = tuple[int, dict[str, str]]
+"""The line on which a row begins, and its cells by their columns."""
+
+
+def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]]:
+    """The cells as text. Cells parted by something else than commas are a problem, and are read on all the
+    same, so that what else is wrong is said too.
+    """
+    if not path.is_symlink() and not path.exists():
+        raise BatchRefused(
+            [Problem(str(path), "is missing; it lists the fruit, one row each: fruit_id,height_mm,...")]
+        )
+    try:
+        text = read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        hint = "" if not_plain(path) else "; save it as CSV UTF-8"
+        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+    text = text.replace("\r\n", "\n").replace("\r", "\n")
+    first, separator = text.partition("\n")[0], ","
+    for other, name in ((";", "semicolons"), ("\t", "tabs")):
+        if other in first and first.count(other) >= first.count(","):
+            points = _decimal_commas(text, other)
+            problems.append(Problem(str(path), f"separates cells by {name}; save it with commas{points}."))
+            separator = other
+    if separator != ",":
+        text = _with_commas(text, separator)
+    columns = 1 + text.partition("\n")[0].count(",")
+    if columns > MOST_COLUMNS:
+        found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+        raise BatchRefused([Problem(str(path), found)])
+    if wrong := _misread(text):
+        raise BatchRefused([*problems, Problem(str(path), wrong)])
+    rows = _rows(text)
+    if not rows:
+        raise BatchRefused([Problem(str(path), "is empty; the first line names the columns.")])
+    names = [name.strip() for name in rows[0][1]]
+    for line, cells in rows[1:]:
+        if any(cell.strip() for cell in cells[len(names) :]):
+            comma = _torn_number(names, cells)
+            found = f"line {line} has more cells than the header; " + (
+                f"{comma}." if comma else "put a text that holds commas in quotation marks."
+            )
+            raise BatchRefused([*problems, Problem(str(path), found)])
+    if len(rows) - 1 > MOST_FRUIT:
+        found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: divide it."
+        raise BatchRefused([Problem(str(path), found)])
+    return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
+
+
+def _torn_number(names: list[str], cells: list[str]) -> str:
+    """What to write, where a decimal comma has torn a number into two cells; empty where none can have."""
+    for name, whole, part in zip(names, cells, cells[1:], strict=False):
+        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part):
+            pointed = f"{whole.strip()}.{part.strip()}"
+            return f"if {name} has a decimal comma, write {pointed} for {whole.strip()},{part.strip()}"
+    return ""
+
+
+def _decimal_commas(text: str, separator: str) -> str:
+    """What else to change in a table whose numbers have decimal commas, by the first of them."""
+    found = re.search(rf"{separator}[ ]*(-?\d+),(\d+)[ ]*(?={separator}|\n|\Z)", text)
+    return f" and with decimal points ({found[1]},{found[2]}: write {found[1]}.{found[2]})" if found else ""
+
+
+def _rows(text: str) -> list[tuple[int, list[str]]]:
+    """Each row's first line and its cells; blank lines are no rows, and a cell may go over several lines."""
+    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    begun, rows = 1, []
+    for cells in lines:
+        if len(cells) > 1 or (cells and cells[0].strip()):
+            rows.append((begun, cells))
+        begun = lines.line_num + 1
+    return rows
+
+
+def _with_commas(text: str, separator: str) -> str:
+    """The same table as it should have been saved; decimal commas become points."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    try:
+        for row in csv.reader(io.StringIO(text), delimiter=separator):
+            writer.writerow([re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in row])
+    except csv.Error:
+        return text
+    return out.getvalue()
+
+
+def _misread(text: str) -> str:
+    """A sentence where no cells can be told: an open quotation mark swallows the rows below it, and of a
+    column that stands twice one would be lost.
+    """
+    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    begun, names = 1, [""]
+    try:
+        for row in lines:
+            if not any(names):
+                names = [name.strip() for name in row]
+                if twice := next((name for name in names if name and names.count(name) > 1), ""):
+                    return f'has the column "{twice[:80]}" twice; take one of the two away.'
+            if any(len(cell) > MOST_CELL for cell in row):
+                return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
+            begun = lines.line_num + 1
+    except csv.Error as error:
+        if "field limit" in str(error):
+            return f"line {begun} has a cell of more than {MOST_CELL} characters; shorten it."
+        return (
+            f"line {begun} has a quotation mark that is not closed, or has text behind it; take it out, or "
+            "put the whole cell in quotation marks and write those inside twice."
+        )
+    return ""
+
+
+def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
+    fruit_id = record["fruit_id"].strip()
+    if not SAFE_ID.fullmatch(fruit_id):
+        problems.append(
+            Problem(
+                str(path),
+                f'line {line}: fruit_id "{fruit_id[:80]}" cannot name a folder; use letters, digits, '
+                "dot, dash, underscore and space, at most 80, starting with a letter or digit.",
+            )
+        )
+    measures: dict[str, float | None] = {}
+    unreadable = []
+    for name in MEASURES:
+        text = (record.get(name) or "").strip()
+        measures[name] = None
+        if not text:
+            continue
+        value = decimal_number(text)
+        if value is None or value <= 0:
+            sentence = f'{name} is "{text[:40]}"; expected a number above zero, or nothing{meant(text)}.'
+            problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
+            unreadable.append(name)
+            continue
+        measures[name] = value
+    notes = printable(record.get("notes") or "").strip()
+    said = _reference(path, line, fruit_id, record, problems)
+    known: dict[str, Any] = {**measures, **said}
+    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+
+
+def _reference(
+    path: Path, line: int, fruit_id: str, record: dict[str, str], problems: list[Problem]
+) -> dict[str, Any]:
+    """Whether the row is a reference body, and its modulus; every fault of the two is a problem."""
+
+    def wrong(sentence: str) -> None:
+        problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
+
+    cells = {name: (record.get(name) or "").strip() for name in ("reference", *REFERENCE_MEASURES)}
+    flag = cells.pop("reference").lower()
+    if flag not in YES | NO:
+        wrong(
+            f'reference is "{flag[:40]}"; expected true for a body of known modulus, and nothing (or false) '
+            "for a fruit."
+        )
+    if flag not in YES:
+        for name in [name for name, text in cells.items() if text and flag in NO]:
+            wrong(
+                f'{name} is "{cells[name][:40]}", and reference is not true; write true into its column '
+                "reference, or empty the cell."
+            )
+        return {}
+    found = {name: decimal_number(text) for name, text in cells.items()}
+    E_MPa, sd_MPa = found["reference_E_MPa"], found["reference_E_sd_MPa"]
+    low, high = REFERENCE_E_MPA
+    if E_MPa is None or not low <= E_MPa <= high:
+        meant = _other_unit(E_MPa) if E_MPa is not None else ""
+        wrong(
+            f"reference_E_MPa {_as_found(cells['reference_E_MPa'])}; expected the reference body's Young's "
+            f"modulus, {low:g} to {high:g} MPa{meant or '; write it from its certificate or tensile test.'}"
+        )
+        E_MPa = None
+    least, most_sd = (share * (REFERENCE_E_MPA[0] if E_MPa is None else E_MPa) for share in REFERENCE_SD)
+    if sd_MPa is None or sd_MPa < least or (E_MPa is not None and sd_MPa > most_sd):
+        most = "" if E_MPa is None else f" and at most {most_sd:g} MPa (half of its modulus)"
+        wrong(
+            f"reference_E_sd_MPa {_as_found(cells['reference_E_sd_MPa'])}; expected one standard deviation "
+            f"of reference_E_MPa, {least:g} or more{most}; write it in MPa."
+        )
+    text, ratio = cells["reference_poisson_ratio"], found["reference_poisson_ratio"]
+    if text and (ratio is None or not LEAST_POISSON_RATIO <= ratio <= LARGEST_POISSON_RATIO):
+        wrong(
+            f"reference_poisson_ratio {_as_found(text)}; expected {LEAST_POISSON_RATIO:g} to "
+            f"{LARGEST_POISSON_RATIO:g}, for example 0.48 for silicone; correct it."
+        )
+    return {"reference": True, **found}
+
+
+def _as_found(text: str) -> str:
+    return f'is "{text[:40]}"{meant(text) if decimal_number(text) is None else ""}' if text else "is empty"
+
+
+def _other_unit(E_MPa: float) -> str:
+    """The question after the unit that the modulus would fit in."""
+    for unit, in_MPa in (("kPa", 1e-3), ("Pa", 1e-6), ("GPa", 1e3)):
+        if REFERENCE_E_MPA[0] <= E_MPa * in_MPa <= REFERENCE_E_MPA[1]:
+            return f"; is it in {unit} ({E_MPa * in_MPa:.4g} MPa)?"
+    return ""

@@ -1,0 +1,385 @@
+"""`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
+
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, suppress
+from dataclasses import asdict
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.batch.checking import implausible_batch, implausible_fruit
+from pipeline.batch.former_results import batch_folder, identity, require_same_batch
+from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
+from pipeline.batch.opening import Batch, open_batch, own_files
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.progress import BatchProgress
+from pipeline.batch.provenance import input_hashes, write_provenance
+from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.run_summary import cause, decimals
+from pipeline.batch.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
+from pipeline.batch.same_recording import copies_doubted
+from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.files.results_lock import alone, is_held
+from pipeline.files.whole_file import NotWritten, sweep
+from pipeline.files.write_guard import require_free, require_results_apart, require_temporary_apart
+from pipeline.fruit.stages import grade_fruit
+from pipeline.ranking.control_chart import (
+    ControlChart,
+    chart_path,
+    read_chart,
+    require_chart_place,
+    update_chart,
+    with_points,
+)
+from pipeline.ranking.reference_ratio import (
+    ReferenceFinding,
+    against_references,
+    as_measured,
+    drift,
+    own_points,
+)
+from pipeline.ranking.report_entries import batch_entry
+from reports.entries import BatchEntry
+from reports.page import report_html
+from reports.tables import ranking_csv
+
+ALL_GRADED, SOME_NOT_GRADED, SOME_DOUBTED, INTERRUPTED = 0, 3, 4, 130
+RETRIED = frozenset(
+    outcome.code
+    for outcome in (
+        Outcome.CRASHED,
+        Outcome.TIMED_OUT,
+        Outcome.OUT_OF_MEMORY,
+        Outcome.NOT_WRITTEN,
+        Outcome.INTERNAL,
+        Outcome.IMPLAUSIBLE_INPUT,
+    )
+)
+"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
+
+
+def utc_now() -> datetime:
+    """The present moment, aware."""
+    return datetime.now(UTC)
+
+
+def grade(
+    root: Path,
+    out: Path | None,
+    *,
+    jobs: int,
+    time_limit_s: float,
+    console: Console,
+    force: bool = False,
+    now: Callable[[], datetime] = utc_now,
+) -> tuple[int, BatchEntry]:
+    """Grades the batch at `root` into `out`; returns the exit status and what the report says.
+
+    Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
+    numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
+    it; with `force` it is graded, and that is one of its doubts. Raises BatchRefused where the batch as a
+    whole cannot be graded, or `out` is no place for results or holds another batch's, before anything is
+    written, and NotWritten where the batch's own files cannot be.
+    """
+    started, since_s = now(), time.monotonic()
+
+    def until_now() -> datetime:
+        return started + timedelta(seconds=time.monotonic() - since_s)
+
+    batch = open_batch(root, force=force)
+    results = Results(out or batch.folder.default_results)
+    fruits = [results.fruit(row.fruit_id) for row in batch.rows]
+    require_results_apart(results, batch.folder, read_files(batch), "--out")
+    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
+    named = batch.settings.reference.chart
+    chart_at = None if named is None else chart_path(batch.folder, named)
+    if chart_at is not None:
+        require_chart_place(chart_at, batch.folder, results, read_files(batch))
+    inputs = input_hashes(batch.folder.root, _inputs(batch))
+
+    def require_ours() -> None:
+        require_free(results, fruits, "--out")
+        require_same_batch(results, identity(batch, inputs), "--out")
+
+    if not is_held(results.root):
+        require_ours()
+    with alone(results.root):
+        require_ours()
+        _begun(results, fruits)
+        tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
+        doubted_inputs = implausible_fruit(batch)
+        forced: dict[str, list[str]] = {}
+        if force:
+            for fruit_id, sentence in doubted_inputs.items():
+                console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
+            forced, doubted_inputs = _forced(batch, doubted_inputs), {}
+        records = dict(_kept({name: task for name, task in tasks.items() if name not in doubted_inputs}))
+        todo = [(name, task) for name, task in tasks.items() if name not in {*records, *doubted_inputs}]
+        if records:
+            console.print(
+                f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False
+            )
+        for fruit_id, sentence in doubted_inputs.items():
+            records[fruit_id] = _refused(tasks[fruit_id], sentence)
+
+        def provenance(status: int | None, finding: ReferenceFinding | None = None) -> None:
+            write_provenance(
+                results.provenance,
+                batch=batch_folder(batch),
+                settings=batch.settings.model_dump(mode="json"),
+                inputs=inputs,
+                started=started,
+                finished=None if status is None else until_now(),
+                exit_status=status,
+                outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
+                reference=None if finding is None else asdict(finding),
+                force=force,
+            )
+
+        with suppress(NotWritten):
+            provenance(None)
+        try:
+            jobs = _jobs([task for _, task in todo], jobs, console)
+            _work(todo, records, jobs=jobs, time_limit_s=time_limit_s, console=console)
+        except KeyboardInterrupt:
+            with suppress(NotWritten):
+                provenance(INTERRUPTED)
+            raise
+        for fruit_id, record in records.items():
+            records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), results)
+        measured = [records[row.fruit_id] for row in batch.rows]
+        told = copies_doubted(measured, batch.folder)
+        in_order, finding = against_references(told, correct=batch.settings.reference.correct)
+        _keep_what_is_told(measured, in_order, results)
+        chart, own = ControlChart(), []
+        if chart_at is not None and finding is not None:
+            own = own_points(finding, lot=batch.settings.lot, moment=started, inputs=inputs)
+            chart = with_points(read_chart(chart_at), own)
+            finding = drift(chart, finding)
+        status = _status(in_order, finding)
+        entry = batch_entry(
+            batch,
+            in_order,
+            results=results,
+            inputs=inputs,
+            started=started,
+            finished=until_now(),
+            exit_status=status,
+            finding=finding,
+            chart=chart,
+        )
+        write_whole(results.ranking, ranking_csv(entry))
+        write_whole(results.report, report_html(entry))
+        provenance(status, finding)
+        if chart_at is not None and own:
+            update_chart(chart_at, own)
+    return status, entry
+
+
+def _status(told: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
+    """The exit status of a run that went to its end; what staff must look into is no 0."""
+    if not all(record.graded for record in told):
+        return SOME_NOT_GRADED
+    alarm = finding is not None and finding.alarm
+    return SOME_DOUBTED if alarm or any(record.doubts for record in told) else ALL_GRADED
+
+
+def _keep_what_is_told(
+    measured: Sequence[FruitRecord], told: Sequence[FruitRecord], results: Results
+) -> None:
+    """Every record.json says what the reference bodies make of its fruit, beside what was measured."""
+    for record, one in zip(measured, told, strict=True):
+        if record.reference != one.reference:
+            write_record(results.fruit(record.fruit_id).record, as_measured(record, one))
+
+
+def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:
+    """The list of what is written is begun, and what killed runs left unfinished is gone."""
+    results.claim()
+    sweep(results.root)
+    for fruit in fruits:
+        fruit.sweep()
+
+
+def _jobs(todo: Sequence[FruitTask], jobs: int, console: Console) -> int:
+    """As many fruit at once as asked for, or as memory holds; raises BatchRefused where it holds none."""
+    free_MiB = free_memory_MiB()
+    if not todo or free_MiB is None:
+        return jobs
+    kinds = ("mesh" if task.folder.fruit_ply.is_file() else "photos" for task in todo)
+    need_MiB = max(PER_FRUIT_MIB[kind] for kind in kinds)
+    if free_MiB < LEAST_MIB:
+        sentence = (
+            f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
+            "close other programs, or raise the limit of the container."
+        )
+        raise BatchRefused([Problem("this machine", sentence)])
+    wanted = min(jobs, len(todo))
+    fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
+    if fit < wanted:
+        console.print(
+            f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are left, and one "
+            f"fruit needs about {need_MiB:.0f} MiB",
+            highlight=False,
+        )
+    return fit
+
+
+def _work(
+    todo: list[tuple[str, FruitTask]],
+    records: dict[str, FruitRecord],
+    *,
+    jobs: int,
+    time_limit_s: float,
+    console: Console,
+) -> None:
+    tasks = dict(todo)
+    with (
+        BatchProgress(console, total=len(todo), jobs=jobs) as progress,
+        closing(run_fruits(grade_fruit, todo, jobs=jobs, time_limit_s=time_limit_s)) as events,
+    ):
+        for event in events:
+            if isinstance(event, Progressed):
+                progress.stage(event.fruit_id, event.stage)
+                continue
+            record = _record_of(event, tasks[event.fruit_id], time_limit_s)
+            records[event.fruit_id] = record
+            progress.done(event.fruit_id, _in_a_line(record), whole=record.graded)
+
+
+def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:
+    """The record of a fruit that has ended; endings that its own process could not write are written here."""
+    if isinstance(event, Finished) and isinstance(event.result, FruitRecord):
+        return event.result
+    if isinstance(event, TimedOut):
+        outcome, particulars = Outcome.TIMED_OUT, f"{time_limit_s:g}"
+    elif isinstance(event, Died):
+        outcome, particulars = Outcome.CRASHED, _way_of_dying(event.exit_code)
+    elif isinstance(event, Finished) and isinstance(event.result, BaseException):
+        outcome, particulars = ending_of(event.result)
+    else:
+        raise TypeError(event)
+    record = _ended(task, outcome, particulars)
+    if outcome is Outcome.INTERNAL and isinstance(event, Finished):
+        with suppress(NotWritten):
+            write_whole(task.results.traceback, str(getattr(event.result, "traceback", particulars)))
+    return record
+
+
+def _forced(batch: Batch, of_fruit: Mapping[str, str]) -> dict[str, list[str]]:
+    """What each fruit is graded in spite of, as sentences for its doubts."""
+    said = implausible_batch(batch)
+    for fruit_id, sentence in of_fruit.items():
+        said.setdefault(fruit_id, []).append(sentence)
+    return {name: [f"{one} Graded all the same (--force)." for one in all_] for name, all_ in said.items()}
+
+
+def _with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
+    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
+    now = tuple(forced) if record.graded else ()
+    if now == record.forced:
+        return record
+    doubts, warnings = (
+        (*now, *(one for one in said if one not in record.forced))
+        for said in (record.doubts, record.warnings)
+    )
+    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
+    write_record(results.fruit(record.fruit_id).record, record)
+    return record
+
+
+def _refused(task: FruitTask, sentence: str) -> FruitRecord:
+    """The record of a fruit whose numbers no fruit has. What an earlier run made of the same inputs stays,
+    and counts for nothing until the numbers are right or forced.
+    """
+    before = read_record(task.results.record)
+    if before is None or before.key != task.key:
+        return _ended(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
+    record = before.model_copy(
+        update={
+            "outcome": Outcome.IMPLAUSIBLE_INPUT.code,
+            "reason": Outcome.IMPLAUSIBLE_INPUT.sentence(sentence),
+            "given": task.given,
+            "graded_before": before.graded or before.graded_before,
+        }
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        write_record(task.results.record, record)
+    return record
+
+
+def _taken_up(record: FruitRecord) -> FruitRecord:
+    """The record as it was before a run refused the fruit's numbers."""
+    if not (record.outcome == Outcome.IMPLAUSIBLE_INPUT.code and record.graded_before):
+        return record
+    return record.model_copy(update={"outcome": Outcome.GRADED.code, "reason": "", "graded_before": False})
+
+
+def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
+    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
+    record = FruitRecord(
+        fruit_id=task.fruit_id,
+        outcome=outcome.code,
+        reason=outcome.sentence(particulars),
+        key=task.key,
+        given=task.given,
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        task.results.forget()
+        write_record(task.results.record, record)
+    return record
+
+
+def _way_of_dying(exit_code: int | None) -> str:
+    if exit_code is not None and exit_code < 0:
+        killed = " (often: out of memory)" if exit_code == -9 else ""
+        return f"signal {-exit_code}{killed}"
+    return f"exit status {exit_code}"
+
+
+def _in_a_line(record: FruitRecord) -> str:
+    """What the progress line says of a fruit: its E and why that is in doubt, or why it has none."""
+    if not record.graded or record.modulus is None:
+        return f"{record.outcome}: {record.reason}"
+    E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
+    doubt = f", in doubt: {cause(record.doubts)}" if record.doubts else ""
+    return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
+
+
+def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
+    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
+    for fruit_id, task in tasks.items():
+        kept = read_record(task.results.record)
+        if kept is None or kept.key != task.key:
+            continue
+        record = _taken_up(kept)
+        if record.outcome in RETRIED:
+            continue
+        if any((name in tasks) != was for name, was in record.strangers.items()):
+            continue
+        if record.graded and not task.results.fruit_ply.is_file():
+            continue
+        record = record.model_copy(update={"given": task.given})
+        if record != kept:
+            write_record(task.results.record, record)
+        yield fruit_id, record
+
+
+def read_files(batch: Batch) -> list[Path]:
+    """Every file that grading the batch reads."""
+    model = batch.settings.recon.geometry_model
+    return _inputs(batch) + ([] if model is None else [batch.folder.root / model])
+
+
+def _inputs(batch: Batch) -> list[Path]:
+    own = [batch.folder.settings, batch.folder.table, *own_files(batch.folder, batch.settings)]
+    if batch.mat is not None:
+        own.append(batch.folder.mat)
+    return own + [path for row in batch.rows for path in batch.folder.fruit(row.fruit_id).input_files()]

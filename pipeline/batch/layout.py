@@ -1,0 +1,347 @@
+"""Where things lie in a batch and in its results."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.files.manifest import claim, enter, is_claimed, is_ours, json_in, remove, strange_list
+from pipeline.files.whole_file import put, sweep
+from recon.cameras.photos import photo_paths
+from tactile.io.raw_grasp import files_of
+
+CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
+"""What stages keep, of this version and of earlier ones."""
+
+
+@dataclass(frozen=True)
+class FruitFolder:
+    """`fruits/<fruit_id>/`: photos or a ready mesh, and the grasps."""
+
+    root: Path
+
+    @property
+    def photos(self) -> Path:
+        """The folder of multi-view photos."""
+        return self.root / "photos"
+
+    @property
+    def photos_flipped(self) -> Path:
+        """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
+        return self.root / "photos-flipped"
+
+    @property
+    def fruit_ply(self) -> Path:
+        """A ready mesh in mm, which takes the photos' place."""
+        return self.root / "fruit.ply"
+
+    @property
+    def pit_ply(self) -> Path:
+        """A pit placed in the fruit by the user, which takes the category prior's place."""
+        return self.root / "pit.ply"
+
+    def photo_files(self) -> tuple[Path, ...]:
+        """Photos by name."""
+        return photo_paths(self.photos)
+
+    def flipped_files(self) -> tuple[Path, ...]:
+        """Photos of the fruit upside down, by name."""
+        return photo_paths(self.photos_flipped)
+
+    def photos_elsewhere(self) -> str:
+        """A sentence where there are no photos in photos/ but pictures near it, or of a kind not read."""
+        if self.photo_files():
+            return ""
+        beside = photo_paths(self.root)
+        if beside:
+            return f"holds no photo, but {len(beside)} lie beside it; move them into photos/."
+        others = [p for p in self.photos.iterdir() if p.is_file()] if self.photos.is_dir() else []
+        if others:
+            kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
+            return (
+                f"holds {len(others)} files ({kinds}), but only .jpg, .jpeg, .png, .heic and .heif "
+                f"are read; convert them."
+            )
+        return "" if self.photos.is_dir() else "there is no such folder; put this fruit's photos into it."
+
+    def grasp_files(self) -> tuple[Path, ...]:
+        """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
+        return tuple(
+            sorted((p for p in (self.root / "grasps").glob("[!.]*.h5") if p.is_file()), key=in_order)
+        )
+
+    def raw_grasp_folders(self) -> tuple[Path, ...]:
+        """Grasps in the raw form (frames in folders), by name, but for those that an .h5 stands for."""
+        ready = {path.stem for path in self.grasp_files()}
+        folders = (p for p in (self.root / "grasps").glob("[!.]*") if p.is_dir())
+        return tuple(sorted((p for p in folders if p.name not in ready), key=in_order))
+
+    def input_files(self) -> tuple[Path, ...]:
+        """Every file the fruit's result depends on."""
+        ready = tuple(p for p in (self.fruit_ply, self.pit_ply) if p.is_file())
+        photos = () if self.fruit_ply.is_file() else (*self.photo_files(), *self.flipped_files())
+        raw = (path for folder in self.raw_grasp_folders() for path in raw_grasp_files(folder))
+        return ready + photos + self.grasp_files() + tuple(raw)
+
+
+def in_order(path: Path) -> tuple[tuple[str, int], ...]:
+    """A key by which names sort as people count: text as text, numbers as numbers."""
+    parts = re.findall(r"(\D*)(\d*)", path.name)
+    return tuple((text, int(digits or -1)) for text, digits in parts)
+
+
+def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
+    """Every file of a raw grasp, and those outside that it names; none of a folder that is no raw grasp."""
+    if not (folder / "grasp.toml").is_file():  # a link here may lead to a whole disk
+        return ()
+    return files_of(folder)
+
+
+@dataclass(frozen=True)
+class CaseFolder(FruitFolder):
+    """A mismatch case: fruit.ply, pit.ply, case.toml and the recordings, side by side."""
+
+    @property
+    def settings(self) -> Path:
+        """case.toml."""
+        return self.root / "case.toml"
+
+    def grasp_files(self) -> tuple[Path, ...]:
+        """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
+        return tuple(sorted((p for p in self.root.glob("[!.]*.h5") if p.is_file()), key=in_order))
+
+    def raw_grasp_folders(self) -> tuple[Path, ...]:
+        """None: a case holds recordings in HDF5 only."""
+        return ()
+
+
+@dataclass(frozen=True)
+class BatchFolder:
+    """A batch as formats name it."""
+
+    root: Path
+
+    @property
+    def settings(self) -> Path:
+        """batch.toml."""
+        return self.root / "batch.toml"
+
+    @property
+    def table(self) -> Path:
+        """fruits.csv."""
+        return self.root / "fruits.csv"
+
+    @property
+    def mat(self) -> Path:
+        """mat.json, where the fruit stood on a marker mat."""
+        return self.root / "mat.json"
+
+    @property
+    def default_results(self) -> Path:
+        """Where results go when no other place is asked for."""
+        return self.root / "results"
+
+    def fruit(self, fruit_id: str) -> FruitFolder:
+        """The folder of one fruit."""
+        return FruitFolder(self.root / "fruits" / fruit_id)
+
+
+@dataclass(frozen=True)
+class FruitResults:
+    """`OUT/fruits/<fruit_id>/`."""
+
+    root: Path
+
+    @property
+    def record(self) -> Path:
+        """Everything known of the fruit."""
+        return self.root / "record.json"
+
+    @property
+    def fruit_ply(self) -> Path:
+        """The mesh in mm (with a mat: in the mat's frame)."""
+        return self.root / "fruit.ply"
+
+    @property
+    def pit_ply(self) -> Path:
+        """The embedded pit, in the frame of fruit.ply."""
+        return self.root / "pit.ply"
+
+    @property
+    def photo(self) -> Path:
+        """A small photo for the report."""
+        return self.root / "photo.jpg"
+
+    @property
+    def picture(self) -> Path:
+        """The picture of mesh, pit and contact patches."""
+        return self.root / "mesh.png"
+
+    @property
+    def coverage(self) -> Path:
+        """The map of how many photos show each part of the skin."""
+        return self.root / "coverage.png"
+
+    @property
+    def surface_sd(self) -> Path:
+        """The map of how well the place of the skin is known."""
+        return self.root / "surface-sd.png"
+
+    @property
+    def views(self) -> Path:
+        """Where photos were taken and where more are needed, of a fruit that lacks them."""
+        return self.root / "views.png"
+
+    @property
+    def mismatch(self) -> Path:
+        """What `drupe explain` says of the fruit."""
+        return self.root / "mismatch.json"
+
+    @property
+    def traceback(self) -> Path:
+        """Where a fault of drupe's own happened."""
+        return self.root / "traceback.txt"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Every file that may be written here."""
+        return (*self._of_grading, self.mismatch)
+
+    @property
+    def _of_grading(self) -> tuple[Path, ...]:
+        return (
+            self.record,
+            self.fruit_ply,
+            self.pit_ply,
+            self.photo,
+            self.picture,
+            self.coverage,
+            self.surface_sd,
+            self.views,
+            self.traceback,
+        )
+
+    def claim(self) -> None:
+        """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
+        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+        claim(self.cache)
+
+    def forget(self) -> None:
+        """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
+        for path in self._of_grading:
+            remove(path)
+
+    def in_the_way(self) -> Iterator[Path]:
+        """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
+        yield from (path for path in (*self.files, self.cache) if path.is_symlink())
+        yield from strange_list(self.root)
+        if not self._made_by_an_earlier_version():
+            yield from (path for path in self.files if _stands(path) and not is_ours(path))
+            unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
+            if unknown and not self.cache.is_symlink():
+                yield self.cache
+
+    def _made_by_an_earlier_version(self) -> bool:
+        """One that kept no list: its record vouches for the files of a fruit, a killed run's stages too."""
+        if is_claimed(self.root):
+            return False
+        stages = self.cache.is_dir() and not self.cache.is_symlink() and any(self.cache.iterdir())
+        return _says(self.record, "drupe-fruit-record") or (stages and _holds_stages(self.cache))
+
+    def sweep(self) -> None:
+        """Removes unfinished files of killed runs."""
+        for folder in (self.root, self.cache):
+            sweep(folder)
+
+    @property
+    def cache(self) -> Path:
+        """Results of the stages, each under the hash of what it came from."""
+        return self.root / ".cache"
+
+
+@dataclass(frozen=True)
+class Results:
+    """What `drupe grade` writes."""
+
+    root: Path
+
+    @property
+    def ranking(self) -> Path:
+        """ranking.csv."""
+        return self.root / "ranking.csv"
+
+    @property
+    def report(self) -> Path:
+        """report.html."""
+        return self.root / "report.html"
+
+    @property
+    def provenance(self) -> Path:
+        """batch.json."""
+        return self.root / "batch.json"
+
+    @property
+    def lock(self) -> Path:
+        """Held while a run writes here."""
+        return self.root / ".lock"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files of the batch as a whole."""
+        return (self.ranking, self.report, self.provenance)
+
+    def claim(self) -> None:
+        """Begins the list of what is written here."""
+        claim(self.root, vouched=self.files if self._made_by_an_earlier_version() else ())
+
+    def in_the_way(self) -> Iterator[Path]:
+        """What stands where the batch's own results would be written, and is not drupe's."""
+        yield from strange_list(self.root)
+        if not self._made_by_an_earlier_version():
+            yield from (path for path in self.files if _stands(path) and not is_ours(path))
+
+    def inputs_inside(self) -> Iterator[Path]:
+        """What shows that this is a batch or a case, and no folder of results."""
+        for name in ("batch.toml", "fruits.csv", "case.toml", "mat.json"):
+            if _stands(self.root / name):
+                yield self.root / name
+        yield from self.root.glob("*.h5")
+        yield from photo_paths(self.root)
+        for kind in ("photos", "photos-flipped", "grasps"):
+            yield from self.root.glob(kind)
+            yield from self.root.glob(f"fruits/*/{kind}")
+
+    def _made_by_an_earlier_version(self) -> bool:
+        return not is_claimed(self.root) and _says(self.provenance, "drupe-batch-result")
+
+    def fruit(self, fruit_id: str) -> FruitResults:
+        """The results of one fruit."""
+        return FruitResults(self.root / "fruits" / fruit_id)
+
+
+def write_whole(path: Path, content: bytes | str) -> None:
+    """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
+
+    In a folder of results (one with a list of what drupe wrote) the file goes on the list, and one that drupe
+    did not write is not replaced. Raises NotWritten. Bytes of a file's name that are no UTF-8 are escaped.
+    """
+    data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
+    enter(path, data)
+    put(path, data)
+
+
+def _stands(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
+
+
+def _says(path: Path, name: str) -> bool:
+    """Whether `path` is a plain JSON file of this format."""
+    said = json_in(path)
+    return isinstance(said, dict) and said.get("format") == name
+
+
+def _holds_stages(cache: Path) -> bool:
+    """Whether nothing else is in it; also where there is no such folder."""
+    if not cache.is_dir():
+        return not _stands(cache)
+    return all(CACHE_FILE.fullmatch(path.name) for path in cache.iterdir())

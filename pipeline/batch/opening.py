@@ -1,0 +1,383 @@
+"""A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
+
+import difflib
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+from pydantic import ValidationError
+
+from pipeline.batch.fruits_table import FruitRow, read_fruits
+from pipeline.batch.layout import BatchFolder
+from pipeline.batch.plausible import grading_doubts, kind_of, table_doubts
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
+from pipeline.ranking.control_chart import chart_path, read_chart
+from pipeline.ranking.reference_body import CATEGORY, reference_prior
+from pipeline.safe_start import elsewhere
+from recon.cameras.mat import Mat, parse_mat
+from recon.learned.onnx_file import require_onnx
+from recon.pit.measured import load_pit
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
+from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import SUFFIXES
+
+T = TypeVar("T")
+_NO_POISSON_RATIO = (
+    'Poisson\'s ratio of the flesh is not known for the category "{}"; add the key poisson_ratio, '
+    "for example poisson_ratio = 0.45."
+)
+_NO_PITS = (
+    'the category "{}" has no pit of its own, and {} no pit.ply; add it beside fruit.ply, or name a pit for '
+    'all under [pit]: prior = "core.toml" (or an STL, PLY or OBJ of it, mm), or prior = "none" where there '
+    "is none."
+)
+_OF_A_PIT = frozenset({"pit_offset", "pit_size", "loose_pit"})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """What grading starts from; `prior` is None only where no fruit needs its pit and the settings hold
+    Poisson's ratio.
+
+    `category`: its name, where the settings give a file; `known`: what is known of it, if anything is;
+    `body`: what a whole fruit of it is like.
+    """
+
+    folder: BatchFolder
+    settings: Settings
+    rows: tuple[FruitRow, ...]
+    mat: Mat | None
+    category: str
+    known: PitPrior | None
+    body: Body
+    prior: PitPrior | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Survey:
+    """As much of a batch as could be read, and every problem of the batch as a whole."""
+
+    folder: BatchFolder
+    settings: Settings | None
+    rows: tuple[FruitRow, ...] | None
+    mat: Mat | None
+    category: PitPrior | None
+    prior: PitPrior | None
+    problems: tuple[Problem, ...]
+
+
+def open_batch(root: Path, *, force: bool = False) -> Batch:
+    """The batch at `root`; raises BatchRefused with every problem of the batch as a whole.
+
+    With `force` numbers that are merely implausible stop nothing.
+    """
+    found = survey(root)
+    stops = [p for p in found.problems if not (force and p.implausible)]
+    if stops or found.settings is None or found.rows is None:
+        raise BatchRefused(stops)
+    known = found.category
+    return Batch(
+        folder=found.folder,
+        settings=found.settings,
+        rows=found.rows,
+        mat=found.mat,
+        category=found.settings.category if known is None else known.category,
+        known=known,
+        body=STONE_FRUIT if known is None else known.body,
+        prior=found.prior,
+    )
+
+
+def survey(root: Path) -> Survey:
+    """Reads what can be read of the batch at `root`."""
+    folder = BatchFolder(root)
+    problems: list[Problem] = []
+    rows = mat = category = prior = None
+    settings = _gather(problems, lambda: read_settings(folder.settings))
+    if root.is_dir():
+        told = _gather(problems, lambda: read_fruits(folder.table))
+        if told is not None:
+            rows, faults = told
+            problems += faults
+        lies = folder.mat.exists() or folder.mat.is_symlink()
+        mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
+        if rows and not lies:
+            problems += _without_scale(folder, rows)
+    if settings is not None:
+        category, prior, wrong = _read_priors(folder, settings, rows)
+        problems += wrong
+        problems += _without_model(folder, settings)
+        problems += _without_provider(folder, settings)
+        problems += _effects_of_strangers(folder, settings, rows)
+        problems += _effects_without_pit(folder, settings, rows)
+        problems += _references(folder, settings, rows)
+        grading = settings.grading
+    else:
+        category, grading = _read_alone(folder)
+    problems += _implausible(folder, grading, rows, category)
+    return Survey(
+        folder=folder,
+        settings=settings,
+        rows=rows,
+        mat=mat,
+        category=category,
+        prior=prior,
+        problems=tuple(problems),
+    )
+
+
+def _implausible(
+    folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...] | None, category: PitPrior | None
+) -> list[Problem]:
+    """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
+    kind = kind_of(category)
+    columns = table_doubts(rows or (), kind).values()
+    said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
+    said += [(folder.table, sentence) for sentence in columns]
+    hint = "If it is right: `drupe grade --force`."
+    return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
+
+
+def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading]:
+    """Category and classes of settings with a fault elsewhere, so that one go says what else is wrong."""
+    category, grading = None, Grading()
+    with suppress(NotReadable):
+        table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
+        with suppress(ReconFailure):
+            named = table.get("category")
+            category = load_prior(as_named(folder.root, named)) if isinstance(named, str) else None
+        with suppress(ValidationError):
+            grading = Grading.model_validate(table.get("grading", {}))
+    return category, grading
+
+
+def read_mat(path: Path) -> Mat:
+    """The marker mat described in `path`; raises BatchRefused."""
+    try:
+        mapping = json_of(read_text(path, most_bytes=MOST_BYTES))
+    except NotReadable as error:
+        hint = "" if not_plain(path) else "; make one with `drupe mat`"
+        raise BatchRefused([Problem(str(path), f"{error}{hint}.")]) from None
+    try:
+        return parse_mat(mapping, source=path.name)
+    except ReconFailure as failure:
+        raise BatchRefused([Problem(str(path), failure.detail)]) from None
+
+
+def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
+    """What the settings' category says, a shipped one or the batch's own file; raises BatchRefused."""
+    try:
+        return load_prior(as_named(folder.root, settings.category))
+    except ReconFailure as failure:
+        raise _refused(folder, "category", settings.category, failure, known_categories()) from None
+
+
+def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
+    """The pit prior that the settings ask for; raises BatchRefused where there is none."""
+    named = settings.pit.prior
+    if named is None or settings.pit.none:
+        return read_category(folder, settings)
+    try:
+        return load_pit(as_named(folder.root, named), category=as_named(folder.root, settings.category))
+    except ReconFailure as failure:
+        raise _refused(folder, "pit.prior", named, failure, (*known_categories(), NO_PIT)) from None
+
+
+def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """The files of category and pit that the settings name, those inside the batch."""
+    named = [
+        folder.root / name for name in (settings.category, settings.pit.prior) if name and _is_file(name)
+    ]
+    return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
+
+
+def _is_file(named: str) -> bool:
+    return Path(named).suffix.lower() in (".toml", *SUFFIXES)
+
+
+def as_named(root: Path, named: str) -> str:
+    """A category's name as it is; a file's path, which is relative to `root`."""
+    return str(root / named) if _is_file(named) else named
+
+
+def _refused(
+    folder: BatchFolder, key: str, named: str, failure: ReconFailure, known: Sequence[str]
+) -> BatchRefused:
+    near = [] if _is_file(named) else difflib.get_close_matches(named.lower(), known, n=1, cutoff=0.75)
+    sentence = f'found "{named}"; did you mean "{near[0]}"?' if near else failure.detail
+    return BatchRefused([Problem(str(folder.settings), f'"{key}": {sentence}')])
+
+
+def _read_priors(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
+    """What the category says, the pit prior in force, and what is wrong with the two or not said by either.
+
+    A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
+    """
+    unknown: list[Problem] = []
+    missing: list[Problem] = []
+    category = _gather(unknown, lambda: read_category(folder, settings))
+    prior = _gather(missing, lambda: read_prior(folder, settings))
+    bare = _without_pit(folder, rows)
+    problems = unknown if _is_file(settings.category) else []
+    if prior is None and (bare or not rows) and not settings.pit.none:
+        problems = list(dict.fromkeys([*problems, *missing]))
+    elif settings.poisson_ratio is None and not problems and not _know_the_ratio(prior, category):
+        name = settings.category if category is None else category.category
+        problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
+    if prior is not None and not prior.has_pit and bare and not settings.pit.none:
+        shown = ", ".join(bare[:6]) + (", ..." if len(bare) > 6 else "")
+        lack = f"{shown} {'has' if len(bare) == 1 else 'have'}"
+        problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
+    return category, prior, problems
+
+
+def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
+    """The prior in force says it, and the category does not leave it to the batch: a core knows no flesh."""
+    left = category is not None and category.poisson_ratio is None
+    return prior is not None and prior.poisson_ratio is not None and not left
+
+
+def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
+    """Fruit that bring no pit of their own; reference bodies have none and need none."""
+    fruits = [row.fruit_id for row in rows or () if not row.reference]
+    return [fruit_id for fruit_id in fruits if not folder.fruit(fruit_id).pit_ply.is_file()]
+
+
+def _effects_without_pit(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> list[Problem]:
+    """A confirmed effect of the pit must not be of fruit that have none."""
+    bare = _without_pit(folder, rows) if settings.pit.none else []
+    return [
+        Problem(
+            str(folder.settings),
+            f'"mismatch": {one.effect} is of the pit, and {fruit_id} has none (pit.prior is "none"); name '
+            "other fruit in its fruits, or take it out.",
+        )
+        for one in settings.mismatch
+        if one.effect in _OF_A_PIT
+        for fruit_id in bare
+        if one.fruits is None or fruit_id in one.fruits
+    ]
+
+
+def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None) -> list[Problem]:
+    """A reference body must be solid, and its Poisson's ratio known; to correct by one there must be one."""
+    problems = []
+    if settings.reference.correct and rows and not any(row.reference for row in rows):
+        sentence = (
+            '"reference.correct" is true, and no row of fruits.csv is a reference body; write true into the '
+            "column reference of the row that is one, or take the line out."
+        )
+        problems.append(Problem(str(folder.settings), sentence))
+    if settings.reference.chart is not None:
+        _gather(problems, partial(read_chart, chart_path(folder, settings.reference.chart)))
+    for row in rows or ():
+        if not row.reference:
+            continue
+        if reference_ratio(row, settings) is None:
+            sentence = (
+                f'reference_poisson_ratio of "{row.fruit_id}" is empty; expected the Poisson\'s ratio of the '
+                "reference body, for example 0.48 for silicone: fill the column."
+            )
+            problems.append(Problem(str(folder.table), sentence))
+        problems += [
+            Problem(
+                str(folder.settings),
+                f'"mismatch": {one.effect} is of the pit, and {row.fruit_id} is a reference body, which has '
+                "none; take it out of its fruits.",
+            )
+            for one in settings.mismatch
+            if one.effect in _OF_A_PIT and row.fruit_id in (one.fruits or ())
+        ]
+        pit = folder.fruit(row.fruit_id).pit_ply
+        if pit.exists() or pit.is_symlink():
+            sentence = "is the pit of a reference body, which must be solid; remove it, or take another body."
+            problems.append(Problem(str(pit), sentence, fruit_id=row.fruit_id))
+    return problems
+
+
+def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
+    """A reference body's Poisson's ratio: its row's, else a phantom's; a batch of phantoms says theirs."""
+    said = reference_prior(row.reference_poisson_ratio).poisson_ratio
+    return settings.poisson_ratio if said is None and settings.category == CATEGORY else said
+
+
+def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
+    """Without a mat, at least one photographed fruit must have a height; single gaps cost single fruit."""
+    photographed = [row for row in rows if not folder.fruit(row.fruit_id).fruit_ply.is_file()]
+    if not photographed or any(_has_height(row) for row in photographed):
+        return []
+    return [
+        Problem(
+            str(folder.table),
+            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale; add "
+            "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
+        )
+    ]
+
+
+def _has_height(row: FruitRow) -> bool:
+    """Or would have one, if it could be read."""
+    return row.height_mm is not None or "height_mm" in row.unreadable
+
+
+def _effects_of_strangers(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> list[Problem]:
+    """A confirmed effect of single fruit must name fruit of this batch."""
+    known = [row.fruit_id for row in rows or ()]
+    problems = []
+    for one in settings.mismatch if rows is not None else ():
+        for fruit_id in one.fruits or ():
+            if fruit_id not in known:
+                near = difflib.get_close_matches(fruit_id, known, n=1)
+                hint = f'did you mean "{near[0]}"?' if near else "take it out."
+                sentence = f'"mismatch": {one.effect} is of fruit "{fruit_id}", not in fruits.csv; {hint}'
+                problems.append(Problem(str(folder.settings), sentence))
+    return problems
+
+
+def _without_model(folder: BatchFolder, settings: Settings) -> list[Problem]:
+    """A geometry model that is asked for must be there."""
+    asked = settings.recon.geometry_model
+    if asked is None:
+        return []
+    if (folder.root / asked).is_file():
+        try:
+            require_onnx(folder.root / asked)
+        except ReconFailure as failure:
+            return [Problem(str(folder.settings), f'"recon.learned.geometry_model": {failure.detail}')]
+        return []
+    return [
+        Problem(
+            str(folder.settings),
+            f'"recon.learned.geometry_model": found "{asked}", but {folder.root / asked} is no file; '
+            "give the path of an ONNX file relative to the batch, or take the line out.",
+        )
+    ]
+
+
+def _without_provider(folder: BatchFolder, settings: Settings) -> list[Problem]:
+    """Models must have something to run on."""
+    if settings.recon.providers == Recon().providers:
+        return []
+    with elsewhere():
+        from recon.learned.onnx_session import providers_fault
+    fault = providers_fault(settings.recon.providers)
+    return [Problem(str(folder.settings), f'"recon.providers": {fault}')] if fault else []
+
+
+def _gather(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    try:
+        return read()
+    except BatchRefused as refused:
+        problems.extend(refused.problems)
+        return None

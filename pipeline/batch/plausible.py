@@ -1,0 +1,286 @@
+"""Numbers that can be read and that no fruit has: a unit, a decimal point, a column was slipped.
+
+Each is held against the ranges of its category (recon.pit.priors.Plausible), against the other numbers of its
+fruit and against the other fruit of the batch. The sentence names the likely slip.
+"""
+
+import itertools
+import math
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from pipeline.batch.fruits_table import MEASURES, FruitRow
+from pipeline.batch.settings import Grading
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior, Plausible
+
+POINT = "is its decimal point missing"
+Slips = tuple[tuple[float, str], ...]
+LENGTH_SLIPS: Slips = (
+    (10, "is it in cm"), (25.4, "is it in inches"), (1000, "is it in m"), (0.001, "is it in µm"),
+    (0.1, POINT), (0.01, POINT),
+)  # fmt: skip
+MASS_SLIPS: Slips = (
+    (1000, "is it in kg"), (28.35, "is it in ounces"), (453.6, "is it in pounds"), (0.001, "is it in mg"),
+    (0.1, POINT), (0.01, POINT),
+)  # fmt: skip
+MODULUS_SLIPS: Slips = (
+    (1e-3, "is it in kPa"), (1e-6, "is it in Pa"), (1000, "is it in GPa"), (0.006895, "is it in psi")
+)  # fmt: skip
+SHORE_SLIPS: Slips = ((0.1, POINT), (100, "is it a share of 1"))
+"""What a number is to be multiplied by, had it been meant so."""
+SLIPS: dict[str, Slips] = {
+    "height_mm": LENGTH_SLIPS,
+    "diameter_mm": LENGTH_SLIPS,
+    "mass_g": MASS_SLIPS,
+    "shore_oo": SHORE_SLIPS,
+}
+UNITS = {"height_mm": "mm", "diameter_mm": "mm", "mass_g": "g", "shore_oo": ""}
+WORDS = {"height_mm": "high", "diameter_mm": "wide", "mass_g": "in mass", "shore_oo": "on the Shore OO scale"}
+FLATTER = 1.8
+"""Ratio, no unit: how far height over diameter may go beyond the category's longest over shortest side.
+Assumed, nothing was measured: flat peaches are about 2.3 times as wide as high, and 1.8 times a stone fruit's
+1.45 is 2.6, a little more."""
+BATCH_FACTOR = 3.0
+"""Ratio, no unit: a length this far from its batch's median is no fruit of it. Assumed: the fruit of one lot
+differ by a half, twice that is left to mixed lots, and a slipped decimal point (10) is far beyond."""
+WIDE_BATCH_FACTOR = 8.0
+"""Ratio, no unit: the same where specimens of a category are of any size (WIDE). Assumed: the most that is
+still clearly less than a slipped decimal point, 10."""
+WIDE = 10.0
+"""Ratio, no unit: largest over least height from which a category's specimens are of any size. Assumed: the
+shipped fruit have 4 to 8, phantoms 40; from 10 on a slipped decimal point stays within the range."""
+LIKE_OTHERS = 2.0
+"""Ratio, no unit: a number in another unit is what was meant where it comes this near the batch's median.
+Assumed: a lot's fruit differ by a half, and no two units of a length are nearer to each other than 2.5."""
+FLATTEST = 0.5
+"""Ratio, no unit: a mesh's shortest side over the least height or diameter of its category. Assumed: ranges
+are of fruit measured over stem or cheeks, and the side across the suture of a flat one is less than either;
+half of the least is below every fruit on record, and a mesh in centimetres (0.1) is far below it."""
+SAME_FRUIT = 1.6
+"""Ratio, no unit: two sides of one fruit differ by no more, where a mass may be a side written in its column.
+Assumed: stone fruit's longest over shortest side is at most 1.45 (recon.pit.priors), and a tenth is left
+to the calliper."""
+FEWEST_OTHERS = 3
+"""Fruit beside the one in question whose median says something: of two, either may be the odd one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A category as the sentences name it, and what is known of it."""
+
+    name: str
+    ranges: Plausible
+    body: Body
+
+    @property
+    def a_fruit(self) -> str:
+        """The category with its article."""
+        return f"{'an' if self.name[:1].lower() in 'aeiou' else 'a'} {self.name}"
+
+
+def kind_of(category: PitPrior | None) -> Kind:
+    """What is known of a category; of an unknown one, nothing."""
+    if category is None:
+        return Kind(name="fruit", ranges=Plausible(), body=STONE_FRUIT)
+    return Kind(name=category.category, ranges=category.plausible or Plausible(), body=category.body)
+
+
+def grading_doubts(grading: Grading, kind: Kind) -> Iterator[str]:
+    """Sentences on numbers of batch.toml that no fruit of the category meets."""
+    if kind.ranges.E_MPa is None:
+        return
+    low, high = kind.ranges.E_MPa
+    for one in grading.classes:
+        if one.E_max_MPa is not None and not low <= one.E_max_MPa <= high:
+            slip = _meant(one.E_max_MPa, MODULUS_SLIPS, (low, high), "MPa")
+            yield (
+                f'"grading.classes": E_max_MPa of "{one.name}" is {one.E_max_MPa:g}; flesh of {kind.a_fruit} '
+                f"has {low:g} to {high:g} MPa{slip}"
+            )
+
+
+def table_doubts(rows: Sequence[FruitRow], kind: Kind) -> dict[str, str]:
+    """Sentences on the columns that are out of range in every row: one slip, not many."""
+    said = {}
+    rows = [row for row in rows if not row.reference]
+    for name in MEASURES:
+        values = [value for row in rows if (value := getattr(row, name)) is not None]
+        limits = getattr(kind.ranges, name)
+        if limits is None or len(values) < 2 or not (max(values) < limits[0] or min(values) > limits[1]):
+            continue
+        slip = _meant(statistics.median(values), SLIPS[name], limits, UNITS[name])
+        said[name] = f"{name} of all {len(values)} fruit is {_spread(values)}; {_range(name, kind)}{slip}"
+    return said
+
+
+def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: Kind) -> Iterator[str]:
+    """Sentences on what one fruit's numbers cannot be: alone, together, and among the other fruit.
+
+    What `table_doubts` says of a whole column is not said again. A reference body stands alone, and no fruit
+    is held against one.
+    """
+    rows = [] if row.reference else [one for one in rows if not one.reference]
+    own = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
+    if said := _exchanged(own, kind):
+        yield said
+        return
+    wrong = {name for name in table_doubts(rows, kind) if name in own}
+    for name, value in own.items():
+        limits = getattr(kind.ranges, name)
+        if name not in wrong and limits is not None and not _within(value, limits):
+            wrong.add(name)
+            slip = _meant(value, SLIPS[name], limits, UNITS[name], like=_middle(name, row, rows))
+            yield f"{name} {value:g}: {_range(name, kind)}{slip}"
+    for name in [one for one in own if one != "shore_oo" and one not in wrong]:
+        said = _apart(name, own[name], _middle(name, row, rows), kind)
+        if said:
+            wrong.add(name)
+            yield said
+    if not wrong:
+        yield from _together(own, kind)
+
+
+def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Kind) -> str:
+    """A sentence where a ready mesh is of no fruit's size, or ten times the height that staff measured; empty
+    where it can be.
+
+    The longest side must not pass what a height or diameter can be, nor the shortest fall below it.
+    """
+    shortest, longest = min(box_mm), max(box_mm)
+    ranges = [r for r in (kind.ranges.height_mm, kind.ranges.diameter_mm) if r is not None]
+    size = f"{box_mm[0]:.3g} x {box_mm[1]:.3g} x {box_mm[2]:.3g}"
+    if ranges:
+        low, high = min(r[0] for r in ranges), max(r[1] for r in ranges)
+        if longest < low or longest > high or shortest < FLATTEST * low:
+            slip = _meant(longest, LENGTH_SLIPS, (low, high), "mm", like=height_mm, shown=box_mm[2])
+            return (
+                f"the mesh is {box_mm[2]:.3g} mm high ({size} mm); {kind.a_fruit} is {low:g} to {high:g} mm "
+                f"in size{slip}"
+            )
+    if height_mm is not None and not 1 / BATCH_FACTOR < box_mm[2] / height_mm < BATCH_FACTOR:
+        return (
+            f"the mesh is {box_mm[2]:.3g} mm high ({size} mm), and fruits.csv says height_mm {height_mm:g}: "
+            "is it in mm, with the stem along z, and of this fruit?"
+        )
+    return ""
+
+
+def _range(name: str, kind: Kind) -> str:
+    low, high = getattr(kind.ranges, name)
+    unit = f" {UNITS[name]}" if UNITS[name] else ""
+    return f"{kind.a_fruit} is {low:g} to {high:g}{unit} {WORDS[name]}"
+
+
+def _meant(
+    value: float,
+    slips: Slips,
+    limits: tuple[float, float],
+    unit: str,
+    *,
+    like: float | None = None,
+    shown: float | None = None,
+) -> str:
+    """What the number would be, had it been meant in another unit; the nearest to `like` first.
+
+    `shown`: the number that the sentence begins with, where that is not the one held against the limits.
+    """
+    fits = [(factor, word) for factor, word in slips if _within(value * factor, limits)]
+    if not fits:
+        return "; correct it."
+    centre = like or math.sqrt(max(limits[0], 1e-12) * limits[1])
+    said = value if shown is None else shown
+    factor, word = min(fits, key=lambda fit: abs(math.log((said if like else value) * fit[0] / centre)))
+    after = f"{said * factor:.4g} {unit}".strip()
+    return f"; {word} ({after})?"
+
+
+def _exchanged(own: Mapping[str, float], kind: Kind) -> str:
+    """A sentence where two numbers fit each other's column, and one fits its own in no unit."""
+    for a, b in itertools.combinations(own, 2):
+        of_a, of_b = getattr(kind.ranges, a), getattr(kind.ranges, b)
+        if of_a is None or of_b is None or {a, b} == {"height_mm", "diameter_mm"}:
+            continue
+        lost = not (_in_some_unit(a, own[a], of_a) and _in_some_unit(b, own[b], of_b))
+        if lost and _within(own[a], of_b) and _within(own[b], of_a):
+            return f"{a} {own[a]:g} and {b} {own[b]:g}: are the two exchanged? {_range(a, kind)}."
+    return ""
+
+
+def _in_some_unit(name: str, value: float, limits: tuple[float, float]) -> bool:
+    return any(_within(value * factor, limits) for factor, _ in ((1.0, ""), *SLIPS[name]))
+
+
+def _within(value: float, limits: tuple[float, float]) -> bool:
+    return limits[0] <= value <= limits[1]
+
+
+def _middle(name: str, row: FruitRow, rows: Sequence[FruitRow]) -> float | None:
+    """The median of the other fruit of the batch, where there are enough."""
+    values = [v for r in rows if r.fruit_id != row.fruit_id and (v := getattr(r, name)) is not None]
+    return statistics.median(values) if len(values) >= FEWEST_OTHERS else None
+
+
+def _apart(name: str, value: float, middle: float | None, kind: Kind) -> str:
+    if middle is None:
+        return ""
+    sizes = kind.ranges.height_mm
+    narrow = sizes is not None and sizes[1] / sizes[0] < WIDE
+    factor = BATCH_FACTOR if narrow else WIDE_BATCH_FACTOR
+    if name == "mass_g":
+        factor = factor**2 if narrow else factor**3
+    if 1 / factor < value / middle < factor:
+        return ""
+    slip = _meant(value, SLIPS[name], (middle / LIKE_OTHERS, middle * LIKE_OTHERS), UNITS[name], like=middle)
+    return f"{name} {value:g}: the other fruit of the batch have about {middle:.4g}{slip}"
+
+
+def _together(own: Mapping[str, float], kind: Kind) -> Iterator[str]:
+    """Height against diameter, and the density that mass, height and diameter make, an ellipsoid's."""
+    height, diameter, mass = (own.get(name) for name in ("height_mm", "diameter_mm", "mass_g"))
+    most = FLATTER * kind.body.longest_over_shortest
+    limits = kind.ranges.density_g_per_cm3
+    if limits is None:
+        return
+    if height is not None and diameter is not None and not 1 / most <= height / diameter <= most:
+        yield (
+            f"height_mm {height:g} and diameter_mm {diameter:g}: no {kind.name} is {most:.2g} times as long "
+            "as wide or wide as long; is one of them in another unit?"
+        )
+        return
+    if mass is None or (height is None and diameter is None):
+        return
+    # What is not measured lies between the flattest and the longest fruit.
+    if height is not None and diameter is not None:
+        least = greatest = math.pi / 6000 * height * diameter**2
+    elif height is not None:
+        least, greatest = (math.pi / 6000 * height**3 * share for share in (1 / most**2, most**2))
+    else:
+        least, greatest = (math.pi / 6000 * float(diameter or 0) ** 3 * share for share in (1 / most, most))
+    if mass / least < limits[0] or mass / greatest > limits[1]:
+        if diameter is not None and height is not None and _swapped(mass, diameter, height, kind, limits):
+            yield f"diameter_mm {diameter:g} and mass_g {mass:g}: are the two exchanged?"
+            return
+        if diameter is not None and height is not None and _swapped(mass, height, diameter, kind, limits):
+            yield f"height_mm {height:g} and mass_g {mass:g}: are the two exchanged?"
+            return
+        said = ", ".join(f"{name} {value:g}" for name, value in own.items() if name != "shore_oo")
+        density = mass / least if mass / least < limits[0] else mass / greatest
+        yield (
+            f"{said}: together they make {density:.2g} g per cm3, and {kind.a_fruit} has {limits[0]:g} to "
+            f"{limits[1]:g}; one of them is mistyped or in another unit."
+        )
+
+
+def _swapped(mass: float, size: float, other: float, kind: Kind, limits: tuple[float, float]) -> bool:
+    """Whether the fruit can be, had mass and `size` been written in each other's column."""
+    sizes, masses = kind.ranges.diameter_mm, kind.ranges.mass_g
+    if sizes is None or masses is None or not (_within(mass, sizes) and _within(size, masses)):
+        return False
+    near = 1 / SAME_FRUIT < mass / other < SAME_FRUIT
+    return near and _within(size * 6000 / math.pi / (mass * mass * other), limits)
+
+
+def _spread(values: Sequence[float]) -> str:
+    low, high = min(values), max(values)
+    return f"{low:g}" if low == high else f"{low:g} to {high:g}"

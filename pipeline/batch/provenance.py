@@ -1,0 +1,71 @@
+"""`batch.json`: what a result came from (versions, settings, inputs, times), so that it can be made again."""
+
+import json
+import platform
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from pipeline.batch.cache import LIBRARIES, ROOMS, code_version, file_hash
+from pipeline.batch.layout import write_whole
+
+
+def versions() -> dict[str, str]:
+    """drupe, its code's hash, Python, the platform, and the libraries that make the numbers."""
+    return {
+        "drupe": metadata.version("drupe"),
+        "drupe code": code_version(ROOMS)[:16],
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        **{name: metadata.version(name) for name in LIBRARIES},
+    }
+
+
+def input_hashes(root: Path, files: Iterable[Path]) -> dict[str, str]:
+    """SHA-256 of each input file, by its path inside the batch, or its whole path where it lies outside."""
+    return {_inside(path, root): file_hash(path) for path in files}
+
+
+def _inside(path: Path, root: Path) -> str:
+    around = next((place for place in (root, root.resolve()) if path.is_relative_to(place)), None)
+    return (path.absolute() if around is None else path.relative_to(around)).as_posix()
+
+
+def write_provenance(
+    path: Path,
+    *,
+    batch: str,
+    settings: Mapping[str, Any],
+    inputs: Mapping[str, str],
+    started: datetime,
+    finished: datetime | None,
+    exit_status: int | None,
+    outcomes: Mapping[str, str],
+    reference: Mapping[str, Any] | None = None,
+    force: bool = False,
+) -> None:
+    """Writes batch.json; times are UTC in ISO 8601. `batch`: its folder; `finished` and `exit_status` are
+    None while the run goes on; `reference`: what the reference bodies say, if any; `force`: whether numbers
+    that no fruit has were graded all the same.
+    """
+    content = {
+        "format": "drupe-batch-result",
+        "version": 1,
+        "batch": batch,
+        "versions": versions(),
+        "settings": settings,
+        "inputs": inputs,
+        "started_utc": _utc(started),
+        "finished_utc": None if finished is None else _utc(finished),
+        "exit_status": exit_status,
+        "force": force,
+        "outcomes": outcomes,
+        **({} if reference is None else {"reference": reference}),
+    }
+    write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
+
+
+def _utc(moment: datetime) -> str:
+    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

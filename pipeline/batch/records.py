@@ -1,0 +1,207 @@
+"""What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pipeline.batch.layout import write_whole
+from recon.plain_file import not_plain
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True)
+
+
+class Given(_Record):
+    """What staff wrote of the fruit in fruits.csv."""
+
+    height_mm: float | None = None
+    mass_g: float | None = None
+    shore_oo: float | None = None
+    diameter_mm: float | None = None
+    notes: str = ""
+    reference: bool = False
+    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
+    reference_E_MPa: float | None = None
+    reference_E_sd_MPa: float | None = None
+    reference_poisson_ratio: float | None = None
+
+
+class StanceRecord(_Record):
+    """What the shape says of stem and suture, against the fruit frame: `tilt_deg` of the stem axis from z,
+    `turn_deg` of the groove from +x towards +y, depths of hollow and groove, confidences from 0 to 1.
+    """
+
+    tilt_deg: float
+    stem_confidence: float
+    hollow_mm: float
+    turn_deg: float
+    suture_confidence: float
+    groove_mm: float
+
+
+class MeshRecord(_Record):
+    """The fruit's surface: where it came from, its size, and how good it is."""
+
+    source: Literal["photos", "fruit.ply"]
+    vertices: int
+    faces: int
+    volume_mm3: float
+    height_mm: float
+    box_mm: tuple[float, float, float]
+    scale_sd: float | None = None
+    surface_sd_mm: float | None = None
+    quality: dict[str, Any] = {}
+    stance: StanceRecord | None = None
+
+
+class PitRecord(_Record):
+    """The pit that was embedded: from a category prior, or the user's own."""
+
+    source: str
+    volume_mm3: float
+    centre_mm: tuple[float, float, float]
+    box_mm: tuple[float, float, float]
+    thinnest_flesh_mm: float
+    flesh_volume_mm3: float
+
+
+class CurveRecord(_Record):
+    """Normal force of one pad against travel since first touch."""
+
+    pad: str
+    travel_mm: list[float]
+    force_N: list[float]
+
+
+class GraspRecord(_Record):
+    """What one recording gave; `failure` says why it gave nothing."""
+
+    grasp: str
+    failure: str | None = None
+    digest: str = ""
+    """Of the displacements and forces that it was made of (tactile.recording_digest)."""
+    E_MPa: float | None = None
+    E_sd_MPa: float | None = None
+    parts_sd_MPa: dict[str, float] = {}
+    discretisation: float | None = None
+    E_energy_MPa: float | None = None
+    E_energy_sd_MPa: float | None = None
+    E_least_squares_MPa: float | None = None
+    E_least_squares_sd_MPa: float | None = None
+    residual_um: float | None = None
+    noise_um: float | None = None
+    registration_mm: float | None = None
+    frames_used: int | None = None
+    markers_used: int | None = None
+    peak_force_N: float | None = None
+    travel_mm: float | None = None
+    contact_mm: dict[str, list[tuple[float, float, float]]] = {}
+    curves: list[CurveRecord] = []
+
+
+class FleshRecord(_Record):
+    """The mechanical model: finite-element mesh of the flesh and its assumed Poisson's ratio."""
+
+    nodes: int
+    tets: int
+    poisson_ratio: float
+    poisson_ratio_sd: float
+    poisson_ratio_source: str
+    solver: str = ""
+
+
+class PitFoundRecord(_Record):
+    """Where two or more grasps put the pit, against the prior's, fruit frame; one standard deviation each.
+
+    `moved`: by how many of the prior's standard deviations the data moved x, y, z and size.
+    """
+
+    offset_mm: tuple[float, float, float]
+    offset_sd_mm: tuple[float, float, float]
+    offset_prior_sd_mm: tuple[float, float, float]
+    size: float
+    size_sd: float
+    size_prior_sd: float
+    moved: tuple[float, float, float, float]
+
+
+class ModulusRecord(_Record):
+    """The flesh's modulus from all grasps together, and the error bar's parts (MPa, one sd each)."""
+
+    E_MPa: float
+    E_sd_MPa: float
+    common_sd_MPa: float = 0.0
+    """The part of E_sd_MPa that all fruit of the batch share, so that it does not touch their order."""
+    parts_sd_MPa: dict[str, float] = {}
+    pit_found: PitFoundRecord | None = None
+
+
+class ReferenceRecord(_Record):
+    """What the batch's reference bodies say of this fruit's E: the ratio r of the modulus found of them over
+    the known one, with its standard deviation, and E as the ranking has it, `corrected` (divided by r) or
+    not.
+    """
+
+    bodies: tuple[str, ...]
+    ratio: float
+    ratio_sd: float
+    corrected: bool
+    E_MPa: float
+    E_sd_MPa: float
+
+
+class FruitRecord(_Record):
+    """Everything known of one fruit."""
+
+    format: Literal["drupe-fruit-record"] = "drupe-fruit-record"
+    version: Literal[1] = 1
+    fruit_id: str
+    outcome: str
+    reason: str = ""
+    key: str
+    given: Given
+    mesh: MeshRecord | None = None
+    pit: PitRecord | None = None
+    flesh: FleshRecord | None = None
+    grasps: tuple[GraspRecord, ...] = ()
+    modulus: ModulusRecord | None = None
+    reference: ReferenceRecord | None = None
+    """Set once the whole batch is graded; `modulus` and `grasps` of record.json stay as measured."""
+    mismatch: str | None = None
+    """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
+    warnings: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider, but
+    not by what is `forced`."""
+    forced: tuple[str, ...] = ()
+    """Of the doubts, those on numbers that no fruit has, in spite of which `--force` graded it."""
+    strangers: dict[str, bool] = {}
+    """Other fruit that recordings of this one name, and whether the batch had them then: what is used, and
+    what is doubted, depends on it."""
+    graded_before: bool = False
+    """Whether a run refused the fruit's numbers that an earlier one had graded: `modulus` and files are that
+    one's, and hold again when the numbers are right or forced."""
+    seconds: dict[str, float] = {}
+    peak_memory_MiB: float | None = None
+
+    @property
+    def graded(self) -> bool:
+        """Whether the fruit went all the way."""
+        return self.outcome == "graded" and self.modulus is not None
+
+
+def write_record(path: Path, record: FruitRecord) -> None:
+    """Writes the record as JSON, whole or not at all."""
+    write_whole(path, record.model_dump_json(indent=1) + "\n")
+
+
+def read_record(path: Path) -> FruitRecord | None:
+    """The record at `path`; None where there is none that this version can read."""
+    if not_plain(path):
+        return None
+    try:
+        return FruitRecord.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ValidationError):
+        return None

@@ -1,0 +1,78 @@
+"""One recording in two places: within a fruit it counts once, in two fruit one has the other's."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from pipeline.batch.layout import BatchFolder
+from pipeline.batch.records import FruitRecord, ModulusRecord
+from pipeline.fruit.elasticity import DOUBTED
+from recon.plain_file import printable
+from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+
+def refuse_copy(source: str, first: str | None) -> None:
+    """Raises TactileFailure (repeated-recording) where `first`, of the same fruit, holds the same."""
+    if first is not None:
+        raise TactileFailure(
+            TactileProblem.REPEATED_RECORDING,
+            f"{source}: holds the same displacements and forces as {first}: one grasp, counted once; take "
+            "one of the two away, or put the grasp that was meant there.",
+        )
+
+
+def in_two_fruit(source: str, others: Iterable[str]) -> str:
+    """The sentence on a recording that files of other fruit hold too."""
+    return (
+        f"{source}: holds the same displacements and forces as {', '.join(others)}: at least one of these "
+        "fruit has another's recording; take it out of the folder where it does not belong."
+    )
+
+
+def copies_doubted(records: Sequence[FruitRecord], folder: BatchFolder) -> list[FruitRecord]:
+    """The records, E in doubt where another fruit's has the same displacements and forces in a recording that
+    is used; nobody can say whose it is, and moduli of one lot differ by E_OF_ANOTHER_FRUIT.
+    """
+    holders: Mapping[str, list[tuple[str, str]]] = defaultdict(list)
+    for record in records:
+        for grasp in record.grasps if record.graded else ():
+            if grasp.digest and grasp.failure is None:
+                holders[grasp.digest].append((record.fruit_id, grasp.grasp))
+    return [_doubted(record, holders, folder) for record in records]
+
+
+def _doubted(
+    record: FruitRecord, holders: Mapping[str, list[tuple[str, str]]], folder: BatchFolder
+) -> FruitRecord:
+    used = [grasp for grasp in record.grasps if grasp.failure is None]
+    said = []
+    for grasp in used if record.graded else ():
+        others = [one for one in holders.get(grasp.digest, ()) if one[0] != record.fruit_id]
+        if others:
+            said.append(in_two_fruit(grasp.grasp, (_file(folder, *one) for one in others)))
+    if not said or record.modulus is None:
+        return record
+    modulus = _widened(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used))
+    doubts, warnings = (*said, *record.doubts), (*said, *record.warnings)
+    return record.model_copy(update={"modulus": modulus, "doubts": doubts, "warnings": warnings})
+
+
+def _file(folder: BatchFolder, fruit_id: str, grasp: str) -> str:
+    """The file that a fruit's grasp was read from, as its place in the batch."""
+    files = folder.fruit(fruit_id).grasp_files()
+    path = next((one for one in files if printable(one.stem) == grasp), Path(grasp))
+    return f"fruits/{fruit_id}/grasps/{printable(path.name)}"
+
+
+def _widened(modulus: ModulusRecord, relative_sd: float) -> ModulusRecord:
+    """The same E with an error bar wider by `relative_sd`, which no other fruit shares."""
+    more = relative_sd * modulus.E_MPa
+    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
+    return modulus.model_copy(
+        update={
+            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
+            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
+        }
+    )

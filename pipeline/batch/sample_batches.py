@@ -1,0 +1,61 @@
+"""`drupe sample`: the shipped batches, and new ones from a seed."""
+
+from pathlib import Path
+
+from rich.console import Console
+
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.files.scratch import scratch
+from pipeline.files.whole_file import NotWritten
+
+
+def write_sample(
+    folder: Path, *, name: str, seed: int | None, fruits: int, photos: bool, console: Console
+) -> None:
+    """Writes a shipped batch, or generates one; raises BatchRefused where the name or an extra is missing.
+
+    `folder` is empty or not there yet; a new one appears whole or not at all.
+    """
+    from samples.sample_failure import SampleFailure
+
+    target = folder.resolve()
+    with scratch(beside=target) as beside:
+        try:
+            if seed is None:
+                _copied(beside / "batch", name)
+            else:
+                from samples.sample_batch import write_batch
+
+                write_batch(
+                    beside / "batch",
+                    seed=seed,
+                    fruits=fruits,
+                    photos=photos,
+                    progress=lambda line: console.print(line, highlight=False, markup=False),
+                )
+            _moved(beside / "batch", target)
+        except SampleFailure as failure:
+            raise BatchRefused([Problem(str(folder), str(failure))]) from None
+        except OSError as error:
+            raise NotWritten(folder, error) from error
+
+
+def _moved(batch: Path, target: Path) -> None:
+    """An empty folder stays the one it is: a shell may be in it. batch.toml, which makes it a batch, comes
+    last.
+    """
+    if not target.is_dir():
+        batch.rename(target)
+        return
+    for path in sorted(batch.iterdir(), key=lambda path: path.name == "batch.toml"):
+        path.rename(target / path.name)
+
+
+def _copied(folder: Path, name: str) -> None:
+    from samples.shipped import shipped_batches, write_shipped
+
+    known = shipped_batches()
+    if name not in known:
+        sentence = f"no such shipped batch; there are: {', '.join(known)}."
+        raise BatchRefused([Problem(f"--name {name}", sentence)])
+    write_shipped(name, folder)

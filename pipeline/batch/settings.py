@@ -1,0 +1,356 @@
+"""`batch.toml`: the settings of a batch, read strictly (unknown keys are refused)."""
+
+import datetime
+import difflib
+import itertools
+import math
+import re
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, TypeVar, get_args
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from fem.elements.assembly import LARGEST_POISSON_RATIO
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.diagnosis.confirmed_effects import ConfirmedEffect
+from recon.cameras.coin import Coin, coin_named
+from recon.pit.priors import LEAST_POISSON_RATIO
+from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+from recon.recon_failure import ReconFailure
+from tactile.io.decimal_number import meant
+
+MOST_BYTES = 1_000_000
+"""Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
+Name = Annotated[str, Field(min_length=1, max_length=200)]
+Words = Annotated[str, Field(max_length=10_000)]
+Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
+"""A standard deviation as a share; at a half nothing is known any more, and a ten-thousandth is a force
+standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
+Shift = Annotated[float, Field(ge=1e-3, le=20)]
+"""A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
+Model = TypeVar("Model", bound=BaseModel)
+_AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
+_DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
+"""A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
+
+
+class Strict(BaseModel):
+    """A table of settings: unknown keys, numbers that are not finite and true for a number are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _printable(cls, value: Any, info: ValidationInfo) -> Any:
+        if isinstance(value, bool) and "bool" not in str(cls.model_fields[str(info.field_name)].annotation):
+            raise ValueError("expected no true or false here")
+        return printable(value).strip() if isinstance(value, str) else value
+
+
+class GradingClass(Strict):
+    """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken."""
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
+    E_max_MPa: Annotated[float, Field(ge=1e-6, le=1e9)] | None = None
+
+
+class Grading(Strict):
+    """The batch's own limits, softest class first; the last class has no upper limit."""
+
+    classes: Annotated[tuple[GradingClass, ...], Field(max_length=50)] = ()
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
+        if any(a >= b for a, b in itertools.pairwise(limits)):
+            numbers = [limit for limit in limits if math.isfinite(limit)]
+            slip = ": is one of them in kPa?" if numbers and max(numbers) > 100 * min(numbers) else ""
+            raise ValueError(
+                f"E_max_MPa must grow from class to class and only the last may lack it, found {limits}{slip}"
+            )
+        if limits and limits[-1] != math.inf:
+            raise ValueError(
+                "the last (firmest) class must have no E_max_MPa, so that every fruit has a class"
+            )
+        names = [c.name for c in self.classes]
+        if len(set(names)) != len(names):
+            raise ValueError(f"class names must differ, found {names}")
+        return self
+
+
+NO_PIT = "none"
+"""The pit prior of fruit without a pit."""
+
+
+class Pit(Strict):
+    """Which pit prior is embedded, and how far the true pit may be from it (standard deviations).
+
+    Of prior "none", a fruit that brings no pit.ply has no pit.
+    """
+
+    prior: Name | None = None
+    offset_sd_mm: Shift | None = None
+    size_sd: Relative | None = None
+
+    @property
+    def none(self) -> bool:
+        """Whether fruit without a pit.ply have no pit."""
+        return self.prior == NO_PIT
+
+
+class Recon(Strict):
+    """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
+    on the first of the ONNX Runtime `providers` that the machine has. `fruit_model`: whether the shipped
+    model is asked which pixels are fruit.
+    """
+
+    geometry_model: Name | None = None
+    fruit_model: bool = True
+    providers: Annotated[tuple[Name, ...], Field(max_length=20)] = ("CPUExecutionProvider",)
+    max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
+
+
+class Photos(Strict):
+    """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter."""
+
+    coin: Name | None = None
+    coin_mm: Annotated[float, Field(ge=10, le=50)] | None = None
+
+    @field_validator("coin")
+    @classmethod
+    def _known(cls, coin: str | None) -> str | None:
+        if coin is not None:
+            try:
+                coin_named(coin)
+            except ReconFailure as failure:
+                raise ValueError(failure.detail) from None
+        return coin
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        if self.coin is not None and self.coin_mm is not None:
+            raise ValueError("give coin or coin_mm, not both")
+        return self
+
+    @property
+    def scale(self) -> Coin | None:
+        """The coin, if there is one."""
+        if self.coin is not None:
+            return coin_named(self.coin)
+        return None if self.coin_mm is None else Coin(name="coin_mm", diameter_mm=self.coin_mm)
+
+
+class FleshMesh(Strict):
+    """Longest element edges in mm: in the bulk of the flesh, and under the pads.
+
+    Under the pads a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size) unless given.
+    """
+
+    edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0
+    pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] | None = None
+
+
+class Flesh(Strict):
+    """How the flesh deforms: "linear" (small strain) or "neo-hookean" (large deformation, slower)."""
+
+    model: Literal["linear", "neo-hookean"] = "linear"
+
+
+class Device(Strict):
+    """A named piece of equipment, for the record."""
+
+    name: Annotated[str, Field(max_length=200)]
+    serial: Name | None = None
+
+
+class Sensor(Device):
+    """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
+    skin, where the maker or a calibration says."""
+
+    gel_scale_sd: Relative | None = None
+    force_scale_sd: Relative | None = None
+    pose_sd_mm: Shift | None = None
+
+
+class Reference(Strict):
+    """What is done where reference bodies (fruits.csv) show that the gripper reads another modulus than
+    theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt. `chart` names the
+    CSV, relative to the batch, to which each batch adds what was read.
+    """
+
+    correct: bool = False
+    chart: Name | None = None
+
+
+class Settings(Strict):
+    """Everything a batch says of itself in `batch.toml`; only the category is required."""
+
+    category: Name
+    cultivar: Words | None = None
+    lot: Words | None = None
+    harvest_date: (
+        Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))] | None
+    ) = None
+    pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
+    poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
+    poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
+    notes: Words | None = None
+    sensor: Sensor | None = None
+    gripper: Device | None = None
+    pit: Pit = Pit()
+    recon: Recon = Recon()
+    photos: Photos = Photos()
+    mesh: FleshMesh = FleshMesh()
+    flesh: Flesh = Flesh()
+    grading: Grading = Grading()
+    reference: Reference = Reference()
+    mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
+
+
+def read_settings(path: Path) -> Settings:
+    """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
+    if path.parent.exists() and not path.parent.is_dir():
+        raise BatchRefused([Problem(str(path.parent), "is a file; give the batch's folder.")])
+    if not path.parent.is_dir():
+        raise BatchRefused([Problem(str(path.parent), "there is no such batch folder.")])
+    case = path.with_name("case.toml").is_file()
+    return read_toml(path, Settings, missing=_A_CASE if case else _MISSING)
+
+
+def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
+    """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
+    if not path.is_symlink() and not path.exists():
+        raise BatchRefused([Problem(str(path), missing)])
+    text = ""
+    try:
+        text = read_text(path, most_bytes=MOST_BYTES)
+        return model.model_validate(toml_of(text))
+    except NotReadable as error:
+        fault = _decimal_comma(text, str(error)) or f"{error}{_mend(path, text)}"
+        raise BatchRefused([Problem(str(path), f"{fault}.")]) from None
+    except ValidationError as error:
+        said = dict.fromkeys(_sentence(e, model) for e in error.errors())
+        raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
+
+
+_MISSING = (
+    "there is no batch.toml in this folder; write one with at least the line "
+    'category = "nectarine", or make an example with `drupe sample DIR`.'
+)
+_A_CASE = "there is no batch.toml but a case.toml: this is a case of its own, which `drupe explain` takes."
+
+
+def _decimal_comma(text: str, fault: str) -> str:
+    """The fault in words, where the line that it names has a decimal comma; empty where it has none."""
+    at = _AT_LINE.search(fault)
+    comma = at and _DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
+    return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
+
+
+def _mend(path: Path, text: str) -> str:
+    """What to do about a file whose bytes are no text, or whose `text` is no TOML."""
+    if not_plain(path):
+        return ""
+    return "; correct it there" if text else "; save it again as UTF-8 text"
+
+
+def _sentence(error: Any, model: type[BaseModel]) -> str:
+    """One validation error as a sentence that names the key, what was found and what was expected."""
+    location = [part for part in error["loc"] if isinstance(part, str | int)]
+    key = ".".join(map(str, location))
+    if error["type"] == "missing":
+        example = ', for example category = "nectarine"' if key == "category" else ""
+        return f'the required key "{key}" is missing; add it{example}.'
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(location[:-1], model)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else f"known keys here: {', '.join(known)}."
+        return f'unknown key "{key}"; {hint}'
+    slip = _likely_slip(str(location[-1]), error["input"])
+    return f'"{key}": {_expected(error)}{slip or "."}'
+
+
+def shown(value: object) -> str:
+    """A value as it stood in the file, not too long to read."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _expected(error: Any) -> str:
+    """What was found and what was expected, in plain words."""
+    kind, limits = error["type"], error.get("ctx", {})
+    found = shown(error["input"])
+    if kind in {"value_error", "assertion_error"}:
+        message = error["msg"].removeprefix("Value error, ")
+        return (
+            message
+            if isinstance(error["input"], dict | list)
+            else f"found {found}; {message[:1].lower()}{message[1:]}"
+        )
+    if kind == "too_long":
+        return f"holds {limits['actual_length']} entries; at most {limits['max_length']} are read"
+    if kind == "string_too_long":
+        return f"is longer than {limits['max_length']} characters; shorten it"
+    if kind == "string_too_short":
+        return f"found {found}; expected a text that is not empty"
+    words = {
+        "greater_than_equal": "expected {ge} or more",
+        "greater_than": "expected more than {gt}",
+        "less_than_equal": "expected at most {le}",
+        "less_than": "expected less than {lt}",
+        "literal_error": "expected {expected}",
+        "finite_number": "expected a finite number",
+    }
+    if kind in words:
+        plain = {name: f"{v:g}" if isinstance(v, float) else v for name, v in limits.items()}
+        return f"found {found}; {words[kind].format(**plain)}"
+    if kind.startswith("float") and isinstance(error["input"], str):
+        return f"found {found}; expected a number, without quotes{meant(error['input'])}"
+    for part, expected in (
+        ("float", "a number (with a decimal point)"),
+        ("int", "a whole number"),
+        ("bool", "true or false"),
+        ("string", "a text in quotes"),
+        ("date", "a date like 2026-08-14"),
+        ("tuple", "a list in [ ]"),
+        ("dict", "a table"),
+        ("model", "a table"),
+    ):
+        if kind.startswith(part):
+            return f"found {found}; expected {expected}"
+    return f"found {found}; {error['msg'][:1].lower()}{error['msg'][1:]}"
+
+
+def _likely_slip(key: str, value: Any) -> str:
+    """What a number out of its limits may have been meant to be."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return ""
+    if key == "pulp_temperature_C":
+        if 263 <= value <= 323:
+            return f": is it in kelvin ({value - 273.15:.1f} C)?"
+        return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
+    if key in {"size_sd", "gel_scale_sd", "force_scale_sd", "poisson_ratio_sd", "poisson_ratio"}:
+        return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
+    return ""
+
+
+def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:
+    for part in location:
+        if isinstance(part, str):
+            model = _table(model.model_fields[part].annotation)
+    return sorted(model.model_fields)
+
+
+def _table(annotation: Any) -> type[BaseModel]:
+    """The model in a field's type: `Pit`, `Sensor | None`, `tuple[GradingClass, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_table(part) for part in get_args(annotation) if part not in (type(None), Ellipsis))

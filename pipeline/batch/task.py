@@ -1,0 +1,91 @@
+"""What the process that grades one fruit is told."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pipeline.batch.cache import ROOMS, stage_key
+from pipeline.batch.layout import FruitFolder, FruitResults, Results
+from pipeline.batch.opening import Batch, reference_ratio
+from pipeline.batch.records import Given
+from pipeline.batch.settings import NO_PIT, Pit, Settings
+from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, effects_on, keyed
+from pipeline.ranking.reference_body import CATEGORY, reference_prior
+from recon.cameras.mat import Mat
+from recon.pit.priors import Body, PitPrior
+
+IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}
+"""Settings that change no fruit's result."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FruitTask:
+    """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone.
+
+    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like;
+    `batch_fruits`: every fruit_id of its batch, None of a case of its own.
+    """
+
+    fruit_id: str
+    folder: FruitFolder
+    batch_root: Path
+    results: FruitResults
+    settings: Settings
+    mat: Mat | None
+    category: str
+    body: Body
+    prior: PitPrior | None
+    given: Given
+    key: str
+    batch_fruits: frozenset[str] | None = None
+
+
+def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
+    """The task of one fruit of the batch, and the key of everything its result depends on.
+
+    Its paths are absolute: the process that works on it has a current folder of its own.
+    """
+    row = next(row for row in batch.rows if row.fruit_id == fruit_id)
+    folder = batch.folder.fruit(fruit_id)
+    own = effects_on(batch.settings.mismatch, fruit_id)
+    settings = batch.settings.model_copy(update={"mismatch": own})
+    category, body, prior = batch.category, batch.body, batch.prior
+    if row.reference:
+        # Of the confirmed effects, those of the whole batch's flesh are not this body's.
+        own = tuple(one for one in own if one.fruits is not None or one.effect in OF_THE_JAWS)
+        changed = {"mismatch": own, "pit": Pit(prior=NO_PIT), "poisson_ratio": None, "poisson_ratio_sd": None}
+        settings = batch.settings.model_copy(update=changed)
+        prior = reference_prior(reference_ratio(row, batch.settings))
+        category, body = CATEGORY, prior.body
+    files = list(folder.input_files())
+    if batch.mat is not None:
+        files.append(batch.folder.mat)
+    if settings.recon.geometry_model is not None:
+        files.append(batch.folder.root / settings.recon.geometry_model)
+    key = stage_key(
+        "fruit",
+        files=files,
+        settings=[
+            settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
+            keyed(own),
+            row.height_mm,
+            category,
+            repr(body),
+            repr(prior),
+        ],
+        rooms=ROOMS,
+    )
+    given = Given(**{name: getattr(row, name) for name in Given.model_fields})
+    return FruitTask(
+        fruit_id=fruit_id,
+        folder=FruitFolder(folder.root.absolute()),
+        batch_root=batch.folder.root.absolute(),
+        results=FruitResults(results.fruit(fruit_id).root.absolute()),
+        settings=settings,
+        mat=batch.mat,
+        category=category,
+        body=body,
+        prior=prior,
+        given=given,
+        key=key,
+        batch_fruits=frozenset(one.fruit_id for one in batch.rows),
+    )

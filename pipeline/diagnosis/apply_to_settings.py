@@ -1,0 +1,200 @@
+"""`drupe explain --apply`: a confirmed effect goes into batch.toml, whose other text stays as it is."""
+
+import re
+import tomllib
+from collections.abc import Sequence
+from datetime import datetime
+
+from pydantic import ValidationError
+
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter
+from pipeline.batch.layout import write_whole
+from pipeline.batch.settings import Settings
+from pipeline.diagnosis.confirmed_effects import OF_ONE_FRUIT, PARAMETERS, ConfirmedEffect, Value
+from pipeline.diagnosis.diagnosed_case import Case
+
+HEADER = re.compile(r"[ \t]*\[")
+MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
+BYTE_ORDER_MARK = "\ufeff"
+
+
+def applied(case: Case, found: Explanation, *, now: datetime) -> str:
+    """Writes the effect found into the batch's settings where it is confirmed; the sentence that says so.
+
+    Confirmed: one verdict (or one pair), and recordings that the fit did not see come out better with it.
+    """
+    if case.batch is None:
+        raise ValueError(case.name)
+    path = case.batch.folder.settings
+    if doubt := why_not(found):
+        return f"Not applied: {doubt}"
+    winner = next(one for one in found.ranking if one.effect == found.verdict)
+    try:
+        effects = confirmed_effects(winner, fruit_id=case.name)
+    except ValidationError as error:
+        return f"Not applied: {error.errors()[0]['msg'].removeprefix('Value error, ')}."
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            text = file.read()
+        changed = with_effects(text, effects, note=f"found by drupe explain on {now:%Y-%m-%d}")
+        if changed is None:
+            lines = " ".join(line for one in effects for line in _lines(one, note=""))
+            return f"Not applied: {path} could not be changed without touching the rest; add by hand: {lines}"
+        mode = path.stat().st_mode
+        write_whole(path.resolve(), changed)
+        path.chmod(mode)
+    except OSError as error:
+        return f"Not applied: {path} cannot be written ({error.strerror})."
+    told = " and ".join(
+        f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
+        for one in effects
+    )
+    return f"Applied: {path} now holds {told}; run `drupe grade` again to use it."
+
+
+def why_not(found: Explanation) -> str:
+    """Why the answer is no confirmed effect; empty where it is one."""
+    if not found.detected or found.verdict == NONE:
+        return "nothing is missing, so there is nothing to apply."
+    if found.verdict == UNKNOWN:
+        return "what is missing is not known, so grading cannot take it into account."
+    if not isinstance(found.verdict, str):
+        names = ", ".join(found.verdict)
+        return f"{names} cannot be told apart yet; record what the answer proposes, and explain again."
+    if found.heldout is None:
+        return "there is no second recording to confirm the effect by; record another grasp."
+    if not found.heldout.rms_after < found.heldout.rms_before:
+        return "the effect does not help recordings that it was not fitted to."
+    if found.heldout.rms_before <= found.heldout.noise_rms:
+        return (
+            "what recordings show that the fit did not see is within the sensors' noise without it already."
+        )
+    if all(one.effect != found.verdict for one in found.ranking):
+        return f"the ranking does not hold {found.verdict}."
+    return ""
+
+
+def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEffect, ...]:
+    """The winner as entries of the settings, a pair as two; raises ValidationError where a parameter lacks.
+
+    Numbers are rounded to six digits, so that the file holds what is used. In a pair a parameter may be
+    named "effect.parameter".
+    """
+    entries = []
+    for effect in winner.effect.split("+"):
+        values: dict[str, Value] = {}
+        spread: dict[str, float | tuple[float, ...]] = {}
+        for name, parameter in _own(winner, effect).items():
+            values[name] = _rounded(parameter.value)
+            if parameter.sd is not None and not isinstance(parameter.value, str):
+                rounded = _rounded(parameter.sd)
+                if not isinstance(rounded, str):
+                    spread[name] = rounded
+        entries.append(
+            ConfirmedEffect(
+                effect=effect,
+                parameters=values,
+                sd=spread,
+                fruits=(fruit_id,) if effect in OF_ONE_FRUIT else None,
+                found_in=fruit_id,
+                probability=round(winner.probability, 4),
+            )
+        )
+    return tuple(entries)
+
+
+def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
+    """The parameters of one effect of the winner."""
+    own = {
+        name.removeprefix(f"{effect}."): parameter
+        for name, parameter in winner.parameters.items()
+        if name.startswith(f"{effect}.")
+    }
+    wanted = PARAMETERS.get(effect, {})
+    arms = ("g_", "tau_") if effect == "viscoelastic" else ()
+    for name, parameter in winner.parameters.items():
+        if name in wanted or (arms and name.startswith(arms)):
+            own.setdefault(name, parameter)
+    return own
+
+
+def _rounded(value: Value) -> Value:
+    if isinstance(value, str):
+        return value
+    if isinstance(value, tuple | list):
+        return tuple(float(f"{x:.6g}") for x in value)
+    return float(f"{value:.6g}")
+
+
+def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) -> str | None:
+    """`text` of a batch.toml with the effects in it, each in place of an earlier one of the same place.
+
+    None where that cannot be done without changing what else the file says (it is read back to see). A byte
+    order mark stays.
+    """
+    if text.startswith(BYTE_ORDER_MARK):
+        changed = with_effects(text.removeprefix(BYTE_ORDER_MARK), effects, note=note)
+        return None if changed is None else BYTE_ORDER_MARK + changed
+    before = Settings.model_validate(tomllib.loads(text))
+    places = {one.place() for one in effects}
+    kept = tuple(one for one in before.mismatch if one.place() not in places)
+    replaced = [k for k, one in enumerate(before.mismatch) if one.place() in places]
+    lines = text.splitlines(keepends=True)
+    blocks = _blocks(lines)
+    if replaced and len(blocks) != len(before.mismatch):
+        return None
+    for k in reversed(replaced):
+        start, stop = blocks[k]
+        del lines[start:stop]
+    end = "\r\n" if "\r\n" in text else "\n"
+    body = "".join(lines).rstrip()
+    added = [line for one in effects for line in ("", *_lines(one, note=note))]
+    changed = (body + end if body else "") + end.join(added) + end
+    try:
+        after = Settings.model_validate(tomllib.loads(changed))
+    except (tomllib.TOMLDecodeError, ValidationError):
+        return None
+    wanted = before.model_copy(update={"mismatch": (*kept, *effects)})
+    return changed if after == wanted else None
+
+
+def _blocks(lines: Sequence[str]) -> list[tuple[int, int]]:
+    """First line and end of each [[mismatch]] table; blank and comment lines after it are the next one's."""
+    blocks = []
+    for start in (k for k, line in enumerate(lines) if MISMATCH_HEADER.match(line)):
+        stop = start + 1
+        while stop < len(lines) and not HEADER.match(lines[stop]):
+            stop += 1
+        while stop > start + 1 and (not lines[stop - 1].strip() or lines[stop - 1].lstrip().startswith("#")):
+            stop -= 1
+        blocks.append((start, stop))
+    return blocks
+
+
+def _lines(one: ConfirmedEffect, *, note: str) -> list[str]:
+    lines = [f"[[mismatch]]{f'  # {note}' if note else ''}", f"effect = {_toml(one.effect)}"]
+    lines.append(f"parameters = {_table(one.parameters)}")
+    if one.sd:
+        lines.append(f"sd = {_table(one.sd)}")
+    if one.fruits is not None:
+        lines.append(f"fruits = [{', '.join(map(_toml, one.fruits))}]")
+    if one.found_in is not None:
+        lines.append(f"found_in = {_toml(one.found_in)}")
+    if one.probability is not None:
+        lines.append(f"probability = {_toml(one.probability)}")
+    return lines
+
+
+def _table(values: object) -> str:
+    if not isinstance(values, dict):
+        raise TypeError(values)
+    return "{ " + ", ".join(f"{name} = {_toml(value)}" for name, value in values.items()) + " }"
+
+
+def _toml(value: Value) -> str:
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\u{ord(c):04x}" for c in escaped) + '"'
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return repr(float(value))

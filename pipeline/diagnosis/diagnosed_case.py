@@ -1,0 +1,192 @@
+"""What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
+
+import difflib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from fem.elements.assembly import LARGEST_POISSON_RATIO
+from pipeline.batch.checking import implausible_fruit
+from pipeline.batch.layout import CaseFolder, FruitResults, Results
+from pipeline.batch.opening import Batch, as_named, open_batch
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.records import Given
+from pipeline.batch.settings import Name, Pit, Relative, Settings, Shift, Strict, read_toml
+from pipeline.batch.task import FruitTask, fruit_task
+from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
+from recon.recon_failure import ReconFailure
+
+ASSUMED_POISSON_RATIO_SD = 0.015
+"""Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
+
+
+class CaseSettings(Strict):
+    """case.toml: what is assumed of the fruit. Keys beyond these are left aside, and it is said so."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, allow_inf_nan=False)
+
+    category: Name
+    poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
+    poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] = ASSUMED_POISSON_RATIO_SD
+    offset_sd_mm: Shift | None = None
+    size_sd: Relative | None = None
+    mesh_sd_mm: Annotated[float, Field(ge=1e-3, le=10)] | None = None
+    thickness_mm: Annotated[float, Field(ge=0.1, le=200)] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One fruit to explain. `batch`: the batch it belongs to, None for a case of its own."""
+
+    name: str
+    task: FruitTask
+    batch: Batch | None
+    mesh_sd_mm: float | None = None
+    thickness_mm: float | None = None
+    notes: tuple[str, ...] = ()
+
+    def input_files(self) -> tuple[Path, ...]:
+        """Every file of the fruit that the answer depends on, its settings first."""
+        folder = self.task.folder
+        settings = (folder.settings,) if isinstance(folder, CaseFolder) else ()
+        return settings + folder.input_files()
+
+
+def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None) -> Case:
+    """The case at `path`, or the fruit of the batch at `path` (or whose folder `path` is).
+
+    A case of its own keeps its stages in `work`; a batch's fruit in the batch's results (`out`, or the
+    default). Raises BatchRefused with every problem found.
+    """
+    if not path.is_dir():
+        found = "is a file; give the folder of a case" if path.exists() else "there is no such folder"
+        raise BatchRefused([Problem(str(path), f"{found}.")])
+    if (path / "batch.toml").is_file():
+        if fruit_id is None:
+            raise BatchRefused([Problem(str(path), _which_fruit(path))])
+        return _of_batch(path, fruit_id, out)
+    if (path / "case.toml").is_file():
+        if fruit_id is not None:
+            raise BatchRefused([Problem(str(path), "is a single case; --fruit is for batches.")])
+        return _of_its_own(CaseFolder(path), work)
+    root = path.resolve().parents[1] if len(path.resolve().parents) > 1 else path
+    if path.resolve().parent.name == "fruits" and (root / "batch.toml").is_file():
+        if fruit_id is not None and fruit_id != path.resolve().name:
+            raise BatchRefused([Problem(str(path), f'is fruit "{path.name}", and --fruit "{fruit_id}".')])
+        return _of_batch(root, path.resolve().name, out)
+    if path.resolve().parent.name == "fruits":
+        sentence = f"lies in fruits/, but {root} has no batch.toml; add it, with the batch's category."
+        raise BatchRefused([Problem(str(path), sentence)])
+    raise BatchRefused([Problem(str(path), _NEITHER)])
+
+
+_NEITHER = (
+    "there is no case.toml and no batch.toml; a case needs fruit.ply, recordings (*.h5) and a case.toml with "
+    'at least the line category = "nectarine".'
+)
+_NO_CASE = f"case.toml: {_NEITHER}"
+
+
+def _which_fruit(root: Path) -> str:
+    folder = root / "fruits"
+    known = sorted(p.name for p in folder.iterdir() if p.is_dir()) if folder.is_dir() else []
+    shown = ", ".join(known[:6]) + (", ..." if len(known) > 6 else "")
+    return f"is a batch; say which fruit with --fruit ({shown or 'it has none yet'})."
+
+
+def _of_its_own(folder: CaseFolder, work: Path) -> Case:
+    said = read_toml(folder.settings, CaseSettings, missing=_NO_CASE)
+    notes = _left_aside(folder.settings, said)
+    prior = _prior(folder, said)
+    settings = Settings(
+        category=said.category,
+        poisson_ratio=said.poisson_ratio,
+        poisson_ratio_sd=said.poisson_ratio_sd if said.poisson_ratio is not None else None,
+        pit=Pit(offset_sd_mm=said.offset_sd_mm, size_sd=said.size_sd),
+    )
+    name = folder.root.resolve().name
+    task = FruitTask(
+        fruit_id=name,
+        folder=folder,
+        batch_root=folder.root,
+        results=FruitResults(work),
+        settings=settings,
+        mat=None,
+        category=said.category if prior is None else prior.category,
+        body=STONE_FRUIT if prior is None else prior.body,
+        prior=prior,
+        given=Given(),
+        key="",
+    )
+    return Case(
+        name=name,
+        task=task,
+        batch=None,
+        mesh_sd_mm=said.mesh_sd_mm,
+        thickness_mm=said.thickness_mm,
+        notes=notes,
+    )
+
+
+def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
+    """A note for each key that is not known; a slip of the pen in a known one is refused."""
+    notes, problems = [], []
+    for key in said.model_extra or {}:
+        near = difflib.get_close_matches(key, CaseSettings.model_fields, n=1, cutoff=0.75)
+        if near:
+            problems.append(Problem(str(path), f'unknown key "{key}"; did you mean "{near[0]}"?'))
+        else:
+            notes.append(f'case.toml: the key "{key}" is not known and was left aside.')
+    if problems:
+        raise BatchRefused(problems)
+    return tuple(notes)
+
+
+def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
+    """The category's prior: needed where the case lacks a pit or Poisson's ratio, else of use only."""
+    prior, why = None, ""
+    try:
+        prior = load_prior(as_named(folder.root, said.category))
+    except ReconFailure as failure:
+        if said.category.endswith(".toml"):
+            raise BatchRefused([Problem(str(folder.settings), f'"category": {failure.detail}')]) from None
+        near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
+        hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
+        why = f", or name a known category: {hint}"
+    indented = said.thickness_mm is not None
+    pit = indented or folder.pit_ply.is_file() or (prior is not None and prior.has_pit)
+    ratio = said.poisson_ratio is not None or (prior is not None and prior.poisson_ratio is not None)
+    missing = [what for what, there in (("pit.ply", pit), ("the key poisson_ratio", ratio)) if not there]
+    if missing:
+        lacks = f'there is no prior for "{said.category}"' if prior is None else _LEFT.format(prior.category)
+        sentence = f'"category": {lacks}; add {" and ".join(missing)}{why or "."}'
+        raise BatchRefused([Problem(str(folder.settings), sentence)])
+    return prior
+
+
+_LEFT = 'the category "{}" leaves that to the case'
+
+
+def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
+    batch = open_batch(root, force=True)
+    known = [row.fruit_id for row in batch.rows]
+    if fruit_id not in known:
+        near = difflib.get_close_matches(fruit_id, known, n=1)
+        hint = f'did you mean "{near[0]}"?' if near else "add a row for it."
+        raise BatchRefused([Problem(str(batch.folder.table), f'there is no fruit "{fruit_id}"; {hint}')])
+    if said := implausible_fruit(batch).get(fruit_id):
+        raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
+    notes: tuple[str, ...] = ()
+    if held := batch.settings.mismatch:
+        notes = (_SETTINGS_LEFT_ASIDE.format(", ".join(dict.fromkeys(one.effect for one in held))),)
+    task = fruit_task(batch, fruit_id, Results(out or batch.folder.default_results))
+    task = replace(task, settings=task.settings.model_copy(update={"mismatch": ()}))
+    return Case(name=fruit_id, task=task, batch=batch, notes=notes)
+
+
+_SETTINGS_LEFT_ASIDE = (
+    "The batch's settings already hold effects ({}); this answer leaves them aside and looks at the "
+    "recordings as they were made."
+)

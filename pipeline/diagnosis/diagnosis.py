@@ -1,0 +1,152 @@
+"""One case through the finder: grasps of a fruit between gel pads, or the trace of a bare ball."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Float
+from threadpoolctl import threadpool_limits
+
+from fem.indentation.explain_trace import explain_trace
+from fem.indentation.trace import IndenterTrace
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.result import Explanation
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.diagnosis.diagnosed_case import Case
+from pipeline.diagnosis.notes import notes_on, notes_on_verdict
+from pipeline.fruit.flesh_model import poisson_ratio
+from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
+from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
+from pipeline.fruit.stage_log import Diary
+from tactile.io.recording import IndenterPad, read_recording
+from tactile.tactile_failure import TactileFailure
+
+TRACE_SEED = 20261120
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """The explanation, with the recordings it is of, where the pads touched, and facts for the page."""
+
+    explanation: Explanation
+    grasps: tuple[str, ...]
+    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] = field(default_factory=dict)
+    facts: tuple[tuple[str, str], ...] = ()
+
+
+def finding(case: Case, diary: Diary, *, jobs: int = 1) -> Finding:
+    """Explains the case, in stages told to `diary`, with so many threads; raises as the stages do."""
+    bare = bare_trace(case)
+    with threadpool_limits(1):
+        return _of_grasps(case, diary, jobs) if bare is None else _of_trace(case, diary, *bare)
+
+
+def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
+    """Name and trace where the case's recordings are those of a bare indenter; None where pads have markers.
+
+    Raises BatchRefused for more than one such trace, or an indenter that is no ball.
+    """
+    bare = []
+    for path in case.task.folder.grasp_files():
+        try:
+            recording = read_recording(path)
+        except TactileFailure:
+            continue
+        pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
+        if len(pads) != len(recording.pads):
+            return None
+        bare += [(path, recording, pad) for pad in pads]
+    if not bare:
+        return None
+    path, recording, pad = bare[0]
+    if len(bare) > 1:
+        raise BatchRefused(
+            [
+                Problem(
+                    str(case.task.folder.root),
+                    f"holds {len(bare)} traces of a bare indenter; they are explained one at a time: make a "
+                    "case of each.",
+                )
+            ]
+        )
+    if pad.indenter != "ball":
+        raise BatchRefused(
+            [Problem(str(path), f'found indenter = "{pad.indenter}"; only the trace of a ball is explained.')]
+        )
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    travel = closing * recording.aperture_mm
+    trace = IndenterTrace(
+        time_s=recording.time_s,
+        force_N=pad.force_z_N,
+        travel_mm=travel - travel[0],
+        radius_mm=pad.radius_mm,
+    )
+    return path.stem, trace
+
+
+def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
+    """The fruit as the finder takes it."""
+    budget, placed = fruit.budget, fruit.placed
+    if case.mesh_sd_mm is not None:
+        budget = replace(budget, surface_sd_mm=case.mesh_sd_mm)
+        placed = tuple(replace(grasp, surface_sd_mm={}) for grasp in placed)
+    return MismatchCase(
+        mesh=fruit.mesh,
+        grasps=tuple(map(grasp_case, placed)),
+        poisson_ratio=fruit.poisson_ratio,
+        budget=budget,
+    )
+
+
+def find(case: MismatchCase, diary: Diary, *, jobs: int) -> Explanation:
+    """The finder itself."""
+    from fem.mismatch.procedure import explain
+
+    return explain(case, progress=diary.report, workers=jobs)
+
+
+def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
+    fruit = grasped_fruit(case.task, diary)
+    handed = mismatch_case(case, fruit)
+    with diary.stage("explanation"):
+        found = find(handed, diary, jobs=jobs)
+    notes = dict.fromkeys(
+        [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, diary.warnings)]
+    )
+    budget, pit = handed.budget, fruit.pit.record
+    off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
+    return Finding(
+        explanation=replace(found, notes=tuple(notes)),
+        grasps=tuple(grasp.name for grasp in fruit.placed),
+        contacts_mm=touched_by_pad(fruit.placed),
+        facts=(
+            ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
+            ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),
+            ("Pit", "none" if pit is None else pit.source),
+            *([] if pit is None else [("Pit's place and size", off)]),
+            ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
+        ),
+    )
+
+
+def _of_trace(case: Case, diary: Diary, name: str, trace: IndenterTrace) -> Finding:
+    nu = poisson_ratio(case.task.settings, case.task.prior)[0]
+    with diary.stage("explanation"):
+        found = explain_trace(
+            trace,
+            thickness_mm=case.thickness_mm,
+            poisson_ratio=nu,
+            rng=np.random.default_rng(TRACE_SEED),
+        )
+    deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
+    notes = dict.fromkeys([*found.notes, *case.notes, *([] if case.thickness_mm else [deep])])
+    thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
+    return Finding(
+        explanation=replace(found, notes=tuple(notes)),
+        grasps=(name,),
+        facts=(
+            ("Indenter", f"ball of radius {trace.radius_mm:g} mm"),
+            ("Specimen", thick),
+            ("Poisson's ratio", f"{nu:g}"),
+        ),
+    )

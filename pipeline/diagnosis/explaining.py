@@ -1,0 +1,230 @@
+"""`drupe explain`: what simulation leaves out of one fruit's recordings; terminal, JSON and page."""
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from fem.fem_failure import FemFailure
+from pipeline.batch.cache import file_hash
+from pipeline.batch.former_results import former_batch, identity, require_same_batch
+from pipeline.batch.grading import read_files
+from pipeline.batch.layout import CaseFolder, Results, write_whole
+from pipeline.batch.opening import Batch
+from pipeline.batch.outcome import FruitEnded
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.provenance import input_hashes, versions
+from pipeline.diagnosis.apply_to_settings import applied
+from pipeline.diagnosis.diagnosed_case import Case, open_case
+from pipeline.diagnosis.diagnosis import finding
+from pipeline.diagnosis.notes import require_one_fruit
+from pipeline.diagnosis.to_json import IN_ALL, answer, explain_entry
+from pipeline.files.manifest import MANIFEST, MOST_BYTES, json_in
+from pipeline.files.results_lock import alone, is_held
+from pipeline.files.scratch import scratch, temporary_files_in
+from pipeline.files.whole_file import put
+from pipeline.files.write_guard import (
+    batch_trees,
+    require_file_apart,
+    require_free,
+    require_new_or_ours,
+    require_results_apart,
+    require_temporary_apart,
+    require_work_apart,
+)
+from pipeline.fruit.stage_log import Diary
+from recon.plain_file import NotReadable, read_text
+from recon.recon_failure import ReconFailure
+from reports.explain_entries import ExplainEntry
+from reports.explain_page import explain_html
+from tactile.tactile_failure import TactileFailure
+
+ANSWERED, NO_ANSWER = 0, 3
+PAGE_TITLE = ": where simulation and recording differ</title>"
+"""By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
+
+
+class NotExplained(Exception):
+    """The fruit or its recordings could not be used; the text is the sentence staff read."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What the answer is written to; `work`: where stages are kept between runs of a case of its own."""
+
+    json: Path | None = None
+    html: Path | None = None
+    work: Path | None = None
+    out: Path | None = None
+    apply: bool = False
+
+
+def utc_now() -> datetime:
+    """The present moment, aware."""
+    return datetime.now(UTC)
+
+
+def explain(
+    path: Path,
+    *,
+    fruit_id: str | None,
+    wanted: Wanted,
+    report: Callable[[str], None],
+    jobs: int = 1,
+    now: Callable[[], datetime] = utc_now,
+) -> ExplainEntry:
+    """Explains the case or fruit at `path`, writes what is wanted, and gives what the page says.
+
+    `jobs`: recordings and effects worked on at the same time.
+
+    Raises BatchRefused (nothing can be begun) and NotExplained (begun, and no answer).
+    """
+    _require_writable(wanted)
+    with scratch() as folder, temporary_files_in(folder):
+        work = wanted.work or folder / "work"
+        case = open_case(path, fruit_id=fruit_id, work=work, out=wanted.out)
+        if wanted.apply and case.batch is None:
+            raise BatchRefused(
+                [Problem(str(path), "is a case of its own; --apply writes into a batch's settings.")]
+            )
+        if case.batch is None:
+            _require_apart(case, wanted)
+            held, option = case.task.results.root, "--work"
+        else:
+            require_temporary_apart(folder.parent, case.batch.folder)
+            held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
+        with alone(held, option=option), _said_plainly():
+            case.task.results.claim()
+            case.task.results.sweep()
+            return _explained(case, wanted, report, jobs, now)
+
+
+def _explained(
+    case: Case, wanted: Wanted, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
+) -> ExplainEntry:
+    require_one_fruit(case)
+    started, since_s = now(), time.monotonic()
+    diary = Diary(report)
+    found = finding(case, diary, jobs=jobs)
+    explanation = found.explanation
+    done = applied(case, explanation, now=started) if wanted.apply else ""
+    made = now()
+    seconds = {
+        **diary.seconds,
+        **{f"explanation, {stage}": round(took, 2) for stage, took in (explanation.seconds or {}).items()},
+        IN_ALL: round(time.monotonic() - since_s, 2),
+    }
+    inputs = {path.name: file_hash(path) for path in case.input_files()}
+    said = answer(
+        explanation,
+        facts={
+            "seconds": seconds,
+            "case": case.name,
+            "category": case.task.category,
+            "grasps": found.grasps,
+            "applied": done or None,
+            "inputs": inputs,
+            "versions": versions(),
+            "made_utc": made.isoformat(timespec="seconds"),
+        },
+    )
+    text = json.dumps(said, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
+    if wanted.json is not None:
+        put(wanted.json, text.encode())
+    if case.batch is not None:
+        kept = json.dumps({**said, "key": case.task.key}, indent=1, allow_nan=False, ensure_ascii=False)
+        write_whole(case.task.results.mismatch, kept + "\n")
+    entry = explain_entry(
+        explanation,
+        name=case.name,
+        category=case.task.category,
+        grasps=found.grasps,
+        contacts_mm=found.contacts_mm,
+        made=made,
+        facts=found.facts,
+        inputs=tuple(inputs.items()),
+        seconds=seconds,
+        applied=done,
+    )
+    if wanted.html is not None:
+        put(wanted.html, explain_html(entry).encode())
+    return entry
+
+
+def _require_apart(case: Case, wanted: Wanted) -> None:
+    """A case of its own: nothing is written into its folder or over what it reads."""
+    folder, inputs = CaseFolder(case.task.folder.root), case.input_files()
+    if wanted.work is not None:
+        require_work_apart(wanted.work, folder, inputs)
+    for target in (wanted.json, wanted.html):
+        if target is not None:
+            require_file_apart(target, inputs=inputs, folders=[folder.root])
+
+
+def _require_apart_of_batch(case: Case, batch: Batch, wanted: Wanted) -> Path:
+    """A batch's fruit: its results are no inputs, and answers go nowhere else in the batch; the results."""
+    root = case.task.results.root.parents[1]
+    results = Results(wanted.out or batch.folder.default_results)
+    inputs, fruit = read_files(batch), results.fruit(case.name)
+    require_results_apart(results, batch.folder, inputs, "--out")
+    if not is_held(root):
+        require_free(results, [fruit], "--out")
+    if former_batch(results) is not None:
+        require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
+    own = (*results.files, results.lock, results.root / MANIFEST, *fruit.files, fruit.root / MANIFEST)
+    for target in (wanted.json, wanted.html):
+        if target is not None:
+            require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
+            if any(_same(target, path) for path in own):
+                sentence = "is a file that the results have themselves; give another name."
+                raise BatchRefused([Problem(str(target), sentence)])
+    return root
+
+
+@contextmanager
+def _said_plainly() -> Iterator[None]:
+    """Every room's failure as one kind, with its sentence."""
+    try:
+        yield
+    except (ReconFailure, TactileFailure, FemFailure, FruitEnded) as failure:
+        raise NotExplained(" ".join(str(failure).split())) from failure
+    except MemoryError as error:
+        raise NotExplained(f"Ran out of memory ({error}); close other programs and run it again.") from error
+
+
+def _require_writable(wanted: Wanted) -> None:
+    """A slip in the name of an output is found before the work, not after it."""
+    for option, target in (("--json", wanted.json), ("--html", wanted.html)):
+        if target is None:
+            continue
+        if target.is_dir():
+            raise BatchRefused([Problem(str(target), f"is a folder; {option} takes the name of a file.")])
+        if not target.absolute().parent.is_dir():
+            raise BatchRefused(
+                [Problem(str(target.parent), f"there is no such folder; make it, or change {option}.")]
+            )
+    if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
+        raise BatchRefused([Problem(str(wanted.html), "is named by --json and --html; give two names.")])
+    if wanted.json is not None:
+        require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
+    if wanted.html is not None:
+        require_new_or_ours(wanted.html, _is_page, "a page of drupe explain")
+
+
+def _same(one: Path, other: Path) -> bool:
+    return one.resolve() == other.resolve()
+
+
+def _is_answer(path: Path) -> bool:
+    said = json_in(path)
+    return isinstance(said, dict) and said.get("format") == "drupe-mismatch"
+
+
+def _is_page(path: Path) -> bool:
+    try:
+        return PAGE_TITLE in read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable:
+        return False

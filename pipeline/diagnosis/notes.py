@@ -1,0 +1,141 @@
+"""What a reader must know of a case's recordings before trusting the answer."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from fem.mismatch.result import Explanation
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.diagnosis.diagnosed_case import Case
+from pipeline.fruit.grasped import GraspedFruit, owner_of
+from pipeline.fruit.placed_grasp import PlacedGrasp
+from pipeline.fruit.recording_owner import owner_findings
+from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
+from tactile.noise import FEWEST_AIR_FRAMES
+from tactile.tactile_failure import TactileFailure
+
+ONE_RECORDING = (
+    "There is one recording only: what is the fruit's (a soft spot, the pit) and what is the jaws' (a gain, "
+    "a pad's place) cannot be told apart, and none is left to test the answer on."
+)
+FEW_RECORDINGS = (
+    "There are {count} recordings: weak effects may stay unseen, and more of them look alike than with four "
+    "that differ in place, speed and hold, one of them with the fruit turned."
+)
+FEW = 3
+LARGE_DEFORMATION = (
+    "Stiffening counts from small strain on, so flesh's large deformation alone shows as a little of it; "
+)
+TAKE_IT_IN = 'model = "neo-hookean" under [flesh] takes that part into account for every fruit of the batch.'
+TAKEN_IN = 'the batch\'s model = "neo-hookean", which takes that part into account, is left aside here.'
+CATEGORY_PIT = (
+    "There is no pit.ply: the category's pit is used, so a pit of another size or place is found more easily."
+)
+
+
+def require_one_fruit(case: Case) -> None:
+    """Recordings that name different fruit are no case, nor is a bare indenter's trace of another fruit of
+    the batch; raises BatchRefused that names both.
+
+    A recording that cannot be read is left to the stage that reads it, as pads' recordings of a batch's fruit
+    are: that one knows whose they may be.
+    """
+    first: tuple[str, str] | None = None
+    files = case.task.folder.grasp_files()
+    if not files and not case.task.folder.raw_grasp_folders():
+        where = case.task.folder.root if case.batch is None else case.task.folder.root / "grasps"
+        raise BatchRefused(
+            [Problem(str(where), "holds no recording (*.h5); record a grasp and put its .h5 there.")]
+        )
+    for path in files:
+        try:
+            recording = read_recording(path)
+        except TactileFailure:
+            continue
+        named = recording.fruit_id
+        if case.batch is not None:
+            if any(isinstance(pad, IndenterPad) for pad in recording.pads):
+                _require_own(case, path, recording)
+            continue
+        if first is not None and named != first[1]:
+            raise BatchRefused(
+                [
+                    Problem(
+                        str(path),
+                        f'is of fruit "{named}", but {first[0]} is of fruit "{first[1]}"; a case holds one '
+                        "fruit's recordings: move the others away.",
+                    )
+                ]
+            )
+        first = first or (path.name, named)
+
+
+def _require_own(case: Case, path: Path, recording: Recording) -> None:
+    """Raises BatchRefused where a recording names another fruit of the batch."""
+    said = recording.fruit_id, recording.category
+    try:
+        owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
+    except TactileFailure as failure:
+        raise BatchRefused([Problem(str(path), failure.detail)]) from None
+
+
+def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:
+    """Notes of the pipeline: what was left aside, what the noise was taken from, pads that swapped names."""
+    return [
+        *warnings,
+        *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
+        *([FEW_RECORDINGS.format(count=len(fruit.placed))] if 1 < len(fruit.placed) <= FEW else []),
+        *([CATEGORY_PIT] if fruit.pit.record and not case.task.folder.pit_ply.is_file() else []),
+        *case.notes,
+        *(note for grasp in fruit.placed for note in _air(grasp)),
+        *_swapped(fruit.placed),
+    ]
+
+
+def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
+    """What the batch's settings have to do with the answer."""
+    named = [found.verdict] if isinstance(found.verdict, str) else found.verdict
+    if case.batch is None or not any("stiffening" in name.split("+") for name in named):
+        return []
+    large = case.task.settings.flesh.model == "neo-hookean"
+    return [LARGE_DEFORMATION + (TAKEN_IN if large else TAKE_IT_IN)]
+
+
+def _air(grasp: PlacedGrasp) -> list[str]:
+    frames = grasp.contact.air_frames
+    if frames - 1 >= FEWEST_AIR_FRAMES:
+        return []
+    found = f"only {frames} frames" if frames else "no frame"
+    return [
+        f"{grasp.name}: {found} before the first touch, so the noise is estimated from frames in contact "
+        f"and weaker effects may be missed; record at least {FEWEST_AIR_FRAMES + 1} frames in the air."
+    ]
+
+
+def _swapped(grasps: Sequence[PlacedGrasp]) -> list[str]:
+    """Two recordings whose left and right gels (told by their markers' places) have changed names."""
+    notes = []
+    for one, other in combinations(grasps, 2):
+        (a, b), (c, d) = _gels(one), _gels(other)
+        if a is None or c is None or b is None or d is None:
+            continue
+        if _same(a, d) and _same(b, c) and not _same(a, c):
+            notes.append(
+                f"{one.name} and {other.name}: the left pad's markers in one are the right pad's in the "
+                "other. If the pads' names were swapped and not the gels, an effect of one pad is put on the "
+                "wrong one."
+            )
+    return notes
+
+
+def _gels(grasp: PlacedGrasp) -> tuple[GelPad | None, GelPad | None]:
+    pads = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
+    return pads.get("left"), pads.get("right")
+
+
+def _same(one: GelPad, other: GelPad) -> bool:
+    return one.rest_mm.shape == other.rest_mm.shape and bool(
+        np.allclose(one.rest_mm, other.rest_mm, atol=1e-3)
+    )

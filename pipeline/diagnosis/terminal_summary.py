@@ -1,0 +1,80 @@
+"""What `drupe explain` says on the terminal: the verdict first."""
+
+from pathlib import Path
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from pipeline.diagnosis.to_json import IN_ALL
+from reports.effect_words import (
+    component_in_words,
+    explain_verdict,
+    when_in_words,
+    where_in_words,
+)
+from reports.explain_entries import ExplainEntry, ParameterEntry
+from reports.words import NO_BREAK, duration, effect_name, number, percent, with_sd
+
+SHOWN = 5
+
+
+def print_explanation(found: ExplainEntry, written: list[Path], *, console: Console) -> None:
+    """The verdict in a sentence, the ranking, E before and after, held-out grasps, what to record next."""
+
+    def line(text: str) -> None:
+        console.print(text.replace(NO_BREAK, " "), highlight=False, markup=False, soft_wrap=True)
+
+    line(f"{found.name}: {explain_verdict(found)}")
+    if found.ranking:
+        console.print(_ranking(found))
+    for one in found.ranking:
+        if one.effect in found.verdict and one.parameters:
+            line(f"{effect_name(one.effect)}: {', '.join(map(_in_short, one.parameters))}")
+    if found.verdict != ("none",):
+        line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
+    before = with_sd(found.E_before_MPa, found.E_before_sd_MPa)
+    after = with_sd(found.E_after_MPa, found.E_after_sd_MPa)
+    line(f"E without: {before} MPa; with: {after} MPa")
+    line(f"chance of so large a difference where nothing is missing: p {found.p_value:.2g}")
+    if found.rms is None:
+        line("held-out recordings: none, so nothing confirms the answer")
+    else:
+        told = zip(("without", "with", "noise"), found.rms, strict=True)
+        line("held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in told))
+    if found.next_grasp:
+        line(f"record next: {found.next_grasp}")
+    for note in found.notes:
+        line(f"note: {note}")
+    if found.applied:
+        line(found.applied)
+    for path in written:
+        line(f"  {path}")
+    if IN_ALL in found.seconds:
+        line(f"took {duration(found.seconds[IN_ALL])}")
+
+
+def _ranking(found: ExplainEntry) -> Table:
+    table = Table(box=None, pad_edge=False)
+    table.add_column("explanation")
+    table.add_column("probability", justify="right")
+    table.add_column("E (MPa)", justify="right")
+    for one in found.ranking[:SHOWN]:
+        table.add_row(
+            escape(effect_name(one.effect)),
+            percent(one.probability).replace(NO_BREAK, " "),
+            with_sd(one.E_MPa, one.E_sd_MPa),
+        )
+    return table
+
+
+def _in_short(parameter: ParameterEntry) -> str:
+    value = parameter.value
+    stem = parameter.name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
+    if isinstance(value, tuple):
+        return f"{stem} ({', '.join(number(x) for x in value)}) {parameter.unit}"
+    if isinstance(value, str):
+        return f"{stem} {value}"
+    sd = parameter.sd if isinstance(parameter.sd, int | float) else None
+    unit = "" if parameter.unit in ("", "1") else f" {parameter.unit}"
+    return f"{stem} {with_sd(value, sd)}{unit}"

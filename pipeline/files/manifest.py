@@ -1,0 +1,129 @@
+"""A results folder's list of the files that drupe wrote into it: nothing else in it is ever touched.
+
+`.written.json` holds, for each file, the SHA-256 of what was written. It is brought up to date before the
+file is, so that a run killed between the two leaves nothing that the next one does not know.
+"""
+
+import errno
+import hashlib
+import json
+import os
+import stat
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from pipeline.files.whole_file import NotWritten, put
+from recon.plain_file import NotReadable, json_of, read_text
+
+MANIFEST = ".written.json"
+FORMAT = "drupe-written"
+MOST_BYTES = 20_000_000
+"""Of a JSON file or page that drupe wrote: batch.json of 2000 fruit with 72 photos each, at 110 bytes a
+photo, is 16 MB."""
+
+
+class NotOurs(NotWritten):
+    """A file stands in the way that drupe did not write, or that was changed since."""
+
+    def __str__(self) -> str:
+        """One sentence, file first."""
+        return f"{self._path}: {STRANGER}"
+
+
+STRANGER = (
+    "was not written by drupe, or was changed since, and is not overwritten; move it away, or choose another "
+    "place for the results."
+)
+
+
+def is_claimed(folder: Path) -> bool:
+    """Whether `folder` is one that drupe keeps a list of."""
+    return _read(folder) is not None
+
+
+def strange_list(folder: Path) -> Iterator[Path]:
+    """What stands where the list of `folder` would be, and is none."""
+    path = folder / MANIFEST
+    if (path.is_symlink() or path.exists()) and not is_claimed(folder):
+        yield path
+
+
+def json_in(path: Path) -> Any:
+    """What a JSON file that drupe wrote holds; None where it is no plain file, a link, or broken.
+
+    Nothing is waited for: a named pipe or a device in its place is not opened.
+    """
+    try:
+        return json_of(read_text(path, most_bytes=MOST_BYTES)) if _is_plain(path) else None
+    except NotReadable:
+        return None
+
+
+def claim(folder: Path, *, vouched: Iterable[Path] = ()) -> None:
+    """Begins the list of `folder`, with the files of `vouched`, unless it has one."""
+    if not is_claimed(folder):
+        _write(folder, {path.name: [_hash(path)] for path in vouched if _is_plain(path)})
+
+
+def is_ours(path: Path) -> bool:
+    """Whether `path` is a plain file that holds what drupe wrote there."""
+    listed = (_read(path.parent) or {}).get(path.name, [])
+    return bool(listed) and _is_plain(path) and _hash(path) in listed
+
+
+def was_ours(path: Path) -> bool:
+    """Whether drupe wrote a plain file there that somebody has changed since."""
+    listed = (_read(path.parent) or {}).get(path.name, [])
+    return bool(listed) and _is_plain(path) and _hash(path) not in listed
+
+
+def enter(path: Path, data: bytes) -> None:
+    """Lists `data` as what is about to be written to `path`; raises NotOurs where a stranger's file is."""
+    listed = _read(path.parent)
+    if listed is None:
+        return
+    standing = []
+    if path.is_symlink() or path.exists():
+        if not is_ours(path):
+            raise NotOurs(path, OSError(errno.EEXIST, os.strerror(errno.EEXIST)))
+        standing = [_hash(path)]
+    hashes = list(dict.fromkeys([*standing, hashlib.sha256(data).hexdigest()]))
+    if listed.get(path.name) != hashes:
+        _write(path.parent, {**listed, path.name: hashes})
+
+
+def remove(path: Path) -> None:
+    """Removes `path` where it is ours; anything else stays."""
+    if is_ours(path):
+        path.unlink(missing_ok=True)
+
+
+def _read(folder: Path) -> dict[str, list[str]] | None:
+    said = json_in(folder / MANIFEST)
+    try:
+        if said["format"] != FORMAT:
+            return None
+        return {str(name): [str(one) for one in hashes] for name, hashes in said["files"].items()}
+    except (KeyError, TypeError, AttributeError):
+        return None
+
+
+def _write(folder: Path, listed: dict[str, list[str]]) -> None:
+    content = {"format": FORMAT, "version": 1, "files": dict(sorted(listed.items()))}
+    put(folder / MANIFEST, (json.dumps(content, indent=1) + "\n").encode())
+
+
+def _is_plain(path: Path) -> bool:
+    try:
+        return stat.S_ISREG(path.lstat().st_mode)
+    except OSError:
+        return False
+
+
+def _hash(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return ""

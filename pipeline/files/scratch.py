@@ -1,0 +1,86 @@
+"""Folders for what a run needs only while it runs, and the end of those that killed runs left."""
+
+import fcntl
+import os
+import re
+import shutil
+import stat
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from pipeline.batch.problem import BatchRefused, Problem
+
+PREFIX = "drupe-run-"
+_LOCK = ".lock"
+
+
+@contextmanager
+def scratch(*, beside: Path | None = None) -> Iterator[Path]:
+    """A folder that is gone afterwards, in the temporary folder or as a hidden one beside `beside`.
+
+    It holds a lock while in use, whoever dies: the next call removes those that nobody holds. Raises
+    BatchRefused where none can be made.
+    """
+    try:
+        place = Path(tempfile.gettempdir()) if beside is None else beside.parent
+        place.mkdir(parents=True, exist_ok=True)
+        prefix = PREFIX if beside is None else f".{beside.name}.{PREFIX}"
+        _sweep(place, prefix)
+        folder, lock = _made(place, prefix)
+    except OSError as error:
+        where = "set TMPDIR to a folder that can be written" if beside is None else "choose another place"
+        sentence = f"no temporary folder can be made ({error.strerror}); free space there, or {where}."
+        at = str(error.filename or "the temporary folder" if beside is None else beside.parent)
+        raise BatchRefused([Problem(at, sentence)]) from None
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        os.close(lock)
+
+
+@contextmanager
+def temporary_files_in(folder: Path) -> Iterator[None]:
+    """Inside the block, temporary files of this process and of those it starts lie in `folder`."""
+    before, known = tempfile.tempdir, os.environ.get("TMPDIR")
+    tempfile.tempdir = os.environ["TMPDIR"] = str(folder)
+    try:
+        yield
+    finally:
+        tempfile.tempdir = before
+        if known is None:
+            os.environ.pop("TMPDIR", None)
+        else:
+            os.environ["TMPDIR"] = known
+
+
+def _made(place: Path, prefix: str) -> tuple[Path, int]:
+    """A new folder and its lock, held; made again where a sweep took it before it was held."""
+    while True:
+        folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
+        lock = os.open(folder / _LOCK, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        with suppress(OSError):  # a file system without locks: then nothing is swept there either
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if (folder / _LOCK).exists():
+            return folder, lock
+        os.close(lock)
+
+
+def _sweep(place: Path, prefix: str) -> None:
+    """Removes folders of killed runs: by name, a real folder, our own user's, with a lock nobody holds."""
+    ours = re.compile(re.escape(prefix) + r"[a-z0-9_]{8}")
+    for folder in place.iterdir():
+        if not ours.fullmatch(folder.name):
+            continue
+        with suppress(OSError):
+            status = folder.lstat()
+            if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.geteuid():
+                continue
+            lock = os.open(folder / _LOCK, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                os.close(lock)

@@ -1,0 +1,82 @@
+"""What a modulus may be off by because the confirmed effects in it are themselves known only so well."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.fem_failure import FemFailure
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, ConfirmedEffect, faults
+from pipeline.fruit.elasticity import fruit_modulus
+from pipeline.fruit.flesh_effects import in_the_model
+from pipeline.fruit.grasped import GraspedFruit
+from pipeline.fruit.placed_grasp import place_grasp
+from tactile.tactile_failure import TactileFailure
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectSpread:
+    """Standard deviations of E, MPa: of effects that all fruit share, and of this fruit's own.
+
+    `doubts`: a sentence for each parameter whose share could not be found.
+    """
+
+    common_sd_MPa: float
+    own_sd_MPa: float
+    doubts: tuple[str, ...]
+
+
+def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectSpread:
+    """E again with each parameter one standard deviation higher: dE = |E(p + sd) - E(p)|, added in squares.
+
+    Parameters count as independent. Poisson's ratio and the pit have their own parts of the error bar.
+    """
+    shared, own, doubts = [0.0], [0.0], []
+    effects = task.settings.mismatch
+    counted = [*in_the_model(effects), *(one for one in effects if one.effect in OF_THE_JAWS)]
+    for k, one in enumerate(effects):
+        if one not in counted:
+            continue
+        for name, shifted in _shifted(one):
+            try:
+                other = _modulus(task, fruit, (*effects[:k], shifted, *effects[k + 1 :]))
+            except (TactileFailure, FemFailure, ExceptionGroup):
+                doubts.append(
+                    f"the spread of {one.effect}'s {name} is not in the error bar: E has none there"
+                )
+                continue
+            (own if one.fruits else shared).append(abs(other - E_MPa))
+    return EffectSpread(
+        common_sd_MPa=float(np.linalg.norm(shared)),
+        own_sd_MPa=float(np.linalg.norm(own)),
+        doubts=tuple(doubts),
+    )
+
+
+def _shifted(one: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
+    """The effect with one number after the other a standard deviation higher."""
+    for name, sd in one.sd.items():
+        value = one.parameters[name]
+        if isinstance(value, tuple):
+            spread = sd if isinstance(sd, tuple) else (sd,) * len(value)
+            for axis, step in enumerate(spread):
+                moved = tuple(x + step * (axis == k) for k, x in enumerate(value))
+                yield name, one.model_copy(update={"parameters": {**one.parameters, name: moved}})
+        elif isinstance(value, int | float) and isinstance(sd, int | float):
+            yield name, one.model_copy(update={"parameters": {**one.parameters, name: value + sd}})
+
+
+def _modulus(task: FruitTask, fruit: GraspedFruit, effects: Sequence[ConfirmedEffect]) -> float:
+    """E of the same mesh and the same recordings with other parameters."""
+    changed = replace(task, settings=task.settings.model_copy(update={"mismatch": tuple(effects)}))
+    surface = fruit.shape.vertices, fruit.shape.faces
+    placed = [place_grasp(g.path, *surface, name=g.name, faults=faults(effects)) for g in fruit.placed]
+    return fruit_modulus(
+        changed,
+        placed,
+        fruit.mesh,
+        poisson_ratio=fruit.poisson_ratio,
+        budget=fruit.budget,
+        stage="response-shifted",
+    ).modulus.E_MPa

@@ -1,0 +1,198 @@
+"""From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
+
+import hashlib
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from fem.elements.assembly import assemble
+from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
+from fem.estimation.fruit_modulus import FruitInference, infer_modulus
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.hyperelastic_grasp import with_large_deformation
+from fem.estimation.joint_inference import FruitModulus
+from fem.estimation.sensitivity import POISSON_RATIO
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory
+from fem.materials.neo_hookean import NeoHookean
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
+from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.records import ModulusRecord, PitFoundRecord
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import keyed
+from pipeline.fruit.flesh_effects import added, in_the_model, with_departures
+from pipeline.fruit.kept_models import packed, unpacked
+from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
+
+CONFIRMED = "confirmed effects"
+"""The part of an error bar that comes from effects in the batch's settings."""
+
+DOUBTED = "doubts about the inputs"
+"""The part that comes from what cannot be right in a recording or a given pit."""
+
+
+def fruit_modulus(
+    task: FruitTask,
+    grasps: Sequence[PlacedGrasp],
+    mesh: FleshMesh,
+    *,
+    poisson_ratio: float,
+    budget: ErrorBudget,
+    stage: str = "response",
+) -> FruitInference:
+    """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does.
+
+    The responses on each mesh that is tried are kept as `stage` and a number.
+    """
+    histories = [history(grasp) for grasp in grasps]
+    number = itertools.count()
+
+    def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
+        name = f"{stage}-{next(number)}"
+        return responses(task, name, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
+
+    return infer_modulus(histories, mesh, respond, budget=budget)
+
+
+def modulus_record(
+    found: FruitModulus,
+    *,
+    effects_common_sd_MPa: float = 0.0,
+    effects_own_sd_MPa: float = 0.0,
+    doubted: float = 0.0,
+) -> ModulusRecord:
+    """What the fruit's record says of its modulus and of the pit that came with it.
+
+    `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
+    whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
+    the inputs (pipeline.fruit.input_doubts).
+    """
+    pit = found.pit
+    of_doubts = doubted * found.E_MPa
+    of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
+    shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
+    return ModulusRecord(
+        E_MPa=found.E_MPa,
+        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, of_effects, of_doubts])),
+        common_sd_MPa=float(np.linalg.norm([*shared, effects_common_sd_MPa])),
+        parts_sd_MPa=found.parts_sd_MPa
+        | ({CONFIRMED: of_effects} if of_effects else {})
+        | ({DOUBTED: of_doubts} if of_doubts else {}),
+        pit_found=None
+        if pit is None
+        else PitFoundRecord(
+            offset_mm=tuple(pit.offset_mm.tolist()),
+            offset_sd_mm=tuple(pit.sd[:3].tolist()),
+            offset_prior_sd_mm=tuple(pit.prior_sd[:3].tolist()),
+            size=float(np.exp(pit.ln_size)),
+            size_sd=float(np.exp(pit.ln_size) * pit.sd[3]),
+            size_prior_sd=float(pit.prior_sd[3]),
+            moved=tuple(pit.moved.tolist()),
+        ),
+    )
+
+
+def responses(
+    task: FruitTask,
+    stage: str,
+    grasps: Sequence[PlacedGrasp],
+    histories: Sequence[GraspHistory],
+    mesh: FleshMesh,
+    *,
+    poisson_ratio: float,
+    budget: ErrorBudget,
+) -> list[GraspModel | FemFailure]:
+    """The model of every grasp on one mesh, or why it has none; one factorisation per support.
+
+    Kept on disk as `stage`, by content; what confirmed effects add to it beside it.
+    """
+    supports = [grasp.recording.support for grasp in grasps]
+    effects = in_the_model(task.settings.mismatch)
+    # The law of stiffening flesh is large deformation's too.
+    stiffens = any(one.effect == "stiffening" for one in effects)
+    large = task.settings.flesh.model == "neo-hookean" and not stiffens
+    names = [grasp.name for grasp in grasps]
+    assumed = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
+    key = stage_key(
+        "response",
+        files=[],
+        settings=[_digest(mesh, histories, motion=large), supports, names, assumed],
+        rooms=("pipeline", "fem"),
+    )
+
+    def model(k: int, solid: UnitModulusSolid) -> GraspModel | FemFailure:
+        try:
+            small = grasp_model(histories[k], solid)
+            if large:
+                law = NeoHookean(poisson_ratio=poisson_ratio)
+                small = with_large_deformation(small, histories[k], solid, law, scale_sd=budget.gel_scale_sd)
+            return small
+        except FemFailure as failure:
+            return failure
+
+    def compute() -> list[GraspModel | FemFailure]:
+        parts = assemble(mesh.nodes_mm, mesh.tets)
+        models: dict[int, GraspModel | FemFailure] = {}
+        for support in dict.fromkeys(supports):
+            nodes = {}
+            for k in (k for k, one in enumerate(supports) if one == support):
+                try:
+                    nodes[k] = contact_nodes(mesh, [histories[k]])
+                except FemFailure as failure:
+                    models[k] = failure
+            if not nodes:
+                continue
+            try:
+                solid = UnitModulusSolid.factorise(
+                    mesh,
+                    poisson_ratio=poisson_ratio,
+                    support=support,
+                    parts=parts,
+                    contact_nodes=np.unique(np.concatenate(list(nodes.values()))),
+                )
+            except FemFailure as failure:
+                models |= dict.fromkeys(nodes, failure)
+                continue
+            models |= {k: model(k, solid) for k in nodes}
+        return [models[k] for k in range(len(grasps))]
+
+    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))
+    modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
+    if not effects or not modelled:
+        return plain
+
+    def beyond() -> Artifact:
+        case = MismatchCase(
+            mesh=mesh,
+            grasps=tuple(map(grasp_case, modelled)),
+            poisson_ratio=poisson_ratio,
+            budget=budget,
+        )
+        return Artifact(arrays={str(k): own for k, own in enumerate(added(case, effects))})
+
+    key = stage_key(
+        "effects",
+        files=[],
+        settings=[key, _digest(mesh, histories, motion=True), keyed(effects), budget.gel_scale_sd],
+        rooms=("pipeline", "fem"),
+    )
+    found = cached(task.results.cache, f"{stage}-effects", key, beyond).arrays
+    return with_departures(plain, [found[str(k)] for k in range(len(modelled))])
+
+
+def _digest(mesh: FleshMesh, histories: Sequence[GraspHistory], *, motion: bool) -> str:
+    """Of the mesh, the contacts and their forces; with the markers' `motion` over time where it counts."""
+    digest = hashlib.sha256()
+    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for one in histories if motion else ():
+        digest.update(one.time_s.tobytes())
+    for pad in (pad for one in histories for pad in one.pads):
+        seen = (pad.position_mm, pad.gel_displacement_mm) if motion else ()
+        for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
+            digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

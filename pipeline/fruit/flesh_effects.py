@@ -1,0 +1,90 @@
+"""Confirmed effects of flesh and contact in the models of a fruit's grasps: handed to the mechanics."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.grasp_model import GraspModel
+from fem.fem_failure import FemFailure
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.displacement_correction import KnownEffect, departures
+from fem.mismatch.effect import Effect
+from fem.mismatch.mismatch_case import MismatchCase
+from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, PARAMETERS, ConfirmedEffect
+
+BEFORE_THE_MODEL = OF_THE_JAWS | {"poisson_ratio", "pit_offset", "pit_size"}
+"""Effects that are taken into account before there is a model: in the recordings, the settings, the mesh."""
+MECHANICS: dict[str, Effect] = {one.name: one for one in EFFECTS if one.name not in BEFORE_THE_MODEL}
+"""Those that change how flesh or contact answers a force."""
+
+
+def known(one: ConfirmedEffect) -> KnownEffect:
+    """An effect in the settings as the mechanics has it."""
+    return KnownEffect(effect=MECHANICS[one.effect], parameters=partial(catalogue_parameters, one))
+
+
+def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
+    """Parameters of the settings under the names of the effect's ParameterSpecs.
+
+    Components of a vector stand alone; the stiffness of a skin (N/mm) counts in that of flesh of modulus E.
+    """
+    values: dict[str, float] = {}
+    for name, value in one.parameters.items():
+        if isinstance(value, tuple):
+            values |= {f"{name}.{k}": component for k, component in enumerate(value)}
+        elif name == "Et_N_per_mm":
+            values["Et_over_E_mm"] = float(value) / E_MPa
+        else:
+            values[name] = float(value)
+    return values
+
+
+def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "t n 3"]]:
+    """What these effects add to the response of each recording of `case`; raises FemFailure."""
+    return departures(case, [known(one) for one in effects])
+
+
+def with_departures(
+    models: Sequence[GraspModel | FemFailure], beyond: Sequence[Float[np.ndarray, "t n 3"]]
+) -> list[GraspModel | FemFailure]:
+    """The models with `beyond`, one for each grasp that has a model, added to their departure."""
+    changed: list[GraspModel | FemFailure] = []
+    left = iter(beyond)
+    for model in models:
+        if isinstance(model, GraspModel):
+            own = next(left)
+            departure = own if model.departure is None else model.departure + own
+            changed.append(replace(model, departure=departure))
+        else:
+            changed.append(model)
+    return changed
+
+
+def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
+    """Those that change the model of a grasp, with no parameter that the mechanics has not."""
+    return tuple(one for one in effects if one.effect in MECHANICS and not _too_much(one))
+
+
+def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
+    """Those that the modulus takes into account."""
+    model = in_the_model(effects)
+    return tuple(one for one in effects if one.effect in BEFORE_THE_MODEL or one in model)
+
+
+def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
+    """One warning for each effect that stands in the settings and is not in the modulus."""
+    taken = used(effects)
+    return [
+        f"batch.toml confirms {one.effect} with {', '.join(_too_much(one))}, which grading cannot take into "
+        "account yet: E is without it."
+        for one in effects
+        if one not in taken
+    ]
+
+
+def _too_much(one: ConfirmedEffect) -> list[str]:
+    """Parameters beyond those of one relaxing arm."""
+    return sorted(one.parameters.keys() - PARAMETERS[one.effect].keys())

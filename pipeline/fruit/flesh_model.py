@@ -1,0 +1,85 @@
+"""The flesh of one fruit as finite elements, and what its modulus may be off by."""
+
+import hashlib
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.error_budget import ErrorBudget
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.settings import Settings
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import pit_found
+from pipeline.fruit.fruit_shape import Pit, Shape
+from pipeline.ranking.reference_body import NAME as REFERENCE
+from recon.pit.priors import PitPrior
+
+
+def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
+    """Poisson's ratio of the flesh, its standard deviation, and who says so: the batch, else the prior.
+
+    A batch that states the ratio and no spread is taken at its word; one that was found in recordings comes
+    before both.
+    """
+    for one in settings.mismatch:
+        if one.effect == "poisson_ratio":
+            return one.number("nu"), one.spread("nu"), "found by drupe explain"
+    if settings.poisson_ratio is not None:
+        return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"
+    if prior is not None and prior.poisson_ratio is not None:
+        sd = settings.poisson_ratio_sd
+        return (
+            prior.poisson_ratio,
+            prior.poisson_ratio_sd if sd is None else sd,
+            f"{'' if prior.category == REFERENCE else 'prior for '}{prior.category}",
+        )
+    raise ValueError("a batch was opened without Poisson's ratio")
+
+
+def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
+    """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change.
+
+    Solid where there is no pit.
+    """
+    sizes = task.settings.mesh
+    arrays = (*pit.skin, pit.vertices, pit.faces, touched_mm)
+    digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+    key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("pipeline", "fem"))
+
+    def compute() -> Artifact:
+        mesh = tetrahedralise(
+            *pit.skin,
+            *((pit.vertices, pit.faces) if len(pit.faces) else (None, None)),
+            edge_mm=sizes.edge_mm,
+            refine_at_mm=touched_mm,
+            refine_edge_mm=sizes.pad_edge_mm,
+        )
+        return Artifact(
+            arrays={
+                "nodes_mm": mesh.nodes_mm,
+                "tets": mesh.tets,
+                "outer_faces": mesh.outer_faces,
+                "pit_nodes": mesh.pit_nodes,
+            }
+        )
+
+    return FleshMesh(**cached(task.results.cache, "flesh", key, compute).arrays)
+
+
+def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
+    """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
+    own, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
+    placed = pit_found(task.settings.mismatch)
+    known = {
+        "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
+        "force_scale_sd": sensor.force_scale_sd if sensor else None,
+        "pose_sd_mm": sensor.pose_sd_mm if sensor else None,
+        "pit_offset_sd_mm": placed.offset_sd_mm
+        or own.offset_sd_mm
+        or (prior.offset_sd_mm if prior else None),
+        "pit_size_sd": placed.size_sd or own.size_sd or (prior.size_sd if prior else None),
+        "surface_sd_mm": shape.record.surface_sd_mm,
+        "poisson_ratio_sd": poisson_ratio(task.settings, prior)[1],
+    }
+    return ErrorBudget(**{name: value for name, value in known.items() if value is not None})

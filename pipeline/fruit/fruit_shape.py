@@ -1,0 +1,196 @@
+"""A fruit's surface and its pit, in the fruit frame, from photos or from ready meshes."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.layout import FruitResults, write_whole
+from pipeline.batch.outcome import FruitEnded, Outcome
+from pipeline.batch.records import MeshRecord, PitRecord, StanceRecord
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import PitFound, pit_found
+from pipeline.fruit.photographed import photographed
+from pipeline.fruit.size_doubts import size_doubts
+from recon.pit.placement import embed_pit, place_pit, require_closed
+from recon.surface.fruit_frame import stance_doubts
+from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
+from recon.surface.orientation import stance_of
+from recon.triangle_mesh import volume_mm3
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
+
+    `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
+    that is known.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    mesh_from_fruit: Float[np.ndarray, "4 4"]
+    record: MeshRecord
+    warnings: tuple[str, ...]
+    views: Int[np.ndarray, " n"] | None = None
+    sd_mm: Float[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pit:
+    """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm.
+
+    Without a pit there is a skin alone, and no record.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    skin: Mesh
+    record: PitRecord | None
+
+
+def fruit_shape(task: FruitTask) -> Shape:
+    """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure.
+
+    Its warnings say where photos, size and stance are doubtful.
+    """
+    shape = _fruit_shape(task)
+    on_mat = task.mat is not None
+    by_coin = task.settings.photos.scale is not None
+    doubts = size_doubts(task.given, shape.record, task.prior, on_mat=on_mat, by_coin=by_coin, body=task.body)
+    record = shape.record
+    if task.body.stem_and_suture:
+        stance = stance_of(shape.vertices, shape.faces)
+        said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
+        record = record.model_copy(update={"stance": StanceRecord(**said)})
+        if not task.folder.pit_ply.is_file():
+            doubts = [*doubts, *stance_doubts(stance)]
+    return replace(shape, warnings=(*shape.warnings, *doubts), record=record)
+
+
+def _fruit_shape(task: FruitTask) -> Shape:
+    folder = task.folder
+    if folder.fruit_ply.is_file():
+        vertices, faces = read_mesh(folder.fruit_ply)
+        require_closed(vertices, faces, what="fruit.ply")
+        return _shape(vertices, faces, np.eye(4), source="fruit.ply", facts={})
+    if not folder.photo_files():
+        astray = folder.photos_elsewhere().rstrip(".")
+        raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{f' (photos/: {astray})' if astray else ''}")
+    if task.mat is None and task.given.height_mm is None:
+        raise FruitEnded(Outcome.NO_SCALE, task.fruit_id)
+    model = task.settings.recon.geometry_model
+    model_path = None if model is None else task.batch_root / model
+    mat_file = [task.batch_root / "mat.json"] if task.mat is not None else []
+    key = stage_key(
+        "mesh",
+        files=[
+            *folder.photo_files(),
+            *folder.flipped_files(),
+            *mat_file,
+            *([model_path] if model_path else []),
+        ],
+        settings=[
+            task.settings.recon.model_dump(),
+            task.settings.photos.model_dump(),
+            None if task.mat else task.given.height_mm,
+            repr(task.body),
+        ],
+        rooms=("pipeline", "recon", "reports"),
+    )
+    made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path))
+    write_whole(task.results.photo, made.arrays["photo"].tobytes())
+    return _shape(
+        made.arrays["vertices"],
+        made.arrays["faces"],
+        made.arrays["mesh_from_fruit"],
+        source="photos",
+        facts=dict(made.facts),
+        views=made.arrays.get("views"),
+        sd_mm=made.arrays.get("sd_mm"),
+    )
+
+
+def _shape(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    mesh_from_fruit: Float[np.ndarray, "4 4"],
+    *,
+    source: Literal["photos", "fruit.ply"],
+    facts: Mapping[str, Any],
+    views: Int[np.ndarray, " n"] | None = None,
+    sd_mm: Float[np.ndarray, " n"] | None = None,
+) -> Shape:
+    box = np.ptp(vertices, axis=0).tolist()
+    return Shape(
+        vertices=vertices,
+        faces=faces,
+        mesh_from_fruit=mesh_from_fruit,
+        views=views,
+        sd_mm=sd_mm,
+        warnings=tuple(facts.get("warnings", ())),
+        record=MeshRecord(
+            source=source,
+            vertices=len(vertices),
+            faces=len(faces),
+            volume_mm3=volume_mm3(vertices, faces),
+            height_mm=box[2],
+            box_mm=tuple(box),
+            scale_sd=facts.get("scale_sd"),
+            surface_sd_mm=facts.get("surface_sd_mm"),
+            quality=facts.get("quality", {}),
+        ),
+    )
+
+
+def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
+    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
+    if task.folder.pit_ply.is_file():
+        vertices, faces = read_mesh(task.folder.pit_ply)
+        require_closed(vertices, faces, what="pit.ply")
+        source = "pit.ply"
+    elif task.settings.pit.none:
+        return Pit(
+            vertices=np.empty((0, 3)),
+            faces=np.empty((0, 3), dtype=np.int64),
+            skin=(shape.vertices, shape.faces),
+            record=None,
+        )
+    elif task.prior is not None:
+        vertices, faces = place_pit(shape.vertices, shape.faces, task.prior)
+        measured = task.prior.measured is not None
+        source = f"{'measured pit, placed as' if measured else 'prior'} for {task.prior.category}"
+    else:
+        raise ValueError("a batch without a prior has a fruit without a pit.ply")
+    found = pit_found(task.settings.mismatch)
+    if found != PitFound():
+        vertices = found.moved(vertices)
+        source += ", moved to where it was found"
+    embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
+    skin, pit = embedded.skin, embedded.pit
+    low, high = pit[0].min(axis=0), pit[0].max(axis=0)
+    return Pit(
+        vertices=pit[0],
+        faces=pit[1],
+        skin=skin,
+        record=PitRecord(
+            source=source,
+            volume_mm3=embedded.pit_volume_mm3,
+            centre_mm=tuple(((low + high) / 2).tolist()),
+            box_mm=tuple((high - low).tolist()),
+            thinnest_flesh_mm=embedded.thinnest_flesh_mm,
+            flesh_volume_mm3=embedded.flesh_volume_mm3,
+        ),
+    )
+
+
+def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
+    """fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the mat's)."""
+    for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
+        if not len(part.faces):
+            continue
+        placed = part.vertices @ shape.mesh_from_fruit[:3, :3].T + shape.mesh_from_fruit[:3, 3]
+        write_whole(path, mesh_bytes(placed, part.faces, views=views))

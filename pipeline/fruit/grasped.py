@@ -1,0 +1,239 @@
+"""A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.error_budget import ErrorBudget
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.sparse.solver import solver_name
+from pipeline.batch.layout import in_order, write_whole
+from pipeline.batch.outcome import FruitEnded, Outcome
+from pipeline.batch.records import FleshRecord, GraspRecord
+from pipeline.batch.same_recording import refuse_copy
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import faults
+from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
+from pipeline.fruit.fruit_shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
+from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
+from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
+from pipeline.fruit.raw_grasps import kept_recording
+from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks, stranger
+from pipeline.fruit.stage_log import Diary
+from recon.plain_file import printable
+from recon.surface.coverage import SEEN_BY
+from reports.coverage_map import coverage_map
+from reports.mesh_picture import mesh_picture
+from reports.surface_sd_map import surface_sd_map
+from tactile.checks.finding import Finding
+from tactile.io.recording import Recording
+from tactile.tactile_failure import TactileFailure
+
+FOOT_MM = 0.5
+"""Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
+FLAT_FOOT = 0.5
+"""A foot wider than this share of the fruit, both ways, is flat: any mesh has nodes on it, and fine elements
+there are lost to the pads. The foot of a ball is 18 % wide for a radius of 30 mm, 29 % for 12 mm. With them E
+of the pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangles, is 1.7 % too low, without
+0.8 % (means of three recordings)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspedFruit:
+    """What the modulus and the mismatch finder both start from; `failed`: recordings of no use, and why.
+
+    `doubts`: what cannot be right in what is used.
+    """
+
+    shape: Shape
+    pit: Pit
+    placed: tuple[PlacedGrasp, ...]
+    failed: tuple[GraspRecord, ...]
+    mesh: FleshMesh
+    poisson_ratio: float
+    budget: ErrorBudget
+    doubts: tuple[Doubt, ...] = ()
+
+
+def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
+    """Photos or a ready mesh to elements, in stages told to `diary`.
+
+    Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
+    """
+    known = diary.known
+    with diary.stage("mesh"):
+        shape = fruit_shape(task)
+        known["mesh"] = shape.record
+        diary.warnings += shape.warnings
+        if shape.views is not None:
+            shown = coverage_map(shape.vertices, shape.faces, shape.views, seen_by=SEEN_BY)
+            write_whole(task.results.coverage, shown)
+        if shape.sd_mm is not None and shape.views is not None:
+            shown = surface_sd_map(shape.vertices, shape.faces, shape.sd_mm, seen=shape.views >= SEEN_BY)
+            write_whole(task.results.surface_sd, shown)
+    with diary.stage("pit"):
+        pit = embedded_pit(task, shape)
+        known["pit"] = pit.record
+        write_meshes(task.results, shape, pit)
+        doubts = _pit_doubts(task, shape, pit)
+    placed, failures = _placed(task, shape, diary)
+    failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
+    known["grasps"] = failed
+    if not placed:
+        write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
+        raise _why_no_grasp(list(failures.values()))
+    doubts += of_grasps(placed)
+    diary.warnings[:0] = [doubt.sentence for doubt in doubts]
+    diary.warnings += remarks_of_grasps(placed)
+    known["doubts"] = tuple(doubt.sentence for doubt in doubts)
+    nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
+    with diary.stage("flesh"):
+        mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
+        known["flesh"] = FleshRecord(
+            nodes=len(mesh.nodes_mm),
+            tets=len(mesh.tets),
+            poisson_ratio=nu,
+            poisson_ratio_sd=nu_sd,
+            poisson_ratio_source=source,
+            solver=solver_name(),
+        )
+    return GraspedFruit(
+        shape=shape,
+        pit=pit,
+        placed=tuple(placed),
+        failed=failed,
+        mesh=mesh,
+        poisson_ratio=nu,
+        budget=error_budget(task, shape),
+        doubts=tuple(doubts),
+    )
+
+
+def _pit_doubts(task: FruitTask, shape: Shape, pit: Pit) -> list[Doubt]:
+    """Where the fruit's own pit is unlike its category's; raises FruitEnded where E would mean nothing."""
+    if not task.folder.pit_ply.is_file():
+        return []
+    doubts = of_a_given_pit(shape.vertices, pit.vertices, pit.faces, task.prior)
+    refused = [doubt.sentence for doubt in doubts if doubt.refused]
+    if refused:
+        raise FruitEnded(Outcome.IMPLAUSIBLE_PIT, " ".join(refused))
+    return doubts
+
+
+def _placed(
+    task: FruitTask, shape: Shape, diary: Diary
+) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
+    """Every recording that can be used, and the failure of each that cannot."""
+    placed: list[PlacedGrasp] = []
+    failures: dict[str, TactileFailure] = {}
+    folder, owner = task.folder, owner_of(task)
+    strangers: dict[str, bool] = {}
+    diary.known["strangers"] = strangers
+    recordings = {path.stem: path for path in folder.grasp_files()}
+    recordings |= {path.name: path for path in folder.raw_grasp_folders()}
+    with diary.stage("contact"):
+        for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
+            name = printable(named)
+            field = "attribute fruit_id"
+            try:
+                if path.is_dir():
+                    field = "fruit_id in grasp.toml"
+                    kept = kept_recording(path, task.results.cache, diary.report)
+                    diary.warnings += kept.notes
+                    path = kept.path
+                grasp = place_grasp(
+                    path,
+                    shape.vertices,
+                    shape.faces,
+                    name=name,
+                    faults=faults(task.settings.mismatch),
+                    sd_mm=shape.sd_mm,
+                    checked=_checked(task, shape),
+                    admit=partial(_admitted, owner, diary, strangers, name=name, field=field),
+                )
+                refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))
+                placed.append(grasp)
+            except TactileFailure as failure:
+                failures[name] = failure
+                diary.warnings.append(f"not used: {failure.detail}")
+    return placed, failures
+
+
+def owner_of(task: FruitTask) -> Owner:
+    """What a recording in the fruit's folder should name; that of a reference body may name any category."""
+    category = None if task.given.reference else task.category
+    return Owner(fruit_id=task.fruit_id, category=category, batch_fruits=task.batch_fruits)
+
+
+def _admitted(
+    owner: Owner,
+    diary: Diary,
+    strangers: dict[str, bool],
+    recording: Recording,
+    *,
+    name: str,
+    field: str,
+) -> list[Finding]:
+    """What is doubted of a recording's being its owner's; raises TactileFailure where it is another's.
+
+    Whom it names instead is kept in `strangers`, with whether the batch has that fruit.
+    """
+    named = recording.fruit_id
+    if (other := stranger(named, owner)) is not None:
+        strangers[other] = other in (owner.batch_fruits or ())
+    found = owner_findings(named, recording.category, owner, source=name, field=field)
+    diary.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
+    return found
+
+
+def _checked(task: FruitTask, shape: Shape) -> Checked:
+    """What the recordings' checks are told of this fruit."""
+    plausible = None if task.prior is None else task.prior.plausible
+    scale = (shape.record.scale_sd or 0.0) * max(shape.record.box_mm) / 2
+    return Checked(
+        E_range_MPa=None if plausible is None else plausible.E_MPa,
+        surface_sd_mm=float(np.hypot(shape.record.surface_sd_mm or 0.0, scale)),
+    )
+
+
+def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
+    """Where elements must be small: under every pad, and at the round foot of a fruit on a base."""
+    points = [points for grasp in placed for points in grasp.touched_mm.values()]
+    if any(grasp.recording.support == "base" for grasp in placed):
+        height = shape.vertices[:, 2] - shape.vertices[:, 2].min()
+        foot = shape.vertices[height < FOOT_MM]
+        share = np.ptp(foot[:, :2], axis=0) / np.ptp(shape.vertices[:, :2], axis=0)
+        if not (share > FLAT_FOOT).all():
+            points.append(foot)
+    return np.vstack(points)
+
+
+def said_once(sentences: Sequence[str]) -> str:
+    """Sentences "name: what is wrong" as a text that has each cause once, with the first's numbers.
+
+    >>> said_once(["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N."])
+    'g1: force is 2.0 N. (The same of g3.) g2: never touches.'
+    """
+    causes: dict[str, list[tuple[str, str]]] = {}
+    for sentence in sentences:
+        name, _, cause = sentence.partition(": ")
+        causes.setdefault(re.sub(r"[\d.]+", "#", cause), []).append((name, sentence))
+    said = []
+    for (_, first), *others in causes.values():
+        names = ", ".join(name for name, _ in others)
+        said.append(f"{first} (The same of {names}.)" if names else first)
+    return " ".join(said)
+
+
+def _why_no_grasp(failures: list[TactileFailure]) -> Exception:
+    """Why a fruit with a mesh has no modulus: its only recording's failure, all of theirs, or none."""
+    if len(failures) == 1:
+        return failures[0]
+    if failures:
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures]))
+    return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")

@@ -1,0 +1,301 @@
+"""What in a fruit's inputs cannot be right although E could be computed, and how much it puts E in doubt."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
+from pipeline.batch.records import PitFoundRecord
+from pipeline.fruit.placed_grasp import PlacedGrasp
+from recon.pit.priors import PitPrior
+from recon.triangle_mesh import volume_mm3
+from tactile.checks.finding import Field, Kind
+
+FAR_SD, FAR_SHARE = 5.0, 0.08
+"""A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
+the fruit's half width: 2.5 mm for a nectarine. Sound ones lie within 0.4 mm and 0.013 of it
+(benchmarks/field_spreads.py, "pit.ply from its category's place"; six pits); assumed larger, since real
+stones sit within 0.5 mm (sd) of where their category has them, by estimate."""
+FAR_REFUSED = 0.25
+"""Of the half width; assumed: no stone of a whole fruit lies there."""
+SIZE_SAID, SIZE_SD, SIZE_REFUSED = 0.18, 4.0, 0.45
+"""|ln| of a given pit's size over its category's from which it is said, at least so many of the prior's
+standard deviations, and refused. Sound ones have 0.02 (field_spreads.py, "pit.ply, |ln size|"); assumed:
+three times the spread of stones of one kind, 0.03 to 0.06 (sd), and half again or two thirds as large."""
+TURNED = 0.5
+"""Greatest less least ln(side over the category's) of the three axes: a turned pit has its longest side
+elsewhere. Sound ones have 0.12 (field_spreads.py, "pit.ply, spread of ln sides"); a quarter turn of the
+category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07, 0.37 for a cherry: assumed,
+so that no sound pit of other proportions is said; turns of round stones are not seen."""
+E_PER_MM = 0.01
+"""Relative error of E per mm of the pit's offset: over 6 mm two nectarines changed by 0.0002 to 0.0054 of it
+along x, y, z and towards a pad, median 0.0022 (benchmarks/field_spreads.py --pits; a third by 0.0035). Twice
+the greatest: E changes the faster the nearer the pit comes to a pad, at 6 mm by 0.004 to 0.011 per mm."""
+E_PER_SIZE = 0.6
+"""The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x", a nectarine), at
+1.3 and 1/1.3 of it 0.19 to 0.41 (field_spreads.py --pits, two nectarines and a plum)."""
+E_OF_A_TURNED_PIT = 0.1
+"""Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (field_spreads.py --pits,
+two nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
+MOVED_SD = 5.0
+"""Grasps that put a given pit this many of the prior's standard deviations from where it was given; assumed
+as FAR_SD, for no sound recording's pit is given with an error to measure it by."""
+_NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
+_RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
+_PHASES = ModulusSign.PHASES_APART
+_FORCE_LOST = frozenset({_METHODS, _RESIDUAL, _UNBALANCED})
+_GAIN = frozenset({_METHODS, _RESIDUAL, _UNBALANCED, _PHASES})
+_ELSEWHERE = frozenset({_METHODS, _RESIDUAL})
+EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
+    # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
+    Kind.DEAD_MARKERS: _FORCE_LOST,
+    Kind.MARKERS_MISSING: _FORCE_LOST,
+    Kind.CLIPPED: _FORCE_LOST,
+    Kind.COARSE_STEPS: _FORCE_LOST,
+    Kind.NO_TARE: _FORCE_LOST,
+    # a gain may be of one pad, and be a gel that creeps
+    Kind.GAIN: _GAIN,
+    Kind.FORCE_SCALE: _GAIN,
+    Kind.DISPLACEMENT_SCALE: _GAIN,
+    Kind.FORCE_DRIFT: _GAIN,
+    # the first touch is found late; the residual is judged by the noise itself
+    Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
+    # places of the gel against the jaws; the two pads' forces are still of one instant
+    Kind.CLOCKS_APART: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    Kind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    Kind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    Kind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
+    Kind.WIDTH: _ELSEWHERE,
+    Kind.ASIDE: _ELSEWHERE,
+    Kind.PRINT_ASIDE: _ELSEWHERE,
+    Kind.PADS_EXCHANGED: _ELSEWHERE,
+    Kind.MESH_TURNED: _ELSEWHERE,
+    Kind.OTHER_FRUIT: _ELSEWHERE,
+    Kind.OTHER_CATEGORY: _ELSEWHERE,
+    # E does not depend on these
+    Kind.TIME_UNIT: frozenset(),
+    Kind.APERTURE_UNIT: frozenset(),
+    Kind.FRAMES_DROPPED: frozenset(),
+    Kind.ENDS_PRESSED: frozenset(),
+    # a recording with one of these is refused: no modulus comes from it
+    **dict.fromkeys(
+        (
+            Kind.ZERO_FRAMES,
+            Kind.MARKERS_UNIT,
+            Kind.MARKERS_ORDER,
+            Kind.OVER_EDGE,
+            Kind.AXES,
+            Kind.DEAD_FIELD,
+            Kind.SIGN,
+            Kind.DELAY,
+            Kind.INCREMENTS,
+            Kind.OUT_OF_STEP,
+            Kind.OTHER_MARKERS,
+            Kind.SATURATION,
+            Kind.FORCE_UNIT,
+            Kind.DISPLACEMENT_UNIT,
+            Kind.STIFFNESS_UNIT,
+            Kind.FORCE_OR_STIFFNESS_UNIT,
+            Kind.FRAMES_SHUFFLED,
+            Kind.GEL_FRAMES_SHUFFLED,
+            Kind.POSES_UNIT,
+            Kind.POSES_STILL,
+            Kind.POSES_TRANSPOSED,
+            Kind.POSES_INVERTED,
+            Kind.POSES_BACK_TO_BACK,
+            Kind.POSES_TURNED,
+            Kind.POSE_AWAY,
+            Kind.TOO_DEEP,
+        ),
+        frozenset[ModulusSign](),
+    ),
+}
+"""Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
+named. ModulusSign.ONE_FRAME is never."""
+
+
+class PitKind(StrEnum):
+    """What is doubted of a given pit."""
+
+    AWAY = "pit-away"
+    SIZE = "pit-size"
+    TURNED = "pit-turned"
+    FOUND_ELSEWHERE = "pit-found-elsewhere"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """A sentence with the cause, and the relative standard deviation that it adds to E.
+
+    `kind`, `field` and `pads` tell whether two recordings have the same fault (`relative_sd`); a doubt
+    without a kind shares its cause with no other.
+    """
+
+    sentence: str
+    relative_sd: float = 0.0
+    refused: bool = False
+    kind: Kind | PitKind | None = None
+    field: Field | None = None
+    pads: tuple[str, ...] = ()
+
+
+def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
+    """The doubts of the recordings that are used; each counts by its recording's share of them."""
+    return [
+        Doubt(
+            sentence=f"{grasp.name}: {finding.sentence}.",
+            relative_sd=finding.relative_sd / len(grasps),
+            kind=finding.kind,
+            field=finding.field,
+            pads=finding.pads,
+        )
+        for grasp in grasps
+        for finding in grasp.findings
+        if not finding.remark
+    ]
+
+
+def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
+    """What is worth knowing of the recordings and puts nothing in doubt."""
+    return [f"{grasp.name}: {one.sentence}." for grasp in grasps for one in grasp.findings if one.remark]
+
+
+def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
+    """The signs in the recording's modulus that follow from what was found in it."""
+    return frozenset[ModulusSign]().union(*(EXPLAINS[one.kind] for one in grasp.findings if not one.remark))
+
+
+def relative_sd(doubts: Sequence[Doubt]) -> float:
+    """Of all together: sqrt(sum over causes of (sum over recordings of sd)^2).
+
+    A fault of one kind, field and pads is the same in every recording that has it (a gain, another gel's
+    stiffness, a clock): more recordings do not make it less, so that these add linearly, and with each
+    recording's share of E (`of_grasps`) make their mean. Causes that are not each other's add in squares.
+    """
+    by_cause: dict[object, float] = defaultdict(float)
+    for number, doubt in enumerate(doubts):
+        cause = number if doubt.kind is None else (doubt.kind, doubt.field, doubt.pads)
+        by_cause[cause] += doubt.relative_sd
+    return float(np.linalg.norm(list(by_cause.values()))) if by_cause else 0.0
+
+
+def causes_alone(
+    warnings: Sequence[ModulusWarning], *, explained: frozenset[ModulusSign]
+) -> list[ModulusWarning]:
+    """`warnings` without the signs that follow from a named cause."""
+    return [one for one in warnings if one.sign not in explained]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PitAgainstCategory:
+    """A pit against its category's in a fruit of this size: how far off its place, ln of its size and sides.
+
+    `half_mm`: mean half width of the fruit; `sides` are ln(side over the category's) along x, y, z.
+    """
+
+    off_mm: float
+    half_mm: float
+    size: float
+    sides: Float[np.ndarray, " 3"]
+
+
+def against_category(
+    vertices: Float[np.ndarray, "n 3"],
+    pit_vertices: Float[np.ndarray, "m 3"],
+    pit_faces: Int[np.ndarray, "k 3"],
+    prior: PitPrior,
+) -> PitAgainstCategory | None:
+    """How a pit differs from its category's; None of one whose bodies may have theirs anywhere."""
+    if prior.axis_ratios is None:
+        return None
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    half = (high - low) / 2
+    pit_low, pit_high = pit_vertices.min(axis=0), pit_vertices.max(axis=0)
+    expected = (low + high) / 2 + np.asarray(prior.raised) * half
+    usual = np.asarray(prior.axis_ratios) * half
+    ellipsoid_mm3 = 4 / 3 * np.pi * float(usual.prod())
+    return PitAgainstCategory(
+        off_mm=float(np.linalg.norm((pit_low + pit_high) / 2 - expected)),
+        half_mm=float(half.mean()),
+        size=float(np.log(abs(volume_mm3(pit_vertices, pit_faces)) / ellipsoid_mm3)) / 3,
+        sides=np.asarray(np.log((pit_high - pit_low) / 2 / usual)),
+    )
+
+
+def of_a_given_pit(
+    vertices: Float[np.ndarray, "n 3"],
+    pit_vertices: Float[np.ndarray, "m 3"],
+    pit_faces: Int[np.ndarray, "k 3"],
+    prior: PitPrior | None,
+) -> list[Doubt]:
+    """A pit.ply that lies, or is, unlike the category's: moved, scaled, turned. Nothing is said without one.
+
+    A category whose bodies may have their pit anywhere (`axis_ratios` unknown) is not judged.
+    """
+    pit = None if prior is None else against_category(vertices, pit_vertices, pit_faces, prior)
+    if prior is None or pit is None:
+        return []
+    off, size, sides = pit.off_mm, pit.size, pit.sides
+    found = []
+    if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * pit.half_mm):
+        found.append(
+            Doubt(
+                kind=PitKind.AWAY,
+                sentence=(
+                    f"pit.ply lies {off:.1f} mm from where a {prior.category} has its pit (the "
+                    "fruit's middle): the mesh in pit.ply was shifted, is given in another frame of "
+                    "reference than fruit.ply, or is another fruit's."
+                ),
+                relative_sd=E_PER_MM * off,
+                refused=off > FAR_REFUSED * pit.half_mm,
+            )
+        )
+    if abs(size) > max(SIZE_SAID, SIZE_SD * prior.size_sd):
+        found.append(
+            Doubt(
+                kind=PitKind.SIZE,
+                sentence=(
+                    f"pit.ply is {np.exp(size):.2f} times the size of a {prior.category}'s pit in "
+                    "a fruit of this size: the mesh in pit.ply was scaled, is in another unit, or is another "
+                    "fruit's."
+                ),
+                relative_sd=E_PER_SIZE * abs(size),
+                refused=abs(size) > SIZE_REFUSED,
+            )
+        )
+    elif float(np.ptp(sides)) > TURNED:
+        longest = "xyz"[int(np.argmax(sides))]
+        found.append(
+            Doubt(
+                kind=PitKind.TURNED,
+                sentence=(
+                    f"pit.ply is too long along {longest} for a {prior.category}'s pit "
+                    f"({np.exp(sides.max()):.2f} times, {np.exp(sides.min()):.2f} times elsewhere): it is "
+                    "turned against fruit.ply, or is another fruit's."
+                ),
+                relative_sd=E_OF_A_TURNED_PIT,
+            )
+        )
+    return found
+
+
+def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
+    """A given pit that the grasps find elsewhere, or of another size, by far more than it may be off."""
+    if found is None or not given or max(map(abs, found.moved)) <= MOVED_SD:
+        return []
+    off = float(np.linalg.norm(found.offset_mm))
+    return [
+        Doubt(
+            kind=PitKind.FOUND_ELSEWHERE,
+            sentence=(
+                f"the grasps put the pit {off:.1f} mm from where pit.ply has it, at {found.size:.2f} "
+                "times its size: pit.ply is moved, scaled or of another fruit, or the grasps are."
+            ),
+            relative_sd=E_PER_MM * off,
+        )
+    ]

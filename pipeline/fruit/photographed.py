@@ -1,0 +1,107 @@
+"""Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.batch.cache import Artifact
+from pipeline.batch.task import FruitTask
+from recon.cameras.camera import straightened
+from recon.cameras.photos import Photo, read_photos
+from recon.cameras.view_plan import ViewPlan, view_plan
+from recon.checks.photo_check import checked_photos
+from recon.checks.rim_check import rim_doubts
+from recon.checks.verdict import require_seen, shape_doubts
+from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
+from recon.learned.fruit_model import SHIPPED
+from recon.surface.fruit_frame import to_fruit_frame
+from recon.underside import with_underside
+from recon.wording import listed
+from reports.photo import thumbnail_jpeg
+
+
+def photographed(task: FruitTask, model: Path | None) -> Artifact:
+    """The mesh of a fruit's photos, its quality, a small photo, and warnings; raises ReconFailure."""
+    given = read_photos(task.folder.photos)
+    checked = checked_photos(given, task.mat)
+    recon = task.settings.recon
+    options = ReconOptions(
+        max_faces=recon.max_faces,
+        providers=recon.providers,
+        coin=task.settings.photos.scale,
+        fruit_model=SHIPPED if recon.fruit_model else None,
+    )
+    route = partial(
+        reconstruct if model is None else partial(reconstruct_with_model, model=model),
+        mat=task.mat,
+        height_mm=task.given.height_mm,
+        options=options,
+    )
+    made = route(checked.photos)
+    require_seen(
+        replace(made.quality, views_given=len(given)),
+        left_out=checked.warnings,
+        plan=_plan(made, [photo.name for photo in given]),
+    )
+    whole = made
+    if task.folder.flipped_files():
+        whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
+    quality = replace(whole.quality, views_given=len(given))
+    vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
+    return Artifact(
+        arrays={
+            "vertices": vertices,
+            "faces": whole.faces,
+            "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
+            **({} if whole.views is None else {"views": whole.views}),
+            **({} if whole.sd_mm is None else {"sd_mm": whole.sd_mm}),
+            "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
+        },
+        facts={
+            "scale_sd": whole.scale_sd,
+            "surface_sd_mm": whole.surface_sd_mm,
+            "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
+            "warnings": [
+                *checked.warnings,
+                *whole.warnings,
+                *whole.notes,
+                *_photo_doubts(checked.photos, made),
+                *shape_doubts(vertices, whole.faces, body=task.body),
+            ],
+        },
+    )
+
+
+def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
+    """Where the photos that were used were taken, and without a mat, which could not be joined to them."""
+    if not made.cameras:
+        return None
+    return view_plan(
+        [c.name for c in made.cameras],
+        np.array([c.place for c in made.cameras]),
+        made.vertices.mean(axis=0),
+        given=given,
+        unplaced=made.unplaced if made.frame == "shape" else (),
+    )
+
+
+def _photo_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
+    """Photos that were not used, and those that show the fruit elsewhere, by name."""
+    if not made.cameras:
+        return []
+    by_name = {photo.name: photo for photo in photos}
+    used = [replace(camera, k1=made.quality.k1) for camera in made.cameras]
+    images = [straightened(by_name[c.name], c)[0] for c in used]
+    unused = [name for name in by_name if name not in {c.name for c in made.cameras}]
+    doubts = []
+    if unused:
+        ground = "mat" if made.frame == "mat" else "ground around it"
+        doubts.append(
+            f"Left out: {listed(unused)}: the fruit is cut off or hidden there, its outline fits no other "
+            "photo's, or the camera could not be placed; retake such photos with the whole fruit and the "
+            f"{ground} in view."
+        )
+    return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]

@@ -1,0 +1,254 @@
+"""One recording on one fruit: where tactile's contact meets fem's flesh."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.estimation.modulus import ModulusEstimate
+from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mismatch.mismatch_case import GraspCase, PadMotion
+from pipeline.batch.records import CurveRecord, GraspRecord
+from recon.checks.surface_error import sd_on_patch_mm
+from tactile.checks.finding import Finding
+from tactile.checks.of_recording import recording_findings
+from tactile.contact import Contact, find_contact
+from tactile.correction import Fault, corrected
+from tactile.io.recording import GelPad, Recording, read_recording
+from tactile.recording_digest import recording_digest
+from tactile.registration import PadRegistration, register
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+
+@dataclass(frozen=True)
+class PlacedGrasp:
+    """A recording whose pads have been found on the fruit's surface; `path` is where it was read from.
+
+    `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
+    where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
+    and yet leaves it of use. `digest`: of its fields as they are in the file (tactile.recording_digest).
+    """
+
+    name: str
+    path: Path
+    recording: Recording
+    contact: Contact
+    pads: tuple[PadRegistration, ...]
+    surface_sd_mm: Mapping[str, float] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    digest: str = ""
+
+    @property
+    def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
+        """Where on the surface each pad's markers touch."""
+        return {
+            pad.name: pad.surface_mm[contact.onset >= 0]
+            for pad, contact in zip(self.pads, self.contact.pads, strict=True)
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """What the checks of a recording are told: moduli that the category can have, the mesh's error."""
+
+    E_range_MPa: tuple[float, float] | None = None
+    surface_sd_mm: float = 0.0
+
+
+def place_grasp(
+    path: Path,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    *,
+    name: str | None = None,
+    faults: Sequence[Fault] = (),
+    sd_mm: Float[np.ndarray, " v"] | None = None,
+    checked: Checked | None = None,
+    admit: Callable[[Recording], Sequence[Finding]] | None = None,
+) -> PlacedGrasp:
+    """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
+
+    `name` is what people know it by; None: the file's. `sd_mm`: the mesh's error at each vertex, where it is
+    known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
+    `checked`: whether its fields are held against each other and the mesh, and with what. `admit` is asked
+    first whether the recording is this fruit's (pipeline.fruit.recording_owner), and raises where it is not.
+    Raises TactileFailure; implausible-recording where the checks refuse it.
+    """
+    name = name or path.stem
+    source = path.name if path.stem == name else name
+    recorded = read_recording(path)
+    findings = () if admit is None else tuple(admit(recorded))
+    recording = corrected(recorded, faults)
+    _refuse_no_pose(recording, source)
+    if checked is not None:
+        findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
+    contact = find_contact(recording, source=source)
+    pads = register(contact, vertices, faces, source=source)
+    placed = PlacedGrasp(
+        name=name,
+        path=path,
+        recording=recording,
+        contact=contact,
+        pads=pads,
+        findings=findings,
+        digest=recording_digest(recorded),
+    )
+    if sd_mm is None:
+        return placed
+    known = {
+        pad: sd_on_patch_mm(points, vertices, faces, sd_mm)
+        for pad, points in placed.touched_mm.items()
+        if len(points)
+    }
+    return replace(placed, surface_sd_mm=known)
+
+
+def findings_of(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"] | None,
+    faces: Int[np.ndarray, "f 3"] | None,
+    source: str,
+    checked: Checked,
+    *,
+    corrected_for: int,
+) -> tuple[Finding, ...]:
+    """What the checks find; without a mesh (None), of the recording itself. Raises TactileFailure
+    (implausible-recording) where that leaves no use for the recording.
+
+    `corrected_for`: how many confirmed faults of the gripper were taken out of it before.
+    """
+    found = recording_findings(
+        recording,
+        vertices,
+        faces,
+        E_range_MPa=checked.E_range_MPa,
+        surface_sd_mm=checked.surface_sd_mm,
+    )
+    if said := refusal(found, corrected_for=corrected_for):
+        raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
+    return tuple(found)
+
+
+def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
+    """Why a recording with these findings is of no use, without a full stop; empty where it is.
+
+    `corrected_for`: how many confirmed faults of the gripper were taken out of it: they may be the mistake.
+    """
+    said = "; ".join(one.sentence for one in found if one.refused)
+    if said and corrected_for:
+        said += "; it was corrected before as [[mismatch]] in batch.toml says: check those numbers too"
+    return said
+
+
+def _refuse_no_pose(recording: Recording, source: str) -> None:
+    """A pad at the fruit's foot, facing up, in every frame: nobody has said where the pad was."""
+    for pad in recording.pads:
+        if isinstance(pad, GelPad) and (pad.pose == np.eye(4)).all():
+            raise TactileFailure(
+                TactileProblem.UNREADABLE_RECORDING,
+                f"{source}: pads/{pad.name}/pose: found no pose (the identity in every frame), expected "
+                "where the pad was on the fruit in each; write the gripper's poses into the recording.",
+            )
+
+
+def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray, "p 3"]]:
+    """Where each pad's markers touch, all grasps together."""
+    names = {pad: None for grasp in grasps for pad in grasp.touched_mm}
+    return {pad: np.vstack([g.touched_mm[pad] for g in grasps if pad in g.touched_mm]) for pad in names}
+
+
+def history(grasp: PlacedGrasp) -> GraspHistory:
+    """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame.
+
+    Markers around the patch that lie beside the fruit, and never touch, are left out.
+    """
+    pads = []
+    for pad, contact in zip(grasp.pads, grasp.contact.pads, strict=True):
+        used = contact.patch & (pad.on_skin | (contact.onset >= 0))
+        pads.append(
+            PadHistory(
+                name=contact.name,
+                rest_mm=contact.rest_mm[used],
+                surface_mm=pad.surface_mm[used],
+                position_mm=contact.position_mm[:, used],
+                gel_displacement_mm=contact.gel_displacement_mm[:, used],
+                force_N=contact.force_N[:, used],
+                episode=contact.episode[:, used],
+                displacement_sd_mm=contact.displacement_noise.sd,
+                force_sd_N=contact.force_noise.sd,
+                lag1=contact.displacement_noise.lag1,
+                surface_sd_mm=grasp.surface_sd_mm.get(contact.name),
+            )
+        )
+    return GraspHistory(time_s=grasp.contact.time_s, phase=tuple(grasp.contact.phase), pads=tuple(pads))
+
+
+def grasp_case(grasp: PlacedGrasp) -> GraspCase:
+    """What the mismatch finder is told of one recording: the history, and how the machine drove its pads."""
+    gels = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
+    return GraspCase(
+        name=grasp.name,
+        history=history(grasp),
+        pads=tuple(
+            PadMotion(
+                name=contact.name,
+                pose=contact.pose,
+                normal_N=gels[contact.name].force_N[:, :, 2].sum(axis=1),
+                markers=len(contact.rest_mm),
+                gel_N_per_mm=gels[contact.name].marker_kn_N_per_mm,
+            )
+            for contact in grasp.contact.pads
+        ),
+        support=grasp.recording.support,
+    )
+
+
+def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> GraspRecord:
+    """What the fruit's record says of one recording and its modulus, or why it has none."""
+    if isinstance(found, FemFailure):
+        return GraspRecord(grasp=grasp.name, failure=found.detail)
+    curves = force_curves(grasp)
+    energy = found.energy
+    return GraspRecord(
+        grasp=grasp.name,
+        digest=grasp.digest,
+        E_MPa=found.E_MPa,
+        E_sd_MPa=found.E_sd_MPa,
+        parts_sd_MPa=found.parts_sd_MPa,
+        discretisation=found.discretisation,
+        E_energy_MPa=energy.E_MPa if energy else None,
+        E_energy_sd_MPa=energy.sd_MPa if energy else None,
+        E_least_squares_MPa=found.least_squares.E_MPa,
+        E_least_squares_sd_MPa=found.least_squares.sd_MPa,
+        residual_um=1e3 * found.residual_rms_mm,
+        noise_um=1e3 * max(pad.displacement_noise.sd for pad in grasp.contact.pads),
+        registration_mm=max(pad.residual_mm for pad in grasp.pads),
+        frames_used=int(found.loaded.sum()),
+        markers_used=int(sum((pad.onset >= 0).sum() for pad in grasp.contact.pads)),
+        peak_force_N=max(max(c.force_N) for c in curves),
+        travel_mm=max(max(c.travel_mm) for c in curves),
+        contact_mm={
+            pad: [tuple(p) for p in np.round(points, 3).tolist()] for pad, points in grasp.touched_mm.items()
+        },
+        curves=curves,
+    )
+
+
+def force_curves(grasp: PlacedGrasp) -> list[CurveRecord]:
+    """Normal force of each pad against travel of jaws or indenter since first touch, loaded frames."""
+    closing = -1.0 if grasp.recording.loading == "grasp" else 1.0
+    path = closing * grasp.recording.aperture_mm
+    touched = np.any([(pad.episode >= 0).any(axis=1) for pad in grasp.contact.pads], axis=0)
+    first = int(np.argmax(touched))
+    travel = path - path[first]
+    return [
+        CurveRecord(
+            pad=pad.name,
+            travel_mm=np.round(travel[touched], 4).tolist(),
+            force_N=np.round(pad.total_normal_N[touched], 4).tolist(),
+        )
+        for pad in grasp.contact.pads
+    ]

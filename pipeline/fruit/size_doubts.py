@@ -1,0 +1,109 @@
+"""Is the mesh as large as staff measured, and as fruit of this kind grow? Each no is a sentence for staff."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from pipeline.batch.records import Given, MeshRecord
+from recon.pit.priors import STONE_FRUIT, Body, PitPrior
+
+CALLIPER_SD_MM = 0.2
+LEAST_APART_MM = 0.7
+LEAST_APART = 0.02
+"""Below these a calliper laid on soft skin, a stem or a leaning fruit explains the difference (estimate)."""
+
+
+def size_doubts(
+    given: Given,
+    mesh: MeshRecord,
+    prior: PitPrior | None,
+    *,
+    on_mat: bool,
+    by_coin: bool = False,
+    body: Body = STONE_FRUIT,
+) -> list[str]:
+    """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
+
+    A length is contradicted where it differs by more than three standard deviations of calliper, surface and
+    scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
+    """
+    wrong = [*_lengths(given, mesh, on_mat=on_mat), *_mass(given, mesh, body), *_kind(mesh, prior)]
+    check = _what_to_check(given, mesh, on_mat=on_mat)
+    return [
+        *(f"{doubt}: {check}" for doubt in wrong),
+        *_alone(given, mesh, on_mat or by_coin),
+    ]
+
+
+def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
+    """What the mesh's size rests on, and the unit."""
+    if mesh.source == "fruit.ply":
+        return "check the units (mm, g), and that fruit.ply is in mm and of this fruit."
+    if on_mat:
+        return (
+            "check the units (mm, g), that the photos show this fruit, and that mat.json is of the mat as it "
+            "was printed (its 100 mm bar must measure 100 mm)."
+        )
+    return (
+        f"check the units (mm, g), that the photos show this fruit, and height_mm ({given.height_mm:g}), on "
+        "which the size of the mesh rests."
+    )
+
+
+def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
+    checked = on_mat or mesh.source == "fruit.ply"
+    wide = sorted(mesh.box_mm[:2])
+    for name, measured, low, high, what in (
+        ("height_mm", given.height_mm if checked else None, mesh.height_mm, mesh.height_mm, "high"),
+        ("diameter_mm", given.diameter_mm, wide[0], wide[1], "wide"),
+    ):
+        if measured is None:
+            continue
+        apart = max(low - measured, measured - high, 0.0)
+        if apart <= tolerance_mm(measured, mesh):
+            continue
+        found = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
+        yield (
+            f"The mesh is {found} mm {what} and fruits.csv says {name} {measured:g} "
+            f"({100 * apart / measured:.1f} % apart)"
+        )
+
+
+def tolerance_mm(measured_mm: float, mesh: MeshRecord) -> float:
+    """How far a calliper and the mesh may differ before one of them is thought wrong."""
+    scale_sd = mesh.scale_sd if mesh.scale_sd is not None and np.isfinite(mesh.scale_sd) else 0.0
+    sd = np.sqrt(CALLIPER_SD_MM**2 + (mesh.surface_sd_mm or 0.0) ** 2 + (scale_sd * measured_mm) ** 2)
+    return float(max(3 * sd, LEAST_APART_MM, LEAST_APART * measured_mm))
+
+
+def _mass(given: Given, mesh: MeshRecord, body: Body) -> Iterator[str]:
+    if given.mass_g is None:
+        return
+    density = 1000 * given.mass_g / mesh.volume_mm3
+    least, most = body.density_g_per_cm3
+    if not least <= density <= most:
+        yield (
+            f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g {given.mass_g:g}, "
+            f"so that the fruit would weigh {density:.2f} g/cm³, expected {least:.2f} to {most:.2f}"
+        )
+
+
+def _kind(mesh: MeshRecord, prior: PitPrior | None) -> Iterator[str]:
+    if prior is None or prior.fruit_mm is None:
+        return
+    low, high = prior.fruit_mm
+    size = float(np.cbrt(np.prod(mesh.box_mm)))
+    if not low <= size <= high:
+        yield (
+            f"The mesh is {size:.1f} mm large in the mean; a {prior.category} is taken to be {low:g} to "
+            f"{high:g} mm"
+        )
+
+
+def _alone(given: Given, mesh: MeshRecord, checked: bool) -> Iterator[str]:
+    if mesh.source == "photos" and not checked and given.diameter_mm is None and given.mass_g is None:
+        yield (
+            f"The size rests on height_mm ({given.height_mm:g}) alone; one percent of it is three of the "
+            "volume: fill diameter_mm or mass_g in fruits.csv, lay a coin beside the fruit ([photos] coin), "
+            "or use the mat, so that a slip would show."
+        )

@@ -1,0 +1,153 @@
+"""One fruit, start to end: the whole product on one page.
+
+photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus -> record
+"""
+
+import resource
+import sys
+import traceback
+from collections.abc import Callable
+
+from threadpoolctl import threadpool_limits
+
+from fem.fem_failure import FemFailure
+from pipeline.batch.layout import write_whole
+from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
+from pipeline.batch.records import FruitRecord, GraspRecord, write_record
+from pipeline.batch.task import FruitTask
+from pipeline.diagnosis.confirmed_effects import in_words
+from pipeline.fruit.effect_spread import effect_spread
+from pipeline.fruit.elasticity import fruit_modulus, modulus_record
+from pipeline.fruit.flesh_effects import unused_warnings, used
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
+from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
+from pipeline.fruit.stage_log import Diary
+from recon.recon_failure import ReconFailure
+from reports.mesh_picture import mesh_picture
+from reports.view_plan_picture import view_plan_picture
+from tactile.tactile_failure import TactileFailure
+
+
+def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
+    """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
+    diary = Diary(report)
+    outcome, reason = Outcome.GRADED.code, ""
+    task.results.claim()
+    task.results.forget()
+    with threadpool_limits(1):
+        try:
+            _grade(task, diary)
+        except ReconFailure as failure:
+            outcome, reason = failure.problem.value, failure.detail + _drawn(task, failure)
+        except (TactileFailure, FemFailure) as failure:
+            outcome, reason = failure.problem.value, failure.detail
+        except FruitEnded as ended:
+            outcome, reason = ended.outcome.code, str(ended)
+        except Exception as error:  # noqa: BLE001 - a fault costs this fruit alone, and what is known is kept
+            ending, particulars = ending_of(error)
+            if ending is Outcome.INTERNAL:
+                write_whole(task.results.traceback, traceback.format_exc())
+            outcome, reason = ending.code, ending.sentence(particulars)
+    record = FruitRecord.model_validate(
+        {
+            **diary.known,
+            "fruit_id": task.fruit_id,
+            "outcome": outcome,
+            "reason": reason,
+            "key": task.key,
+            "given": task.given,
+            "warnings": diary.warnings,
+            "seconds": diary.seconds,
+            "peak_memory_MiB": _peak_memory_MiB(),
+        }
+    )
+    write_record(task.results.record, record)
+    return record
+
+
+def _drawn(task: FruitTask, failure: ReconFailure) -> str:
+    """Draws where photos are missing, if the failure tells, and says where the picture is."""
+    plan = failure.views
+    if plan is None:
+        return ""
+    picture = view_plan_picture(
+        names=plan.names,
+        azimuth_deg=plan.azimuth_deg,
+        distance=plan.distance,
+        unplaced=plan.unplaced,
+        gaps_deg=plan.gaps_deg,
+        stand_deg=plan.stand_deg,
+    )
+    write_whole(task.results.views, picture)
+    path = task.results.views
+    return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
+
+
+def _grade(task: FruitTask, diary: Diary) -> None:
+    known = diary.known
+    fruit = grasped_fruit(task, diary)
+    shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed
+    with diary.stage("modulus"):
+        try:
+            found = fruit_modulus(
+                task, placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
+            )
+        except ExceptionGroup as none:
+            reasons = [str(failure) for failure in none.exceptions]
+            records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]
+            known["grasps"] = tuple(sorted([*failed, *records], key=lambda r: r.grasp))
+            if not failed and len(records) == 1:
+                raise none.exceptions[0] from None
+            raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
+        records = [*failed, *map(grasp_record, placed, found.grasps)]
+        known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
+        spread = effect_spread(task, fruit, found.modulus.E_MPa)
+        misplaced = of_a_pit_found(
+            modulus_record(found.modulus).pit_found, given=task.folder.pit_ply.is_file()
+        )
+        doubts = [*fruit.doubts, *misplaced]
+        known["doubts"] = tuple(doubt.sentence for doubt in doubts)
+        diary.warnings[:0] = [doubt.sentence for doubt in misplaced]
+        known["modulus"] = modulus_record(
+            found.modulus,
+            effects_common_sd_MPa=spread.common_sd_MPa,
+            effects_own_sd_MPa=spread.own_sd_MPa,
+            doubted=relative_sd(doubts),
+        )
+        _refuse_implausible(task, found.modulus.E_MPa)
+        known["mismatch"] = in_words(used(task.settings.mismatch)) or None
+        diary.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
+        for grasp, own in zip(placed, found.grasps, strict=True):
+            if isinstance(own, FemFailure):
+                diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
+            else:
+                said = causes_alone(own.warnings, explained=signs_explained(grasp))
+                diary.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
+        diary.warnings += found.modulus.warnings
+    with diary.stage("picture"):
+        write_whole(
+            task.results.picture,
+            mesh_picture(
+                shape.vertices,
+                shape.faces,
+                pit_vertices=pit.vertices,
+                pit_faces=pit.faces,
+                contacts_mm=touched_by_pad(placed),
+                axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
+            ),
+        )
+
+
+def _refuse_implausible(task: FruitTask, E_MPa: float) -> None:
+    """Raises FruitEnded for a modulus that no flesh of the category has."""
+    plausible = None if task.prior is None else task.prior.plausible
+    limits = None if plausible is None else plausible.E_MPa
+    if limits is not None and not limits[0] <= E_MPa <= limits[1]:
+        said = f"{E_MPa:.3g} MPa ({limits[0]:g} to {limits[1]:g} MPa expected)"
+        raise FruitEnded(Outcome.IMPLAUSIBLE_MODULUS, said)
+
+
+def _peak_memory_MiB() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return round(peak / (2**20 if sys.platform == "darwin" else 2**10), 1)

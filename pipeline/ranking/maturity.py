@@ -1,0 +1,130 @@
+"""From moduli with error bars to maturity classes and a ranking with probabilities."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+from scipy.stats import pearsonr, permutation_test, spearmanr
+
+from pipeline.batch.settings import GradingClass
+
+EXACT_UP_TO = 7
+"""So many fruit have few enough orders (5040) to count them all."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Standing:
+    """A graded fruit's place: rank (1 = softest) and how sure it is."""
+
+    rank: int
+    rank_probability: float
+    rank_low: int
+    rank_high: int
+    p_softer_than_next: float | None
+    maturity: str | None
+    maturity_probability: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Agreement:
+    """Rank and linear correlation of log E with a firmness reference over n fruits."""
+
+    n: int
+    spearman: float
+    pearson: float
+    p: float
+
+
+def standings(
+    E_MPa: Float[np.ndarray, " n"],
+    E_sd_MPa: Float[np.ndarray, " n"],
+    common_sd_MPa: Float[np.ndarray, " n"],
+    *,
+    classes: Sequence[GradingClass],
+    rng: np.random.Generator,
+    draws: int = 4000,
+) -> list[Standing]:
+    """Each fruit's standing, in the order given.
+
+    `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say): it counts for the
+    class, which has fixed limits, and not for the order.
+
+    The modulus is positive with an error that scales with it, so its uncertainty is taken as lognormal:
+    `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from `draws` joint
+    draws; `rank_low` and `rank_high` hold the central 90 %. The probability of being softer than the next
+    fruit in the ranking is exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
+    """
+    mean, whole = np.log(E_MPa), E_sd_MPa / E_MPa
+    spread = np.sqrt(np.maximum(E_sd_MPa**2 - common_sd_MPa**2, 0)) / E_MPa
+    order = np.lexsort((np.arange(len(mean)), mean))
+    rank = np.empty(len(mean), dtype=int)
+    rank[order] = np.arange(1, len(mean) + 1)
+    drawn = mean + spread * rng.standard_normal((draws, len(mean)))
+    ranks = drawn.argsort(axis=1).argsort(axis=1) + 1
+    low, high = np.percentile(ranks, [5, 95], axis=0, method="nearest").astype(int)
+    result = []
+    for i in range(len(mean)):
+        softer = None
+        if rank[i] < len(mean):
+            j = order[rank[i]]
+            softer = _phi(mean[j] - mean[i], math.hypot(spread[i], spread[j]))
+        name, probability = maturity(mean[i], whole[i], classes)
+        result.append(
+            Standing(
+                rank=int(rank[i]),
+                rank_probability=float((ranks[:, i] == rank[i]).mean()),
+                rank_low=int(low[i]),
+                rank_high=int(high[i]),
+                p_softer_than_next=softer,
+                maturity=name,
+                maturity_probability=probability,
+            )
+        )
+    return result
+
+
+def maturity(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tuple[str | None, float | None]:
+    """The class that E falls in, and the probability that the true modulus does; None without classes."""
+    below = 0.0
+    for grade in classes:
+        top = math.inf if grade.E_max_MPa is None else math.log(grade.E_max_MPa)
+        above = _phi(top - log_E, log_sd)
+        if log_E <= top:
+            return grade.name, above - below
+        below = above
+    return None, None
+
+
+def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> Agreement | None:
+    """Spearman and Pearson correlation of log E with a reference; None under three fruits or no spread.
+
+    `p` is two-sided for the rank correlation: over all orders up to seven fruit, by Student's t beyond.
+    """
+    if len(E_MPa) < 3 or np.ptp(reference) == 0 or np.ptp(E_MPa) == 0:
+        return None
+    rank = spearmanr(E_MPa, reference)
+    p = rank.pvalue
+    if len(E_MPa) <= EXACT_UP_TO:
+        test = permutation_test(
+            (E_MPa,),
+            lambda order: spearmanr(order, reference).statistic,
+            permutation_type="pairings",
+            n_resamples=math.factorial(len(E_MPa)),
+        )
+        p = test.pvalue
+    return Agreement(
+        n=len(E_MPa),
+        spearman=float(rank.statistic),
+        pearson=float(pearsonr(np.log(E_MPa), reference).statistic),
+        p=float(p),
+    )
+
+
+def _phi(difference: float, sd: float) -> float:
+    """P(X < difference) for X ~ N(0, sd^2); a step where sd is zero."""
+    if sd == 0:
+        return float(difference > 0) if difference else 0.5
+    return float(ndtr(difference / sd))

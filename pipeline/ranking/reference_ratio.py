@@ -1,0 +1,382 @@
+"""What the reference bodies of a batch say of the gripper, and what that does to the fruit's moduli.
+
+A gain of force or displacement that both pads share scales every modulus of a batch alike and leaves no trace
+in any one recording: only a body of known modulus shows it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2 as chi_square
+
+from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
+from pipeline.fruit.elasticity import DOUBTED
+from pipeline.fruit.input_doubts import Doubt
+from pipeline.ranking.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
+from reports.tables import safe_cell
+
+WITHIN_SD = 2.0
+"""A ratio this many standard deviations from 1 or nearer is taken as 1: a sound gripper is beyond in 5 % of
+batches (normal error of ln r)."""
+DISAGREE_P = 0.01
+"""Bodies whose chi-square is rarer than this by chance are said to disagree: one sound batch in a hundred."""
+MOST_RATIO = 1.5
+"""A ratio beyond this, either way, is no gain of a gripper, and nothing is divided by it. What a gripper may
+get wrong (assumed): calibrated force and displacement by 10 % each, and a gel that wear, warmth or creep made
+softer by 30 %, together 1.1 * 1.1 * 1.3 = 1.57 in force over displacement, which is 1.57**0.7 = 1.37 in E
+(E_PER_GAIN, tactile/checks/relation_findings.py; more is refused there: GAIN_REFUSED). Slips of the pen are
+larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of Shore A 10 (Gent 1958)."""
+PART = "reference body"
+"""The part of a corrected error bar that comes from the ratio's own."""
+_SCALED = (
+    "E_MPa",
+    "E_sd_MPa",
+    "E_energy_MPa",
+    "E_energy_sd_MPa",
+    "E_least_squares_MPa",
+    "E_least_squares_sd_MPa",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ratio:
+    """r = E found / E known: `ratio`, the standard deviation `ln_sd` of ln r, and the bodies' chi-square."""
+
+    ratio: float
+    ln_sd: float
+    chi2: float = 0.0
+    degrees: int = 0
+    p_value: float = 1.0
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of r, r times that of ln r."""
+        return self.ratio * self.ln_sd
+
+    @property
+    def from_one_sd(self) -> float:
+        """How many standard deviations ln r is from 0."""
+        return abs(math.log(self.ratio)) / self.ln_sd
+
+    @property
+    def apart(self) -> bool:
+        """Whether the gripper does not read the reference's modulus."""
+        return self.from_one_sd > WITHIN_SD
+
+    @property
+    def implausible(self) -> bool:
+        """Whether it is not 1 and no gripper's gain either: a number or a body is wrong."""
+        return self.apart and abs(math.log(self.ratio)) > math.log(MOST_RATIO)
+
+    @property
+    def disagree(self) -> bool:
+        """Whether the bodies contradict each other."""
+        return self.p_value < DISAGREE_P
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodyFound:
+    """One reference body: its modulus as known and as found, and their ratio, one standard deviation each."""
+
+    fruit_id: str
+    E_known_MPa: float
+    E_known_sd_MPa: float
+    E_found_MPa: float
+    E_found_sd_MPa: float
+    own: Ratio
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReferenceFinding:
+    """What a batch's reference bodies say together; `ratio` is None where none of them was graded."""
+
+    bodies: tuple[BodyFound, ...]
+    ratio: Ratio | None
+    corrected: bool
+    sentences: tuple[str, ...]
+    drifts: bool = False
+    """Whether the control chart is out of control."""
+
+    @property
+    def alarm(self) -> bool:
+        """Whether staff must do something."""
+        if self.ratio is None or self.ratio.disagree or self.drifts:
+            return True
+        return self.ratio.apart and not self.corrected
+
+
+def combined_ratio(
+    E_found_MPa: Float[np.ndarray, " n"],
+    E_found_sd_MPa: Float[np.ndarray, " n"],
+    common_sd_MPa: Float[np.ndarray, " n"],
+    E_known_MPa: Float[np.ndarray, " n"],
+    E_known_sd_MPa: Float[np.ndarray, " n"],
+) -> Ratio:
+    """The mean of ln(E found / E known) weighted by 1 / variance, errors of both moduli in the variance.
+
+    `common_sd_MPa`, the part of the found moduli's errors that all share (the elements' size), is kept whole:
+    more bodies do not lessen it. Where the bodies disagree (chi-square over the n - 1 degrees of freedom
+    rarer than DISAGREE_P), the rest is widened by sqrt(chi2 / (n - 1)), the Birge ratio (Birge 1932, Physical
+    Review 40:207).
+    """
+    ln_ratio = np.log(E_found_MPa / E_known_MPa)
+    shared = common_sd_MPa / E_found_MPa
+    own = np.maximum((E_found_sd_MPa / E_found_MPa) ** 2 - shared**2, 0) + (E_known_sd_MPa / E_known_MPa) ** 2
+    weight = (1 / own) / (1 / own).sum()
+    mean = float(weight @ ln_ratio)
+    chi2, degrees = float((((ln_ratio - mean) ** 2) / own).sum()), len(ln_ratio) - 1
+    p_value = float(chi_square.sf(chi2, degrees)) if degrees else 1.0
+    variance = 1 / float((1 / own).sum())
+    if p_value < DISAGREE_P:
+        variance *= max(chi2 / degrees, 1.0)
+    return Ratio(
+        ratio=math.exp(mean),
+        ln_sd=math.hypot(math.sqrt(variance), float(weight @ shared)),
+        chi2=chi2,
+        degrees=degrees,
+        p_value=p_value,
+    )
+
+
+def against_references(
+    records: Sequence[FruitRecord], *, correct: bool
+) -> tuple[list[FruitRecord], ReferenceFinding | None]:
+    """The records as reports tell them, and what the reference bodies say; no finding where there are none.
+
+    The bodies' own records stay. A ratio within 2 standard deviations of 1 changes no fruit; beyond it every
+    graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|. Where the
+    bodies contradict each other nothing is divided, and every E is in doubt by the largest body's |ln r|; nor
+    is it by a ratio that no gripper has (`implausible`), whatever is asked for.
+    """
+    asked = [record for record in records if record.given.reference]
+    if not asked:
+        return [record.model_copy(update={"reference": None}) for record in records], None
+    bodies = tuple(_body(record, record.modulus) for record in asked if record.graded and record.modulus)
+    ratio = (
+        _of(bodies, [r.modulus.common_sd_MPa for r in asked if r.graded and r.modulus]) if bodies else None
+    )
+    usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
+    corrected = correct and usable
+    finding = ReferenceFinding(
+        bodies=bodies,
+        ratio=ratio,
+        corrected=corrected,
+        sentences=tuple(_sentences(bodies, asked, ratio, corrected=corrected)),
+    )
+    return [_told(record, finding) for record in records], finding
+
+
+def as_measured(record: FruitRecord, told: FruitRecord) -> FruitRecord:
+    """The record as it is kept: its own modulus as measured, and beside it what the reports say of it."""
+    return record.model_copy(update={"reference": told.reference})
+
+
+def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
+    known, sd = record.given.reference_E_MPa, record.given.reference_E_sd_MPa
+    if known is None or sd is None:
+        raise ValueError(f"the reference body {record.fruit_id} was graded without its modulus")
+    return BodyFound(
+        fruit_id=record.fruit_id,
+        E_known_MPa=known,
+        E_known_sd_MPa=sd,
+        E_found_MPa=modulus.E_MPa,
+        E_found_sd_MPa=modulus.E_sd_MPa,
+        own=Ratio(
+            ratio=modulus.E_MPa / known, ln_sd=math.hypot(modulus.E_sd_MPa / modulus.E_MPa, sd / known)
+        ),
+    )
+
+
+def _of(bodies: Sequence[BodyFound], common_sd_MPa: Sequence[float]) -> Ratio:
+    return combined_ratio(
+        np.array([one.E_found_MPa for one in bodies]),
+        np.array([one.E_found_sd_MPa for one in bodies]),
+        np.array(common_sd_MPa),
+        np.array([one.E_known_MPa for one in bodies]),
+        np.array([one.E_known_sd_MPa for one in bodies]),
+    )
+
+
+def _sentences(
+    bodies: Sequence[BodyFound], asked: Sequence[FruitRecord], ratio: Ratio | None, *, corrected: bool
+) -> list[str]:
+    if ratio is None:
+        why = ", ".join(f"{record.fruit_id}: {record.outcome}" for record in asked)
+        return [
+            f"No reference body was graded ({why}), so that a gain which both pads share is not checked; "
+            "correct what stopped it and run the batch again."
+        ]
+    if ratio.implausible and not ratio.disagree:
+        return [
+            f"{_implausible(ratio, bodies)} Every E of the batch is in doubt, and none is corrected by it."
+        ]
+    said = [f"{_reads(ratio, bodies)}: {_verdict(ratio, corrected=corrected)}"]
+    if ratio.disagree:
+        each = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
+        said.append(
+            f"The reference bodies disagree beyond their errors (chi-square {ratio.chi2:.3g} on "
+            f"{ratio.degrees} degree{'s' if ratio.degrees > 1 else ''} of freedom, p = {ratio.p_value:.1g}): "
+            f"{each}. One of them is not of the modulus that fruits.csv gives, or was grasped badly; check "
+            "them. The mean's error is widened by it."
+        )
+    return said
+
+
+def _reads(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
+    names = ", ".join(one.fruit_id for one in bodies)
+    whose = "the reference body" if len(bodies) == 1 else f"{len(bodies)} reference bodies"
+    return f"The gripper reads {_with_sd(ratio)} times the known modulus of {whose} ({names})"
+
+
+def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
+    """What is likelier than such a gain, the number that was typed first."""
+    typed = ", ".join(
+        f"reference_E_MPa = {one.E_known_MPa:g} MPa of {one.fruit_id}"
+        for one in bodies
+        if one.own.implausible
+    )
+    return (
+        f"{_reads(ratio, bodies)}, and no sound gripper is off by more than a factor of {MOST_RATIO:g}: "
+        f"check that {typed} is not mistyped, that the recordings are of that body, and that gels and units "
+        "are those stated."
+    )
+
+
+def _verdict(ratio: Ratio, *, corrected: bool) -> str:
+    if ratio.disagree:
+        return (
+            "whether it reads right cannot be judged, since the reference bodies contradict each other; "
+            "every E of the batch is in doubt, and none is corrected."
+        )
+    if not ratio.apart:
+        return f"within {WITHIN_SD:g} standard deviations of 1, as it should."
+    far = f"{ratio.from_one_sd:.1f} standard deviations from 1"
+    if corrected:
+        return f"{far}; every fruit's E is divided by it ([reference] correct = true)."
+    return (
+        f"{far}; every E of the batch is in doubt. Calibrate gels and gripper again, or let drupe divide "
+        "every E by it: [reference] correct = true in batch.toml."
+    )
+
+
+def _with_sd(ratio: Ratio) -> str:
+    """To two digits after the point, or as many as its standard deviation needs.
+
+    >>> _with_sd(Ratio(ratio=1.12, ln_sd=0.03)), _with_sd(Ratio(ratio=1.0, ln_sd=0.004))
+    ('1.12 ± 0.03', '1.000 ± 0.004')
+    """
+    places = max(2, math.ceil(-math.log10(ratio.sd))) if 0 < ratio.sd < 1 else 2
+    return f"{ratio.ratio:.{places}f} ± {ratio.sd:.{places}f}"
+
+
+def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
+    ratio, modulus = finding.ratio, record.modulus
+    if record.given.reference or not record.graded or modulus is None or ratio is None:
+        return record.model_copy(update={"reference": None})
+    changed: dict[str, object] = {}
+    if finding.corrected:
+        modulus = corrected_modulus(modulus, ratio)
+        changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
+    elif ratio.disagree or ratio.apart:
+        doubt = _doubt(ratio, finding.bodies)
+        modulus = doubted_modulus(modulus, doubt.relative_sd)
+        changed["doubts"] = (*record.doubts, doubt.sentence)
+        changed["warnings"] = (doubt.sentence, *record.warnings)
+    told = ReferenceRecord(
+        bodies=tuple(one.fruit_id for one in finding.bodies),
+        ratio=ratio.ratio,
+        ratio_sd=ratio.sd,
+        corrected=finding.corrected,
+        E_MPa=modulus.E_MPa,
+        E_sd_MPa=modulus.E_sd_MPa,
+    )
+    return record.model_copy(update={**changed, "modulus": modulus, "reference": told})
+
+
+def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
+    said = _reads(ratio, bodies)
+    if ratio.disagree:
+        names = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)
+        return Doubt(
+            sentence=f"the gripper cannot be judged: the reference bodies contradict each other ({names}).",
+            relative_sd=max(abs(math.log(one.own.ratio)) for one in bodies),
+        )
+    if ratio.implausible:
+        said = _implausible(ratio, bodies)
+        sentence = f"{said[:1].lower()}{said[1:]} E is not corrected for it."
+        return Doubt(sentence=sentence, relative_sd=abs(math.log(ratio.ratio)))
+    return Doubt(
+        sentence=f"{said[:1].lower()}{said[1:]}, and E is not corrected for it.",
+        relative_sd=abs(math.log(ratio.ratio)),
+    )
+
+
+def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
+    """E / r with sd^2 = (sd / r)^2 + (E / r * sd of ln r)^2, the second part common to all fruit."""
+    E_MPa = modulus.E_MPa / ratio.ratio
+    of_ratio = E_MPa * ratio.ln_sd
+    parts = {name: sd / ratio.ratio for name, sd in modulus.parts_sd_MPa.items()}
+    return modulus.model_copy(
+        update={
+            "E_MPa": E_MPa,
+            "E_sd_MPa": math.hypot(modulus.E_sd_MPa / ratio.ratio, of_ratio),
+            "common_sd_MPa": math.hypot(modulus.common_sd_MPa / ratio.ratio, of_ratio),
+            "parts_sd_MPa": parts | {PART: of_ratio},
+        }
+    )
+
+
+def doubted_modulus(modulus: ModulusRecord, relative_sd: float) -> ModulusRecord:
+    """The same E with an error bar wider by `relative_sd`, which all fruit of the batch share."""
+    more = relative_sd * modulus.E_MPa
+    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
+    return modulus.model_copy(
+        update={
+            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
+            "common_sd_MPa": math.hypot(modulus.common_sd_MPa, more),
+            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
+        }
+    )
+
+
+def _scaled(grasp: GraspRecord, ratio: float) -> GraspRecord:
+    """One recording's moduli, so that they stand beside the fruit's."""
+    known = {name: getattr(grasp, name) for name in _SCALED}
+    changed = {name: value / ratio for name, value in known.items() if value is not None}
+    return grasp.model_copy(update=changed)
+
+
+def own_points(
+    finding: ReferenceFinding, *, lot: str | None, moment: datetime, inputs: Mapping[str, str]
+) -> list[Point]:
+    """The rows of one batch; `inputs` are the SHA-256 of its files by their path in it."""
+    return [
+        Point(
+            time_utc=moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            lot=safe_cell(lot) or "",
+            reference_id=one.fruit_id,
+            E_known_MPa=float(f"{one.E_known_MPa:.6g}"),
+            E_found_MPa=float(f"{one.E_found_MPa:.6g}"),
+            ratio=float(f"{one.own.ratio:.6g}"),
+            ratio_sd=float(f"{one.own.sd:.6g}"),
+            recordings_sha256=recordings_sha256(inputs, one.fruit_id),
+        )
+        for one in finding.bodies
+    ]
+
+
+def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
+    """The finding, and what the chart says of each of its bodies."""
+    said = []
+    for body in finding.bodies:
+        past = history_of(chart, body.fruit_id)
+        if past and (why := out_of_control(np.array([one.z for one in past]))):
+            said.append(
+                f"The control chart of {body.fruit_id} is out of control: {why}. Look for what changed in "
+                "gels, calibration or gripper, or in the reference body itself."
+            )
+    return replace(finding, sentences=(*finding.sentences, *said), drifts=bool(said))

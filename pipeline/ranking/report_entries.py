@@ -1,0 +1,296 @@
+"""From records to what the reports room prints."""
+
+import json
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+
+import numpy as np
+
+from pipeline.batch.layout import FruitResults, Results
+from pipeline.batch.opening import Batch
+from pipeline.batch.provenance import versions
+from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord
+from pipeline.batch.run_summary import decimals
+from pipeline.ranking.control_chart import ControlChart, history_of
+from pipeline.ranking.maturity import Standing, agreement, standings
+from pipeline.ranking.reference_ratio import ReferenceFinding
+from reports.entries import (
+    OR,
+    BatchEntry,
+    ForceCurve,
+    FruitEntry,
+    GraspEstimate,
+    RatioPoint,
+    ReferenceBodyEntry,
+    ReferenceEntry,
+    ShoreCorrelation,
+)
+
+RANKING_SEED = 20260814
+
+
+def batch_entry(
+    batch: Batch,
+    records: Sequence[FruitRecord],
+    *,
+    results: Results,
+    inputs: Mapping[str, str],
+    started: datetime,
+    finished: datetime,
+    exit_status: int,
+    finding: ReferenceFinding | None = None,
+    chart: ControlChart | None = None,
+) -> BatchEntry:
+    """The batch as the reports see it, ranked softest first.
+
+    `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any.
+    """
+    graded = [r for r in records if r.graded and not r.given.reference]
+    E, sd, common = (
+        np.array(
+            [(r.modulus.E_MPa, r.modulus.E_sd_MPa, r.modulus.common_sd_MPa) for r in graded if r.modulus]
+        )
+        .reshape(-1, 3)
+        .T
+    )
+    places = standings(
+        E, sd, common, classes=batch.settings.grading.classes, rng=np.random.default_rng(RANKING_SEED)
+    )
+    place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
+    settings = batch.settings
+    return BatchEntry(
+        name=batch.folder.root.resolve().name,
+        category=batch.category,
+        cultivar=settings.cultivar,
+        lot=settings.lot,
+        harvest_date=settings.harvest_date,
+        pulp_temperature_C=settings.pulp_temperature_C,
+        classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
+        settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
+        versions=tuple(versions().items()),
+        inputs=tuple(inputs.items()),
+        started_utc=started,
+        finished_utc=finished,
+        exit_status=exit_status,
+        shore=_shore(graded),
+        reference=None if finding is None else _reference(finding, chart or ControlChart()),
+        fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
+    )
+
+
+def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
+    return ReferenceEntry(
+        sentences=finding.sentences,
+        alarm=finding.alarm,
+        bodies=tuple(
+            ReferenceBodyEntry(
+                fruit_id=one.fruit_id,
+                E_known_MPa=one.E_known_MPa,
+                E_known_sd_MPa=one.E_known_sd_MPa,
+                E_found_MPa=one.E_found_MPa,
+                E_found_sd_MPa=one.E_found_sd_MPa,
+                ratio=one.own.ratio,
+                ratio_sd=one.own.sd,
+                history=tuple(
+                    RatioPoint(time_utc=point.moment, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
+                    for point in history_of(chart, one.fruit_id)
+                ),
+            )
+            for one in finding.bodies
+        ),
+    )
+
+
+def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) -> FruitEntry:
+    files = results.fruit(record.fruit_id)
+    mesh, modulus = record.mesh, record.modulus if record.graded else None
+    return FruitEntry(
+        fruit_id=record.fruit_id,
+        ok=record.graded,
+        outcome=record.outcome,
+        reason=record.reason,
+        rank=place.rank if place else None,
+        rank_probability=place.rank_probability if place else None,
+        rank_low=place.rank_low if place else None,
+        rank_high=place.rank_high if place else None,
+        E_MPa=modulus.E_MPa if modulus else None,
+        E_sd_MPa=modulus.E_sd_MPa if modulus else None,
+        maturity=place.maturity if place and not record.doubts else None,
+        maturity_probability=place.maturity_probability if place and not record.doubts else None,
+        class_withheld=place is not None and place.maturity is not None and bool(record.doubts),
+        p_softer_than_next=place.p_softer_than_next if place else None,
+        height_mm=mesh.height_mm if mesh else record.given.height_mm,
+        volume_mm3=mesh.volume_mm3 if mesh else None,
+        grasps=sum(g.failure is None for g in record.grasps),
+        mismatch=record.mismatch or _explained(record, files),
+        mismatch_taken=record.mismatch is not None,
+        reference=record.given.reference,
+        E_uncorrected_MPa=_uncorrected_MPa(record),
+        shore_oo=record.given.shore_oo,
+        warnings=tuple(one for one in record.warnings if one not in record.doubts),
+        doubts=record.doubts,
+        photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
+        mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
+        has_pit=record.pit is not None,
+        coverage_png=files.coverage.read_bytes() if mesh and files.coverage.is_file() else None,
+        views_png=files.views.read_bytes() if not record.graded and files.views.is_file() else None,
+        surface_sd_png=files.surface_sd.read_bytes() if mesh and files.surface_sd.is_file() else None,
+        estimates=tuple(_estimate(g) for g in record.grasps if g.failure is None),
+        curves=tuple(_curves(record.grasps)),
+        facts=tuple(_facts(record, place)),
+        seconds=record.seconds,
+        peak_memory_MiB=record.peak_memory_MiB,
+    )
+
+
+def _uncorrected_MPa(record: FruitRecord) -> float | None:
+    """E as it was measured, where the reference bodies corrected it."""
+    told = record.reference
+    return told.E_MPa * told.ratio if told is not None and told.corrected else None
+
+
+def _explained(record: FruitRecord, files: FruitResults) -> str | None:
+    """What `drupe explain` said of the same inputs, settings and code; several names the likeliest first."""
+    try:
+        said = json.loads(files.mismatch.read_text(encoding="utf-8"))
+        if said["key"] != record.key:
+            return None
+        verdict = said["verdict"]
+        ranked = [one["effect"] for one in said["ranking"]]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    names = verdict if isinstance(verdict, list) else [verdict]
+    names = sorted(names, key=lambda name: ranked.index(name) if name in ranked else len(ranked))
+    return OR.join(map(str, names))
+
+
+def _estimate(grasp: GraspRecord) -> GraspEstimate:
+    return GraspEstimate(
+        grasp=grasp.grasp,
+        E_energy_MPa=grasp.E_energy_MPa,
+        E_energy_sd_MPa=grasp.E_energy_sd_MPa,
+        E_least_squares_MPa=grasp.E_least_squares_MPa,
+        E_least_squares_sd_MPa=grasp.E_least_squares_sd_MPa,
+        residual_um=grasp.residual_um,
+        peak_force_N=grasp.peak_force_N,
+        travel_mm=grasp.travel_mm,
+        frames_used=grasp.frames_used,
+    )
+
+
+def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
+    return [
+        ForceCurve(
+            grasp=g.grasp,
+            pad=c.pad,
+            travel_mm=np.array(c.travel_mm),
+            force_N=np.array(c.force_N),
+        )
+        for g in grasps
+        for c in g.curves
+    ]
+
+
+def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]:
+    facts: list[tuple[str, str]] = []
+    if (told := record.reference) is not None and told.corrected:
+        by = f"divided by {told.ratio:.3f} ± {told.ratio_sd:.3f}, from {', '.join(told.bodies)}"
+        facts.append(("E as measured", f"{told.E_MPa * told.ratio:.4g} MPa ({by})"))
+    if place:
+        span = f"{place.rank_low} to {place.rank_high}"
+        facts.append(("Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)))
+        facts.append(("Probability of exactly this rank", f"{place.rank_probability:.2f}"))
+    if (mesh := record.mesh) is not None:
+        box = " × ".join(f"{side:.1f}" for side in mesh.box_mm)
+        facts.append(("Size (x × y × z)", f"{box} mm"))
+        facts.append(("Surface", f"{mesh.faces} triangles from {mesh.source}"))
+        if mesh.scale_sd is not None:
+            facts.append(("Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"))
+        facts += [(_label(k), _shown(v)) for k, v in mesh.quality.items() if v is not None]
+    if (pit := record.pit) is not None:
+        box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
+        facts.append(("Pit", f"{box} mm, from {pit.source}"))
+        facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
+    if (flesh := record.flesh) is not None:
+        facts.append(("Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"))
+        facts.append(
+            (
+                "Poisson's ratio",
+                f"{flesh.poisson_ratio:g} ± {flesh.poisson_ratio_sd:g} ({flesh.poisson_ratio_source})",
+            )
+        )
+    if record.modulus is not None:
+        places = decimals(record.modulus.E_sd_MPa)
+        facts += [
+            (f"Error bar: {name}", f"± {value:.{places}f} MPa")
+            for name, value in record.modulus.parts_sd_MPa.items()
+            if value >= 0.5 * 10.0**-places
+        ]
+        if (found := record.modulus.pit_found) is not None:
+            facts += _pit_found(found)
+    facts += [(f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None]
+    given = record.given
+    if given.reference and given.reference_E_MPa is not None and given.reference_E_sd_MPa is not None:
+        facts.append(("Known modulus", f"{given.reference_E_MPa:g} ± {given.reference_E_sd_MPa:g} MPa"))
+    if given.mass_g is not None:
+        facts.append(("Mass", f"{given.mass_g:g} g"))
+    if given.notes:
+        facts.append(("Notes", given.notes))
+    return facts
+
+
+def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
+    """What the grasps say of the pit, beside what the prior said."""
+    offset = ", ".join(
+        f"{x:+.1f} ± {sd:.1f}" for x, sd in zip(found.offset_mm, found.offset_sd_mm, strict=True)
+    )
+    before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
+    return [
+        ("Pit against the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
+        (
+            "Pit size against the prior",
+            f"{found.size:.3f} ± {found.size_sd:.3f} (prior 1 ± {found.size_prior_sd:.3f})",
+        ),
+    ]
+
+
+_UNITS = {"px": "px", "mm": "mm", "mm2": "mm²", "deg": "degrees"}
+
+
+def _label(key: str) -> str:
+    words, _, unit = key.rpartition("_")
+    if unit not in _UNITS:
+        words, unit = key, ""
+    words = words.replace("_", " ")
+    return words[:1].upper() + words[1:] + (f" ({_UNITS[unit]})" if unit else "")
+
+
+def _shown(value: object) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
+
+
+def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
+    pairs = [
+        (r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None
+    ]
+    if not pairs:
+        return None
+    E, shore = np.array(pairs, dtype=float).T
+    found = agreement(E, shore)
+    return (
+        None
+        if found is None
+        else ShoreCorrelation(n=found.n, spearman=found.spearman, pearson=found.pearson, p=found.p)
+    )
+
+
+def _flat(tree: Mapping[str, object], prefix: str = "") -> list[tuple[str, str]]:
+    rows: list[tuple[str, str]] = []
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            rows += _flat(value, f"{prefix}{key}.")
+        else:
+            rows.append((f"{prefix}{key}", str(value)))
+    return rows

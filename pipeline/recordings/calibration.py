@@ -1,0 +1,243 @@
+"""`drupe calibrate`: what presses say of a sensor goes into its description."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.files.scratch import scratch
+from pipeline.files.whole_file import put
+from pipeline.files.write_guard import require_file_apart, require_new_or_ours
+from recon.plain_file import NotReadable, read_text, toml_of
+from tactile.from_frames import recording_of
+from tactile.gel.ball_press import ball_lookup, ball_print
+from tactile.gel.fields import layer_of
+from tactile.gel.press_modulus import GelGain, gel_gain
+from tactile.gel.shading_file import write_lookup
+from tactile.gel.slab import SpringBed
+from tactile.io.pictures import read_picture
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import GelPad
+from tactile.io.sensor_file import read_sensor
+from tactile.sensors import Camera
+
+MOST_BYTES = 4_000_000
+"""Of a description, as its reader has it (tactile.io.sensor_file)."""
+WRITTEN_BY = "# written by drupe calibrate"
+"""First line of every description written, by which a later run knows its own."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Presses:
+    """What was pressed: a ball (radius, the untouched gel, pictures), and a raw press with a load cell."""
+
+    ball_mm: float | None = None
+    reference: Path | None = None
+    ball: tuple[Path, ...] = ()
+    load_cell: Path | None = None
+
+
+def calibrate(sensor: Path, out: Path, presses: Presses, *, report: Callable[[str], None]) -> tuple[str, ...]:
+    """Write `out`, the description `sensor` with what the presses say, and return that in words.
+
+    A ball gives the photometric look-up (beside `out`, `.npz`), a press with a load cell the gel's E_MPa, or
+    its normal stiffness per area where springs are stated. Raises TactileFailure where a picture or press
+    cannot be used, BatchRefused where options do not go together, or `out` or the look-up beside it is one of
+    the inputs or a file that drupe calibrate did not write. Both appear whole or not at all, and `out` holds
+    the look-up's digest, so that one of another run is noticed.
+    """
+    if (presses.ball_mm is None) != (not presses.ball) or (presses.reference is None) != (not presses.ball):
+        raise BatchRefused(
+            [Problem(str(sensor), "a ball's press needs --ball-mm, --reference and one --press or more.")]
+        )
+    if not presses.ball and presses.load_cell is None:
+        raise BatchRefused([Problem(str(sensor), "nothing to calibrate with; give --press or --load-cell.")])
+    described = _described(sensor)
+    kept = described.get("calibration_file") if not presses.ball else None
+    look_up = None if kept is None else _look_up(sensor, kept)
+    _require_apart(sensor, out, described, presses)
+    with scratch() as folder:
+        stage, shading = folder / out.name, folder / out.with_suffix(".npz").name
+        said: list[str] = []
+        if presses.ball:
+            said += _ball(sensor, shading, described, presses, report)
+        elif look_up is not None:
+            shading.write_bytes(look_up.read_bytes())
+        if shading.exists():
+            described["calibration_file"] = shading.name
+            described["calibration_sha256"] = hashlib.sha256(shading.read_bytes()).hexdigest()
+        stage.write_text(as_toml(described), encoding="utf-8")
+        read_sensor(stage)
+        if presses.load_cell is not None:
+            said += _stiffness(stage, described, presses.load_cell, report)
+            stage.write_text(as_toml(described), encoding="utf-8")
+            read_sensor(stage)
+        # The description first: where a run is killed between the two, it names a look-up by its digest that
+        # is not there, which its reader says and the next run overwrites.
+        put(out, f"{WRITTEN_BY}\n{stage.read_text(encoding='utf-8')}".encode())
+        if shading.exists():
+            put(out.parent / shading.name, shading.read_bytes())
+    return tuple(said)
+
+
+def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: Presses) -> None:
+    """What is read stays as it is, and so does what somebody else wrote."""
+    if out.is_dir():
+        raise BatchRefused([Problem(str(out), "is a folder; give the name of a file that ends in .toml.")])
+    beside = out.with_suffix(".npz")
+    if out == beside:
+        raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
+    named = [sensor.parent / str(described["calibration_file"])] if "calibration_file" in described else []
+    others = [path for path in (presses.reference, presses.load_cell) if path is not None]
+    folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
+    for target in (out, beside) if presses.ball or named else (out,):
+        require_file_apart(target, inputs=[sensor, *named, *others, *presses.ball], folders=folders)
+    require_new_or_ours(out, _is_calibrated, "a description that drupe calibrate wrote")
+    if presses.ball or named:
+        require_new_or_ours(
+            beside, lambda path: _names(out, path), f"the look-up of a {out.name} that drupe calibrate wrote"
+        )
+
+
+def _is_calibrated(path: Path) -> bool:
+    try:
+        return read_text(path, most_bytes=MOST_BYTES).startswith(f"{WRITTEN_BY}\n")
+    except NotReadable:
+        return False
+
+
+def _names(description: Path, look_up: Path) -> bool:
+    """Whether `description` is one of ours and has its look-up in the file `look_up`."""
+    if not _is_calibrated(description):
+        return False
+    return _described(description).get("calibration_file") == look_up.name
+
+
+def _look_up(sensor: Path, name: object) -> Path:
+    """The description's look-up, which must be there to be kept."""
+    path = sensor.parent / str(name)
+    if not path.is_file():
+        said = f"calibration_file: no file {name} beside it; put it there, or press a ball with --press."
+        raise BatchRefused([Problem(str(sensor), said)])
+    return path
+
+
+def _described(sensor: Path) -> dict[str, Any]:
+    """The description as it stands; a photometric one may lack lights and look-up until it is calibrated."""
+    if not sensor.is_file():
+        raise BatchRefused([Problem(str(sensor), "does not exist; give the sensor's description.")])
+    try:
+        return toml_of(read_text(sensor, most_bytes=MOST_BYTES))
+    except NotReadable as cause:
+        raise BatchRefused([Problem(str(sensor), f"{cause}; correct the description.")]) from cause
+
+
+def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
+    """The camera and its gamma, of a description that has no lights yet."""
+    if described.get("kind") != "photometric":
+        raise BatchRefused(
+            [
+                Problem(
+                    str(sensor),
+                    f"is of kind {described.get('kind')}; a ball's print calibrates photometric sensors.",
+                )
+            ]
+        )
+    left_out = ("lights", "calibration_file", "calibration_sha256", "kind")
+    bare = {"kind": "markers-mono"} | {k: v for k, v in described.items() if k not in left_out}
+    with scratch() as folder:
+        stage = folder / sensor.name
+        stage.write_text(as_toml(bare), encoding="utf-8")
+        read = read_sensor(stage)
+    if read.camera is None:
+        raise BatchRefused([Problem(str(sensor), "has no [camera].")])
+    return read.camera, read.gamma
+
+
+def _ball(
+    path: Path, file: Path, described: dict[str, Any], presses: Presses, report: Callable[[str], None]
+) -> list[str]:
+    camera, gamma = _camera(path, described)
+    if presses.reference is None or presses.ball_mm is None:
+        return []
+    untouched = read_picture(presses.reference)
+    prints, said = [], []
+    for picture in presses.ball:
+        found = ball_print(
+            camera,
+            untouched,
+            read_picture(picture),
+            radius_mm=presses.ball_mm,
+            source=str(picture),
+            gamma=gamma,
+        )
+        prints.append(found)
+        x, y = found.centre_mm
+        said.append(
+            f"{picture.name}: ball {found.depth_mm:.2f} mm deep at x {x:.2f}, y {y:.2f} mm, contact radius "
+            f"{found.contact_mm:.2f} mm"
+        )
+        report(said[-1])
+    write_lookup(file, ball_lookup(prints))
+    steepest = max(float(np.linalg.norm(p.slopes, axis=1).max()) for p in prints)
+    return [*said, f"look-up of slopes up to {steepest:.2f} written to {file.name}"]
+
+
+def _stiffness(
+    path: Path, described: dict[str, Any], press: Path, report: Callable[[str], None]
+) -> list[str]:
+    def told(pad: str, done: int, of: int) -> None:
+        if done == of:
+            report(f"{pad}: {done} of {of} frames")
+
+    recording = recording_of(read_raw_grasp(press, sensor=path), progress=told).recording
+    pad = recording.pads[0]
+    if recording.wrench_N is None or not isinstance(pad, GelPad):
+        raise BatchRefused([Problem(str(press), "has no load cell; log fx_N, fy_N and fz_N in log.csv.")])
+    normal = pad.pose[:, :3, 2]
+    cell = np.einsum("ti,ti->t", recording.wrench_N[:, :3], normal)
+    gain = gel_gain(cell, pad.force_N[:, :, 2].sum(axis=1), source=str(press))
+    return [_scaled(described["gel"], gain, springs=isinstance(layer_of(read_sensor(path)), SpringBed))]
+
+
+def _scaled(gel: dict[str, Any], gain: GelGain, *, springs: bool) -> str:
+    """Scale what the force was proportional to: springs' normal stiffness, or the slab's modulus."""
+    name = "gel_kn_MPa_per_mm" if springs else "E_MPa"
+    gel[name] = float(f"{gel[name] * gain.value:.5g}")
+    left = "; gel_kt_MPa_per_mm stays: a normal press does not measure it" if springs else ""
+    return (
+        f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}{left} "
+        f"({gain.value:.3f} times the description's; load cell and gel agree within "
+        f"{100 * gain.residual:.1f} % of the peak)"
+    )
+
+
+def as_toml(values: dict[str, Any], prefix: str = "") -> str:
+    """TOML of texts, numbers, lists, tables and lists of tables, as a sensor's description has them."""
+    lines = [f"{key} = {_value(value)}" for key, value in values.items() if not _is_table(value)]
+    for key, value in values.items():
+        if isinstance(value, dict):
+            lines += ["", f"[{prefix}{key}]", as_toml(value, f"{prefix}{key}.").rstrip()]
+        elif _is_table(value):
+            for item in value:
+                lines += ["", f"[[{prefix}{key}]]", as_toml(item, f"{prefix}{key}.").rstrip()]
+    return "\n".join(lines) + "\n"
+
+
+def _is_table(value: Any) -> bool:
+    return isinstance(value, dict) or (isinstance(value, list) and bool(value) and isinstance(value[0], dict))
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(c if c.isprintable() else f"\\U{ord(c):08x}" for c in escaped) + '"'
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(item) for item in value) + "]"
+    return repr(value)

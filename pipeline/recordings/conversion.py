@@ -1,0 +1,161 @@
+"""`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import h5py
+
+from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.files.scratch import scratch
+from pipeline.files.whole_file import put
+from pipeline.files.write_guard import require_file_apart, require_new_or_ours
+from tactile.contact import find_contact
+from tactile.contact_course import contact_course, said
+from tactile.from_frames import recording_of
+from tactile.from_tac3d import recording_of_tac3d
+from tactile.io.converted import Converted
+from tactile.io.field_tables import read_field_table
+from tactile.io.load_cell import is_trace, read_trace
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.raw_h5 import holds_images_only, raw_of
+from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
+from tactile.io.sensor_file import read_sensor
+from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.io.tac3d_arrays import write_source
+from tactile.tactile_failure import TactileFailure
+
+TELL_EVERY = 50
+WRITTEN_BY = "drupe convert"
+KINDS = (
+    "a folder with grasp.toml (raw frames), a folder of Tac3D arrays, an .h5 with images, a .npz or .csv of "
+    "marker "
+    "fields, or a .csv of a bare load cell"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wanted:
+    """What the source itself does not say."""
+
+    sensor: Path | None = None
+    fruit_id: str = "unknown"
+    category: str = "unknown"
+    indenter: Literal["ball", "flat", "plate"] | None = None
+    radius_mm: float | None = None
+
+
+def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], None]) -> tuple[str, ...]:
+    """Writes the recording in `source` to `out` and returns its notes; `report` tells progress.
+
+    `out` appears whole or not at all: the file is written elsewhere and read back first. Raises
+    TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
+    kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
+    """
+    inputs = [path for path in (source, wanted.sensor) if path is not None]
+    require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
+    require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
+    with ExitStack() as stack:
+        converted, sensors = _read(source, wanted, report, stack)
+    with scratch() as folder:
+        draft = folder / "draft.h5"
+        write_recording(draft, converted.recording)
+        if sensors:
+            write_source(draft, sensors)
+        with h5py.File(draft, "a") as file:
+            file.attrs["written_by"] = WRITTEN_BY
+        try:
+            read_recording(draft)
+        except TactileFailure as failure:
+            detail = failure.detail.removeprefix(f"{draft.name}: ")
+            raise TactileFailure(failure.problem, f"{source.name}: {detail}") from failure
+        put(out, draft.read_bytes())
+    frames = len(converted.recording.time_s)
+    report(
+        f"wrote {out}: {frames} frames, "
+        f"{converted.recording.time_s[-1] - converted.recording.time_s[0]:.2f} s"
+    )
+    for line in _contact(converted.recording, out.name):
+        report(line)
+    return converted.notes
+
+
+def _is_converted(path: Path) -> bool:
+    try:
+        with h5py.File(path, "r") as file:
+            said = file.attrs.get("written_by")
+            return isinstance(said, str) and said == WRITTEN_BY
+    except (OSError, RuntimeError, TypeError, ValueError):  # HDF5 holds more types than h5py reads
+        return False
+
+
+def _contact(recording: Recording, name: str) -> list[str]:
+    """What the contact came to, pad by pad; why it cannot be told, where it cannot."""
+    if not all(isinstance(pad, GelPad) for pad in recording.pads):
+        return []
+    try:
+        contact = find_contact(recording, source=name)
+    except TactileFailure as failure:
+        return [str(failure)]
+    return [said(course, contact.time_s) for course in contact_course(contact)]
+
+
+def _read(
+    source: Path, wanted: Wanted, report: Callable[[str], None], stack: ExitStack
+) -> tuple[Converted, list[Tac3D]]:
+    def told(pad: str, done: int, of: int) -> None:
+        if done % TELL_EVERY == 0 or done == of:
+            report(f"{pad}: {done} of {of} frames")
+
+    if (source / "grasp.toml").is_file():
+        return recording_of(read_raw_grasp(source, sensor=wanted.sensor), progress=told), []
+    if folders := sensor_folders(source):
+        sensors = [read_tac3d(folder) for folder in folders]
+        described = None if wanted.sensor is None else read_sensor(wanted.sensor)
+        kn = None if described is None else described.gel_kn_MPa_per_mm
+        kt = None if described is None else described.gel_kt_MPa_per_mm
+        found = recording_of_tac3d(
+            sensors,
+            fruit_id=wanted.fruit_id,
+            category=wanted.category,
+            stiffness=None if kn is None or kt is None else (kn, kt),
+        )
+        return found, sensors
+    kind = source.suffix.lower() if source.is_file() else ""
+    if kind in (".h5", ".hdf5") and holds_images_only(source):
+        file = stack.enter_context(opened(source))
+        raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
+        return recording_of(raw, progress=told), []
+    if kind in (".h5", ".hdf5"):
+        read_recording(source)
+        raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
+    if kind == ".csv" and is_trace(source):
+        if wanted.indenter is None or wanted.radius_mm is None:
+            raise BatchRefused(
+                [Problem(str(source), "is a load cell's trace; give --indenter and --radius-mm.")]
+            )
+        return _trace(source, wanted, wanted.indenter, wanted.radius_mm), []
+    if kind in (".npz", ".csv"):
+        sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
+        found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
+        return found, []
+    there = "is nothing that can be converted" if source.exists() else "does not exist"
+    raise BatchRefused([Problem(str(source), f"{there}; give {KINDS}.")])
+
+
+def _trace(
+    source: Path, wanted: Wanted, indenter: Literal["ball", "flat", "plate"], radius_mm: float
+) -> Converted:
+    return read_trace(
+        source, fruit_id=wanted.fruit_id, category=wanted.category, indenter=indenter, radius_mm=radius_mm
+    )
+
+
+def _needed(source: Path, given: Path | None, option: str) -> Path:
+    if given is None:
+        raise BatchRefused(
+            [Problem(str(source), f"needs the sensor's description; give {option} sensor.toml.")]
+        )
+    return given
