@@ -38,7 +38,7 @@ from pipeline.batch.checking import check
 from pipeline.batch.opening import survey
 from pipeline.batch.problem import BatchRefused
 from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.recordings.conversion import Wanted, convert
+from pipeline.recordings.conversion import ConvertRequest, convert
 from recon.cameras.photos import read_photo
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
@@ -68,7 +68,7 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.thickness_mm)]
             return [], _digest(held)
         source = root / ("sources/tac3d" if "tac3d" in path else path)
-        wanted = Wanted(sensor=root / "sources" / "sensor.toml")
+        wanted = ConvertRequest(sensor=root / "sources" / "sensor.toml")
         convert(source, root / "out.h5", wanted, report=lambda _: None)
         return [], _digest([read_recording(root / "out.h5")])
     except BatchRefused as refused:

@@ -19,7 +19,7 @@ import numpy as np
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import Pit, SampleFruit, fruit_of_seed, scanned_mesh
+from samples.fruit import SampleFruit, SamplePit, fruit_of_seed, scanned_mesh
 from samples.grasp_plan import hold_along, two_cycles
 from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit, scanned_skin
@@ -40,7 +40,7 @@ class Drawn:
     fruit: SampleFruit
     category: str
     mesh: tuple[np.ndarray, np.ndarray]
-    given_pit: Pit | None
+    given_pit: SamplePit | None
     depth_mm: float
 
 

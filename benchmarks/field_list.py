@@ -44,9 +44,9 @@ from field_changes import (
 )
 
 from pipeline.fruit.input_doubts import PitKind
-from tactile.checks.finding import Field, Kind
+from tactile.checks.finding import Field, FindingKind
 
-Said = Kind | PitKind
+Said = FindingKind | PitKind
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,81 +101,100 @@ TURN_90 = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 TILT_90 = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 MIRROR = np.diag([-1.0, 1, 1])
 
-A_UNIT_OF_FORCE = {Kind.FORCE_UNIT, Kind.FORCE_OR_STIFFNESS_UNIT}
-A_UNIT_OF_STIFFNESS = {Kind.STIFFNESS_UNIT, Kind.FORCE_OR_STIFFNESS_UNIT}
-CLIPPING = {Kind.CLIPPED, Kind.SATURATION}
-PLACES = {Kind.WIDTH, Kind.ASIDE, Kind.PRINT_ASIDE}
-OF_A_TURNED_MESH = PLACES | {Kind.PADS_EXCHANGED}
+A_UNIT_OF_FORCE = {FindingKind.FORCE_UNIT, FindingKind.FORCE_OR_STIFFNESS_UNIT}
+A_UNIT_OF_STIFFNESS = {FindingKind.STIFFNESS_UNIT, FindingKind.FORCE_OR_STIFFNESS_UNIT}
+CLIPPING = {FindingKind.CLIPPED, FindingKind.SATURATION}
+PLACES = {FindingKind.WIDTH, FindingKind.ASIDE, FindingKind.PRINT_ASIDE}
+OF_A_TURNED_MESH = PLACES | {FindingKind.PADS_EXCHANGED}
 OF_OTHER_POSES = PLACES | {
-    Kind.MESH_TURNED,
-    Kind.POSES_STILL,
-    Kind.POSES_TURNED,
-    Kind.APERTURE,
-    Kind.TOO_DEEP,
+    FindingKind.MESH_TURNED,
+    FindingKind.POSES_STILL,
+    FindingKind.POSES_TURNED,
+    FindingKind.APERTURE,
+    FindingKind.TOO_DEEP,
 }
-OF_ANOTHER_FRUIT = PLACES | {Kind.PADS_EXCHANGED, Kind.MESH_TURNED}
+OF_ANOTHER_FRUIT = PLACES | {FindingKind.PADS_EXCHANGED, FindingKind.MESH_TURNED}
 MISTAKES: tuple[Mistake, ...] = (
     Mistake(
-        name="force in grams", change=force(101.97), kinds=A_UNIT_OF_FORCE, among={Kind.GAIN}, unit="grams"
+        name="force in grams",
+        change=force(101.97),
+        kinds=A_UNIT_OF_FORCE,
+        among={FindingKind.GAIN},
+        unit="grams",
     ),
     Mistake(
-        name="force in kN", change=force(1e-3), kinds=A_UNIT_OF_FORCE, among={Kind.GAIN}, unit="kilonewtons"
+        name="force in kN",
+        change=force(1e-3),
+        kinds=A_UNIT_OF_FORCE,
+        among={FindingKind.GAIN},
+        unit="kilonewtons",
     ),
     Mistake(
-        name="force in mN", change=force(1e3), kinds=A_UNIT_OF_FORCE, among={Kind.GAIN}, unit="millinewtons"
+        name="force in mN",
+        change=force(1e3),
+        kinds=A_UNIT_OF_FORCE,
+        among={FindingKind.GAIN},
+        unit="millinewtons",
     ),
     Mistake(
-        name="force in pounds", change=force(0.22481), kinds=A_UNIT_OF_FORCE, among={Kind.GAIN}, unit="pounds"
+        name="force in pounds",
+        change=force(0.22481),
+        kinds=A_UNIT_OF_FORCE,
+        among={FindingKind.GAIN},
+        unit="pounds",
     ),
-    Mistake(name="force x 1.3", change=force(1.3), kinds={Kind.FORCE_SCALE}, among={Kind.GAIN}),
-    Mistake(name="force sign", change=force(-1.0), kinds={Kind.SIGN}, field="force"),
+    Mistake(name="force x 1.3", change=force(1.3), kinds={FindingKind.FORCE_SCALE}, among={FindingKind.GAIN}),
+    Mistake(name="force sign", change=force(-1.0), kinds={FindingKind.SIGN}, field="force"),
     Mistake(
         name="one pad's force in grams",
         change=force(101.97, only=0),
         kinds=A_UNIT_OF_FORCE,
-        among={Kind.GAIN},
+        among={FindingKind.GAIN},
         unit="grams",
     ),
     Mistake(
-        name="one pad's force x 0.5", change=force(0.5, only=1), kinds={Kind.FORCE_SCALE}, among={Kind.GAIN}
+        name="one pad's force x 0.5",
+        change=force(0.5, only=1),
+        kinds={FindingKind.FORCE_SCALE},
+        among={FindingKind.GAIN},
     ),
     Mistake(
         name="force x and z exchanged",
         change=pads(lambda p, r: replace(p, force_N=in_order(p.force_N, (2, 1, 0)))),
-        kinds={Kind.AXES},
+        kinds={FindingKind.AXES},
         field="force",
     ),
-    Mistake(name="force 5 frames late", change=late("force", 5), kinds={Kind.DELAY}),
-    Mistake(name="force 2 frames early", change=late("force", -2), kinds={Kind.DELAY}),
+    Mistake(name="force 5 frames late", change=late("force", 5), kinds={FindingKind.DELAY}),
+    Mistake(name="force 2 frames early", change=late("force", -2), kinds={FindingKind.DELAY}),
     Mistake(name="force clipped at half", change=clipped("force", 0.5), kinds=CLIPPING, field="force"),
     Mistake(name="force clipped at 80 %", change=clipped("force", 0.8), kinds=CLIPPING, field="force"),
-    Mistake(name="force offset, no tare", change=offset(0.3), kinds={Kind.NO_TARE}, harmless=True),
-    Mistake(name="force in 6 steps", change=rounded(6), kinds={Kind.COARSE_STEPS}, field="force"),
+    Mistake(name="force offset, no tare", change=offset(0.3), kinds={FindingKind.NO_TARE}, harmless=True),
+    Mistake(name="force in 6 steps", change=rounded(6), kinds={FindingKind.COARSE_STEPS}, field="force"),
     Mistake(
         name="displacement in metres",
         change=shift(1e-3),
-        kinds={Kind.DISPLACEMENT_UNIT},
-        among={Kind.GAIN, Kind.TOO_DEEP},
+        kinds={FindingKind.DISPLACEMENT_UNIT},
+        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
         unit="metres",
     ),
     Mistake(
         name="displacement in micrometres",
         change=shift(1e3),
-        kinds={Kind.DISPLACEMENT_UNIT},
-        among={Kind.GAIN, Kind.TOO_DEEP},
+        kinds={FindingKind.DISPLACEMENT_UNIT},
+        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
         unit="micrometres",
     ),
-    Mistake(name="displacement sign", change=shift(-1.0), kinds={Kind.SIGN}, field="displacement"),
+    Mistake(name="displacement sign", change=shift(-1.0), kinds={FindingKind.SIGN}, field="displacement"),
     Mistake(
         name="displacement x 0.5",
         change=shift(0.5),
-        kinds={Kind.DISPLACEMENT_SCALE},
-        among={Kind.GAIN, Kind.TOO_DEEP},
+        kinds={FindingKind.DISPLACEMENT_SCALE},
+        among={FindingKind.GAIN, FindingKind.TOO_DEEP},
     ),
     Mistake(
         name="displacement x and z exchanged",
         change=pads(lambda p, r: replace(p, displacement_mm=in_order(p.displacement_mm, (2, 1, 0)))),
-        kinds={Kind.AXES},
+        kinds={FindingKind.AXES},
         field="displacement",
     ),
     Mistake(
@@ -185,12 +204,12 @@ MISTAKES: tuple[Mistake, ...] = (
                 p, displacement_mm=np.diff(p.displacement_mm, axis=0, prepend=p.displacement_mm[:1])
             )
         ),
-        kinds={Kind.INCREMENTS},
+        kinds={FindingKind.INCREMENTS},
     ),
     Mistake(
         name="one pad's displacement dead",
         change=shift(0.0, only=0),
-        kinds={Kind.DEAD_FIELD, Kind.DEAD_MARKERS},
+        kinds={FindingKind.DEAD_FIELD, FindingKind.DEAD_MARKERS},
         field="displacement",
     ),
     Mistake(
@@ -200,77 +219,83 @@ MISTAKES: tuple[Mistake, ...] = (
         field="displacement",
     ),
     Mistake(
-        name="displacement's markers permuted", change=permuted("displacement"), kinds={Kind.OTHER_MARKERS}
+        name="displacement's markers permuted",
+        change=permuted("displacement"),
+        kinds={FindingKind.OTHER_MARKERS},
     ),
-    Mistake(name="force's markers permuted", change=permuted("force"), kinds={Kind.OTHER_MARKERS}),
-    Mistake(name="rest places permuted", change=permuted("rest"), kinds={Kind.MARKERS_ORDER}),
+    Mistake(name="force's markers permuted", change=permuted("force"), kinds={FindingKind.OTHER_MARKERS}),
+    Mistake(name="rest places permuted", change=permuted("rest"), kinds={FindingKind.MARKERS_ORDER}),
     Mistake(
         name="rest places in metres",
         change=pads(lambda p, r: replace(p, rest_mm=p.rest_mm * 1e-3)),
-        kinds={Kind.MARKERS_UNIT},
+        kinds={FindingKind.MARKERS_UNIT},
         unit="metres",
     ),
     Mistake(
         name="30 % of markers missing",
         change=without_markers(lambda p, r: some(len(p.rest_mm), 0.3, r)),
-        kinds={Kind.MARKERS_MISSING},
-        among={Kind.OVER_EDGE},
+        kinds={FindingKind.MARKERS_MISSING},
+        among={FindingKind.OVER_EDGE},
     ),
     Mistake(
         name="a hole in the markers",
         change=without_markers(hole),
-        kinds={Kind.MARKERS_MISSING},
-        among={Kind.OVER_EDGE},
+        kinds={FindingKind.MARKERS_MISSING},
+        among={FindingKind.OVER_EDGE},
     ),
     Mistake(
         name="half of the markers missing",
         change=without_markers(lambda p, r: p.rest_mm[:, 0] > 0.2),
-        kinds={Kind.MARKERS_MISSING},
-        among={Kind.OVER_EDGE},
+        kinds={FindingKind.MARKERS_MISSING},
+        among={FindingKind.OVER_EDGE},
     ),
-    Mistake(name="30 % zero throughout", change=dead(0.3, "zero"), kinds={Kind.DEAD_MARKERS}),
-    Mistake(name="30 % zero from the middle", change=dead(0.3, "zero-late"), kinds={Kind.DEAD_MARKERS}),
-    Mistake(name="30 % frozen from the middle", change=dead(0.3, "frozen"), kinds={Kind.DEAD_MARKERS}),
-    Mistake(name="10 % frozen in force", change=dead(0.1, "frozen", "force"), kinds={Kind.DEAD_MARKERS}),
-    Mistake(name="noise x 10", change=noisy(10.0), kinds={Kind.NOISE}, harmless=True),
-    Mistake(name="one frame of zeros", change=zero_frames(1), kinds={Kind.ZERO_FRAMES}),
-    Mistake(name="three frames of zeros", change=zero_frames(3), kinds={Kind.ZERO_FRAMES}),
+    Mistake(name="30 % zero throughout", change=dead(0.3, "zero"), kinds={FindingKind.DEAD_MARKERS}),
+    Mistake(
+        name="30 % zero from the middle", change=dead(0.3, "zero-late"), kinds={FindingKind.DEAD_MARKERS}
+    ),
+    Mistake(name="30 % frozen from the middle", change=dead(0.3, "frozen"), kinds={FindingKind.DEAD_MARKERS}),
+    Mistake(
+        name="10 % frozen in force", change=dead(0.1, "frozen", "force"), kinds={FindingKind.DEAD_MARKERS}
+    ),
+    Mistake(name="noise x 10", change=noisy(10.0), kinds={FindingKind.NOISE}, harmless=True),
+    Mistake(name="one frame of zeros", change=zero_frames(1), kinds={FindingKind.ZERO_FRAMES}),
+    Mistake(name="three frames of zeros", change=zero_frames(3), kinds={FindingKind.ZERO_FRAMES}),
     Mistake(
         name="gel frames shuffled",
         change=frames(lambda n, r: r.permutation(n), log=False),
-        kinds={Kind.GEL_FRAMES_SHUFFLED},
-        among={Kind.OUT_OF_STEP},
+        kinds={FindingKind.GEL_FRAMES_SHUFFLED},
+        among={FindingKind.OUT_OF_STEP},
     ),
     Mistake(
         name="all frames shuffled",
         change=frames(lambda n, r: r.permutation(n), log=True),
-        kinds={Kind.FRAMES_SHUFFLED},
+        kinds={FindingKind.FRAMES_SHUFFLED},
     ),
     Mistake(
         name="every second frame a copy",
         change=frames(lambda n, r: np.arange(n) // 2 * 2, log=False),
-        kinds={Kind.COPIED_FRAMES},
+        kinds={FindingKind.COPIED_FRAMES},
         harmless=True,
     ),
     Mistake(
         name="every third frame dropped",
         change=cut(lambda one: np.flatnonzero(np.arange(len(one.time_s)) % 3 != 2)),
-        kinds={Kind.FRAMES_DROPPED},
+        kinds={FindingKind.FRAMES_DROPPED},
         harmless=True,
     ),
-    Mistake(name="no first touch", change=cut(from_contact), kinds={Kind.STARTS_IN_CONTACT}),
-    Mistake(name="no unloading", change=cut(until_peak), kinds={Kind.ENDS_PRESSED}, harmless=True),
-    Mistake(name="gel 5 frames late on jaws", change=late("both", 5), kinds={Kind.CLOCKS_APART}),
+    Mistake(name="no first touch", change=cut(from_contact), kinds={FindingKind.STARTS_IN_CONTACT}),
+    Mistake(name="no unloading", change=cut(until_peak), kinds={FindingKind.ENDS_PRESSED}, harmless=True),
+    Mistake(name="gel 5 frames late on jaws", change=late("both", 5), kinds={FindingKind.CLOCKS_APART}),
     Mistake(
         name="time in ms",
         change=each(lambda o, r: replace(o, time_s=o.time_s * 1e3)),
-        kinds={Kind.TIME_UNIT},
+        kinds={FindingKind.TIME_UNIT},
         harmless=True,
     ),
     Mistake(
         name="aperture in cm",
         change=each(lambda o, r: replace(o, aperture_mm=o.aperture_mm / 10)),
-        kinds={Kind.APERTURE_UNIT},
+        kinds={FindingKind.APERTURE_UNIT},
         unit="centimetres",
         harmless=True,
     ),
@@ -279,55 +304,63 @@ MISTAKES: tuple[Mistake, ...] = (
         change=gel(1e3),
         kinds=A_UNIT_OF_STIFFNESS,
         unit="kPa/mm (or MPa/m)",
-        among={Kind.GAIN},
+        among={FindingKind.GAIN},
         harmless=True,
     ),
-    Mistake(name="stiffness of another gel", change=gel(2.2), kinds=set(), among={Kind.GAIN}, harmless=True),
-    Mistake(name="poses in metres", change=pose(scaled_place(1e-3)), kinds={Kind.POSES_UNIT}, unit="metres"),
+    Mistake(
+        name="stiffness of another gel", change=gel(2.2), kinds=set(), among={FindingKind.GAIN}, harmless=True
+    ),
+    Mistake(
+        name="poses in metres", change=pose(scaled_place(1e-3)), kinds={FindingKind.POSES_UNIT}, unit="metres"
+    ),
     Mistake(
         name="rotations transposed",
         change=pose(transposed),
-        kinds={Kind.POSES_TRANSPOSED},
-        among={Kind.POSES_TURNED},
+        kinds={FindingKind.POSES_TRANSPOSED},
+        among={FindingKind.POSES_TURNED},
     ),
-    Mistake(name="poses of one instant", change=pose(standing_still), kinds={Kind.POSES_STILL}),
+    Mistake(name="poses of one instant", change=pose(standing_still), kinds={FindingKind.POSES_STILL}),
     Mistake(name="poses of another day", change=other_poses, kinds=set(), among=OF_OTHER_POSES),
     Mistake(
         name="pads' signals exchanged",
         change=exchanged("signals"),
-        kinds={Kind.PADS_EXCHANGED},
-        among={Kind.ASIDE, Kind.PRINT_ASIDE},
+        kinds={FindingKind.PADS_EXCHANGED},
+        among={FindingKind.ASIDE, FindingKind.PRINT_ASIDE},
         harmless=True,
     ),
     Mistake(
         name="pads' poses exchanged",
         change=exchanged("poses"),
-        kinds={Kind.PADS_EXCHANGED},
-        among={Kind.POSES_BACK_TO_BACK, Kind.ASIDE, Kind.PRINT_ASIDE},
+        kinds={FindingKind.PADS_EXCHANGED},
+        among={FindingKind.POSES_BACK_TO_BACK, FindingKind.ASIDE, FindingKind.PRINT_ASIDE},
     ),
     Mistake(name="another fruit's recording", change=other_recording, kinds=set(), among=OF_ANOTHER_FRUIT),
     Mistake(name="another fruit's mesh", change=other_mesh, kinds=set(), among=OF_ANOTHER_FRUIT),
     Mistake(
         name="mesh turned by 90 degrees",
         change=mesh(middled(lambda v: v @ TURN_90)),
-        kinds={Kind.MESH_TURNED},
+        kinds={FindingKind.MESH_TURNED},
         among=OF_A_TURNED_MESH,
     ),
     Mistake(
         name="mesh lying on its side",
         change=mesh(middled(lambda v: v @ TILT_90)),
-        kinds={Kind.MESH_TURNED},
+        kinds={FindingKind.MESH_TURNED},
         among=OF_A_TURNED_MESH,
     ),
     Mistake(
         name="mesh mirrored",
         change=mesh(middled(lambda v: v @ MIRROR), turn_faces=True),
         kinds=set(),
-        among={Kind.ASIDE, Kind.PRINT_ASIDE},
+        among={FindingKind.ASIDE, FindingKind.PRINT_ASIDE},
         harmless=True,
     ),
-    Mistake(name="mesh x 1.1", change=mesh(middled(lambda v: 1.1 * v)), kinds=set(), among={Kind.WIDTH}),
-    Mistake(name="mesh x 0.95", change=mesh(middled(lambda v: 0.95 * v)), kinds=set(), among={Kind.WIDTH}),
+    Mistake(
+        name="mesh x 1.1", change=mesh(middled(lambda v: 1.1 * v)), kinds=set(), among={FindingKind.WIDTH}
+    ),
+    Mistake(
+        name="mesh x 0.95", change=mesh(middled(lambda v: 0.95 * v)), kinds=set(), among={FindingKind.WIDTH}
+    ),
     Mistake(
         name="pit moved 10 mm", change=pit(lambda v: v + np.array([7.0, 0.0, -7.0])), kinds={PitKind.AWAY}
     ),

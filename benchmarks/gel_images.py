@@ -28,7 +28,7 @@ from tactile.gel.fields import GelFields, fields_of
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel_camera import on_face
 from tactile.markers.tracking import TrackedMarkers, follow, reference_of
-from tactile.sensors import Camera, Light, Sensor, marker_grid
+from tactile.sensors import GelCamera, GelLight, Sensor, marker_grid
 
 E_MPA, NU, THICKNESS_MM, FRICTION = 0.2, 0.48, 4.0, 0.6
 BALL_MM, CALIBRATION_BALL_MM, DEPTH_MM = 15.0, 6.0, 0.7
@@ -73,13 +73,13 @@ def truth(keep: Path | None) -> Truth:
     )
 
 
-def camera(turn_rad: float, *, distance_mm: float, focal_px: float) -> Camera:
+def camera(turn_rad: float, *, distance_mm: float, focal_px: float) -> GelCamera:
     """A camera `distance_mm` behind the gel's centre, turned about y and looking at it."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     pose = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -distance_mm * pose[:3, 2]
-    return Camera(
+    return GelCamera(
         image_px=(640, 480),
         focal_px=(focal_px, focal_px + 2),
         centre_px=(322.0, 237.0),
@@ -92,7 +92,7 @@ def sensor(kind: str) -> Sensor:
     """One of the three sensors."""
     around = 2 * np.pi * np.arange(3) / 3
     lights = tuple(
-        Light(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
+        GelLight(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
         for k, a in enumerate(around)
     )
     one, two = camera(0.0, distance_mm=22.0, focal_px=760.0), None
@@ -111,7 +111,7 @@ def sensor(kind: str) -> Sensor:
     )
 
 
-def tracked(eye: Camera, images: list[np.ndarray], reference: np.ndarray) -> tuple[TrackedMarkers, float]:
+def tracked(eye: GelCamera, images: list[np.ndarray], reference: np.ndarray) -> tuple[TrackedMarkers, float]:
     """The grid's markers through the images, and CPU seconds per frame."""
     start = reference_of(reference, source="reference")
     found = start.markers.centre_px
@@ -128,7 +128,7 @@ def tracked(eye: Camera, images: list[np.ndarray], reference: np.ndarray) -> tup
     ), spent
 
 
-def rendered(eye: Camera, one: Sensor, shapes: list[Field], rng: np.random.Generator) -> list[np.ndarray]:
+def rendered(eye: GelCamera, one: Sensor, shapes: list[Field], rng: np.random.Generator) -> list[np.ndarray]:
     """What this camera sees of every shape."""
     look = GelLook(rest_mm=GRID)
     return [gel_image(eye, one.lights, look, shape, rng) for shape in shapes]

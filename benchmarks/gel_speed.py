@@ -17,7 +17,7 @@ import numpy as np
 from tactile.gel.fields import fields_of
 from tactile.markers.reference_places import places_of
 from tactile.markers.tracking import TrackedMarkers, follow, reference_of, track
-from tactile.sensors import Camera, Sensor, marker_grid
+from tactile.sensors import GelCamera, Sensor, marker_grid
 
 SIZE = (640, 480)
 PX_PER_MM, DEPTH_MM = 30.0, 16.0
@@ -28,7 +28,7 @@ def sensor_of(rows: int, columns: int, pitch_mm: float) -> Sensor:
     """A camera 16 mm behind the gel."""
     pose = np.eye(4)
     pose[2, 3] = -DEPTH_MM
-    camera = Camera(
+    camera = GelCamera(
         image_px=SIZE,
         focal_px=(PX_PER_MM * DEPTH_MM, PX_PER_MM * DEPTH_MM),
         centre_px=((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2),

@@ -22,7 +22,7 @@ import numpy as np
 
 from tactile.markers.contrast import grey
 from tactile.markers.marker_detection import inside
-from tactile.markers.tracking import Reference, reference_of, track
+from tactile.markers.tracking import ReferenceMarkers, reference_of, track
 from tactile.stick import stick_ratio
 
 EMPTY_FRAMES = 25
@@ -91,7 +91,7 @@ def own_reference(frames: list[np.ndarray]) -> dict[str, float]:
     }
 
 
-def kept_in_view(reference: Reference, position: np.ndarray) -> np.ndarray:
+def kept_in_view(reference: ReferenceMarkers, position: np.ndarray) -> np.ndarray:
     """Markers that are seen, or whose last seen place lies well inside the frame: the others have left it."""
     last = position.copy()
     for t in range(1, len(last)):
@@ -117,7 +117,7 @@ def doubled(position: np.ndarray) -> np.ndarray:
 
 
 def against_empty(
-    reference: Reference, frames: list[np.ndarray], noise: float
+    reference: ReferenceMarkers, frames: list[np.ndarray], noise: float
 ) -> tuple[dict[str, float], np.ndarray]:
     """Contact and stick, counted from the empty gel of the same camera."""
     position, _ = track(reference, frames)
@@ -159,7 +159,7 @@ def write_table(rows: dict[str, dict[str, object]], path: Path) -> None:
             table.writerow({"clip": name} | rounded)
 
 
-def picture(clips: dict[str, tuple[np.ndarray, Reference, np.ndarray]], path: Path) -> None:
+def picture(clips: dict[str, tuple[np.ndarray, ReferenceMarkers, np.ndarray]], path: Path) -> None:
     """First frames with every marker's motion from the empty gel."""
     mpl.use("Agg")
     from matplotlib import pyplot as plt
@@ -205,10 +205,10 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
     clips = sorted(given.folder.glob("*/*/camera_*.avi"))
-    empty: dict[str, Reference] = {}
+    empty: dict[str, ReferenceMarkers] = {}
     noise: dict[str, float] = {}
     answer: dict[str, dict[str, object]] = {}
-    shown: dict[str, tuple[np.ndarray, Reference, np.ndarray]] = {}
+    shown: dict[str, tuple[np.ndarray, ReferenceMarkers, np.ndarray]] = {}
     ratios: dict[str, np.ndarray] = {}
     for clip in [c for c in clips if str(c.relative_to(given.folder)).startswith(DROPPED)]:
         frames = list(frames_of(clip))

@@ -28,7 +28,7 @@ from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.problem import BatchRefused
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import finding
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from tactile.tactile_failure import TactileFailure
 
@@ -53,7 +53,7 @@ def explained(folder: Path, truth: dict[str, Any], ablation: str, work: Path, jo
     try:
         with altered(ablation):
             case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
-            found = finding(case, Diary(str), jobs=jobs).explanation
+            found = finding(case, StageLog(str), jobs=jobs).explanation
         row = score(found, truth)
     except REFUSED as failure:
         row = {"truth": truth["effect"], "failure": " ".join(str(failure).split())}

@@ -26,16 +26,16 @@ from typing import Any
 import numpy as np
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.evidence.discrepancy_prior import SEEMING
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.procedure import detection_statistics, plain_ground
 from fem.mismatch.selection.detection import LEVEL, NAMES, p_values_beside
 from fem.mismatch.selection.null_reference import FRUITS, NULLS
-from fem.mismatch.selection.screening import linear_round
+from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 
 USUALLY = 0.9
 BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
@@ -50,11 +50,11 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)
-        handed = mismatch_case(case, grasped_fruit(case.task, Diary(str)))
+        handed = mismatch_case(case, grasped_fruit(case.task, StageLog(str)))
         ground, _ = plain_ground(replace(handed, grasps=handed.grasps[:grasps]))
-    recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
-    seeming = {name: own for name, own in SEEMING.items() if name not in without}
-    linear = linear_round(ground, recorded, EFFECTS, seeming=seeming)
+    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
+    seeming = {name: own for name, own in DISCREPANCY.items() if name not in without}
+    linear = screened(ground, recorded, EFFECTS, seeming=seeming)
     statistics = detection_statistics(linear, recorded, ground.softness)
     shown: dict[str, dict[str, Any]] = {}
     for one in sorted(linear.shown, key=lambda own: -own.gain):
@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True)
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--without", nargs="+", choices=list(SEEMING), default=[])
+    parser.add_argument("--without", nargs="+", choices=list(DISCREPANCY), default=[])
     parser.add_argument("--grasps", type=int, choices=[1, 2, 3], default=None)
     chosen = parser.parse_args()
     if chosen.write and chosen.grasps is not None:

@@ -42,7 +42,7 @@ import numpy as np
 from recon.pit.priors import FOLDER
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import Pit, SampleFruit, Skin
+from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import NotInEquilibrium
@@ -95,7 +95,7 @@ def fruit_of_scene(scene: dict[str, Any]) -> SampleFruit:
         fruit_id=scene["name"],
         seed=int(scene["seed"]),
         skin=Skin(**{**shape, "cubic": np.array(shape["cubic"])}),
-        pit=Pit(**pit),
+        pit=SamplePit(**pit),
         E_MPa=float(fruit["E_MPa"]),
         poisson_ratio=float(fruit["poisson_ratio"]),
         ripeness=float(fruit["ripeness"]),

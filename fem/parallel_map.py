@@ -10,7 +10,7 @@ B = TypeVar("B")
 _THIS_THREAD = local()
 
 
-def side_by_side(call: Callable[[A], B], items: Iterable[A], *, workers: int) -> list[B]:
+def parallel_map(call: Callable[[A], B], items: Iterable[A], *, workers: int) -> list[B]:
     """`call` of every item, in their order, up to `workers` at once; the first one's exception is raised.
 
     Work that is itself one of several does its own pieces one after the other. What `call` changes outside of

@@ -15,7 +15,7 @@ from recon.checks.verdict import require_seen
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure
 from recon.surface.coverage import seeing_views, seen_and_unseen
-from recon.surface.flipped import Side, both_sides
+from recon.surface.flipped import ScannedSide, both_sides
 from recon.surface.repair import repaired
 
 WHERE = "photos-flipped/"
@@ -79,8 +79,8 @@ def _merged(
     )
 
 
-def _side(made: Reconstruction) -> Side:
-    return Side.of(made.vertices, made.faces, _places(made))
+def _side(made: Reconstruction) -> ScannedSide:
+    return ScannedSide.of(made.vertices, made.faces, _places(made))
 
 
 def _places(made: Reconstruction) -> Float[np.ndarray, "v 3"]:

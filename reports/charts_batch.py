@@ -16,7 +16,7 @@ from reports.entries import (
 )
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import (
-    Scale,
+    AxisScale,
     axis_x,
     axis_y,
     drawing,
@@ -52,7 +52,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
     ends = [fruit.E_MPa + (fruit.E_sd_MPa or 0.0) for fruit in graded if fruit.E_MPa is not None]
     near = [limit for _, limit in limits if not ends or limit < 1.4 * max(ends)]
     lowest, highest = padded([*ends, *near], from_zero=True)
-    x = Scale(lowest=max(lowest, 0.0), highest=highest, start_px=gutter, end_px=width_px - value_px - 12)
+    x = AxisScale(lowest=max(lowest, 0.0), highest=highest, start_px=gutter, end_px=width_px - value_px - 12)
     parts = [
         axis_x(x, label="E, modulus of the flesh (MPa)", top=top, bottom=bottom, at_most=9 if wide else 5)
     ]
@@ -80,7 +80,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
 
 
 def _ranking_row(
-    fruit: FruitEntry, *, x: Scale, y: float, gutter: float, wide: bool, marks: dict[str, tuple[str, str]]
+    fruit: FruitEntry, *, x: AxisScale, y: float, gutter: float, wide: bool, marks: dict[str, tuple[str, str]]
 ) -> Markup:
     E_MPa = fruit.E_MPa or 0.0
     colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
@@ -122,8 +122,8 @@ def shore_chart(batch: BatchEntry) -> Markup:
     tops = [(fruit.E_MPa or 0.0) + (fruit.E_sd_MPa or 0.0) for fruit in pairs]
     low_x, high_x = padded([fruit.shore_oo or 0.0 for fruit in pairs])
     low_y, high_y = padded(tops, from_zero=True)
-    x = Scale(lowest=low_x, highest=high_x, start_px=48.0, end_px=348.0)
-    y = Scale(lowest=low_y, highest=high_y, start_px=270.0, end_px=34.0)
+    x = AxisScale(lowest=low_x, highest=high_x, start_px=48.0, end_px=348.0)
+    y = AxisScale(lowest=low_y, highest=high_y, start_px=270.0, end_px=34.0)
     parts = [
         axis_x(x, label="Shore OO", top=34.0, bottom=270.0, at_most=7),
         axis_y(y, label="E (MPa)", left=48.0, right=348.0, at_most=6),
@@ -160,8 +160,8 @@ def control_chart(body: ReferenceBodyEntry) -> Markup:
     ends = [math.exp(way * 3 * sd) for sd in sds for way in (-1, 1)]
     low, high = padded([*ends, *(point.ratio for point in points)])
     first, last = padded(moments) if moments[-1] > moments[0] else (moments[0] - 1, moments[0] + 1)
-    x = Scale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
-    y = Scale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
+    x = AxisScale(lowest=first, highest=last, start_px=52.0, end_px=688.0)
+    y = AxisScale(lowest=low, highest=high, start_px=240.0, end_px=34.0)
     parts = [
         axis_y(y, label="E found / E known", left=52.0, right=688.0, at_most=7),
         element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),

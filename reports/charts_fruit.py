@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import shortened
 from reports.entries import ForceCurve, FruitEntry, GraspEstimate
-from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
+from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x, marker, padded, polyline
 from reports.words import number, with_sd
 
 _MOST_POINTS = 160
@@ -24,8 +24,8 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     forces += [float(v) for c in known if c.model_force_N is not None for v in c.model_force_N]
     low_x, high_x = padded(travels, from_zero=True)
     low_y, high_y = padded(forces, from_zero=True)
-    x = Scale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
-    y = Scale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
+    x = AxisScale(lowest=low_x, highest=high_x, start_px=44.0, end_px=348.0)
+    y = AxisScale(lowest=low_y, highest=high_y, start_px=216.0, end_px=52.0)
     parts = [
         axis_x(x, label="travel since first touch (mm)", top=52.0, bottom=216.0, at_most=7),
         axis_y(y, label="force (N)", left=44.0, right=348.0, at_most=6),
@@ -46,7 +46,7 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
     )
 
 
-def _pad(curve: ForceCurve, k: int, *, x: Scale, y: Scale) -> Markup:
+def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
     shape = _PAD_MARKS[k % len(_PAD_MARKS)]
     parts = []
@@ -66,7 +66,7 @@ def _pad(curve: ForceCurve, k: int, *, x: Scale, y: Scale) -> Markup:
     return element("g", element("title", f"pad {curve.pad}"), *parts)
 
 
-def _lines(x: Scale, y: Scale, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
+def _lines(x: AxisScale, y: AxisScale, travel: np.ndarray, force: np.ndarray, *, class_: str) -> list[Markup]:
     """Polylines through the finite stretches."""
     finite = np.isfinite(travel) & np.isfinite(force)
     breaks = np.flatnonzero(np.diff(finite.astype(int))) + 1
@@ -101,7 +101,7 @@ def grasps_chart(fruit: FruitEntry) -> Markup:
     gutter = min(max([len(row.grasp) for row in rows] + [4]) * 7.4 + 14, 120.0)
     top, row_px = 36.0, 34.0
     bottom = top + row_px * max(len(rows), 1)
-    x = Scale(lowest=lowest, highest=highest, start_px=gutter, end_px=348.0)
+    x = AxisScale(lowest=lowest, highest=highest, start_px=gutter, end_px=348.0)
     parts = []
     if fruit.E_MPa is not None:
         low = x(max(fruit.E_MPa - (fruit.E_sd_MPa or 0.0), lowest))

@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from reports.charts_batch import shortened
 from reports.explain_entries import CandidateEntry, CellEntry, ExplainEntry, TraceEntry
-from reports.svg import Scale, axis_x, axis_y, drawing, element, error_bar_y, marker, padded, polyline
+from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_y, marker, padded, polyline
 from reports.words import effect_name, number, percent
 
 _MARKS = ("circle", "square", "triangle", "diamond")
@@ -23,7 +23,7 @@ def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str])
     """One bar per explanation, as long as its probability; those of the verdict in the strong colour."""
     shown = ranking[:MOST_BARS]
     row_px, top, gutter = 30.0, 6.0, 290.0
-    x = Scale(lowest=0.0, highest=1.0, start_px=gutter, end_px=gutter + 270.0)
+    x = AxisScale(lowest=0.0, highest=1.0, start_px=gutter, end_px=gutter + 270.0)
     parts = []
     for k, one in enumerate(shown):
         middle = top + row_px * (k + 0.5)
@@ -63,7 +63,7 @@ def rms_chart(rms: tuple[float, float, float]) -> Markup:
         ("with the effect", rms[1], "after"),
         ("noise alone", rms[2], "noise"),
     )
-    x = Scale(lowest=0.0, highest=1.1 * max(*rms, 1e-12), start_px=120.0, end_px=500.0)
+    x = AxisScale(lowest=0.0, highest=1.1 * max(*rms, 1e-12), start_px=120.0, end_px=500.0)
     parts = []
     for k, (label, value, kind) in enumerate(rows):
         middle = 6.0 + 34.0 * (k + 0.5)
@@ -109,8 +109,8 @@ def _cells_chart(
 ) -> Markup:
     times = [cell.time_s for cell in cells]
     start, end = padded(times)
-    x = Scale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
-    y = Scale(lowest=limits[0], highest=limits[1], start_px=_BOTTOM, end_px=_TOP)
+    x = AxisScale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
+    y = AxisScale(lowest=limits[0], highest=limits[1], start_px=_BOTTOM, end_px=_TOP)
     parts = [_phases([(c.time_s, c.phase) for c in cells], x)]
     parts.append(axis_x(x, label="time (s)", top=_TOP, bottom=_BOTTOM, at_most=7))
     parts.append(_axis_y(y, label="E of each frame (MPa)"))
@@ -141,8 +141,8 @@ def _force(trace: TraceEntry) -> Markup:
     columns = (trace.given_mm, trace.before_mm, trace.after_mm)
     low_x, high_x = padded([float(v) for column in columns for v in column], from_zero=True)
     low_y, high_y = padded([float(v) for v in trace.force_N], from_zero=True)
-    x = Scale(lowest=low_x, highest=high_x, start_px=_LEFT, end_px=_RIGHT)
-    y = Scale(lowest=low_y, highest=high_y, start_px=_BOTTOM, end_px=_TOP)
+    x = AxisScale(lowest=low_x, highest=high_x, start_px=_LEFT, end_px=_RIGHT)
+    y = AxisScale(lowest=low_y, highest=high_y, start_px=_BOTTOM, end_px=_TOP)
     parts = [
         axis_x(x, label="how far the flesh gave way (mm)", top=_TOP, bottom=_BOTTOM, at_most=7),
         _axis_y(y, label="force (N)"),
@@ -166,8 +166,8 @@ def _residual(trace: TraceEntry) -> Markup:
     before, after = 1e3 * (trace.given_mm - trace.before_mm), 1e3 * (trace.given_mm - trace.after_mm)
     start, end = padded([float(v) for v in trace.time_s])
     low, high = padded([*map(float, before), *map(float, after), 0.0])
-    x = Scale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
-    y = Scale(lowest=low, highest=high, start_px=_BOTTOM, end_px=_TOP)
+    x = AxisScale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
+    y = AxisScale(lowest=low, highest=high, start_px=_BOTTOM, end_px=_TOP)
     rms = [float(np.sqrt(np.nanmean(leftover**2))) if len(leftover) else 0.0 for leftover in (before, after)]
     parts = [
         _phases(list(zip(map(float, trace.time_s), trace.phase, strict=True)), x),
@@ -190,19 +190,19 @@ def _residual(trace: TraceEntry) -> Markup:
     )
 
 
-def _axis_y(y: Scale, *, label: str) -> Markup:
+def _axis_y(y: AxisScale, *, label: str) -> Markup:
     """The vertical axis, its label high enough to leave a line to the phases' names."""
     name = element("text", label, x=4.0, y=_TOP - 20, text_anchor="start", class_="axis")
     return axis_y(y, label="", left=_LEFT, right=_RIGHT, at_most=6) + name
 
 
-def _line(x: Scale, y: Scale, across: np.ndarray, up: np.ndarray, *, kind: str) -> Markup:
+def _line(x: AxisScale, y: AxisScale, across: np.ndarray, up: np.ndarray, *, kind: str) -> Markup:
     finite = np.isfinite(across) & np.isfinite(up)
     xs, ys = across[finite], up[finite]
     return polyline([x(float(v)) for v in xs], [y(float(v)) for v in ys], class_=f"model {kind}")
 
 
-def _phases(frames: list[tuple[float, str]], x: Scale) -> Markup:
+def _phases(frames: list[tuple[float, str]], x: AxisScale) -> Markup:
     """Bands behind the frames of a hold, with the names of the phases above."""
     parts = []
     runs = [(phase, [t for t, _ in run]) for phase, run in groupby(frames, key=lambda frame: frame[1])]

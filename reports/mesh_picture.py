@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial import cKDTree
 
-from reports.raycast import Sight, Surface, View
+from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
 _FLESH = np.array([0.99, 0.74, 0.47])
 _PIT = np.array([0.36, 0.20, 0.12])
@@ -43,17 +43,17 @@ def mesh_picture(
     The pit is blended into the flesh by how deep it lies behind the skin: its place is to be seen, the
     picture does not claim how clear flesh is.
     """
-    fruit = Surface.of(fruit_vertices, fruit_faces)
+    fruit = TracedSurface.of(fruit_vertices, fruit_faces)
     pit = None
     if pit_vertices is not None and pit_faces is not None and len(pit_faces):
-        pit = Surface.of(pit_vertices, pit_faces)
+        pit = TracedSurface.of(pit_vertices, pit_faces)
     touched = {pad: fruit.nearest(points) for pad, points in (contacts_mm or {}).items() if len(points)}
     lowest, highest = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
     half = 0.72 * float((highest - lowest).max())
     figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     for k, azimuth_deg in enumerate((35.0, 215.0)):
-        view = View(
+        view = Viewing(
             centre_mm=0.5 * (lowest + highest) - np.array([0.0, 0.0, 0.04 * half]),
             azimuth_deg=azimuth_deg,
             elevation_deg=24.0,
@@ -76,10 +76,10 @@ def mesh_picture(
 
 
 def _painted(
-    fruit: Surface,
-    pit: Surface | None,
+    fruit: TracedSurface,
+    pit: TracedSurface | None,
     touched: Mapping[str, Float[np.ndarray, "p 3"]],
-    view: View,
+    view: Viewing,
     *,
     pixels: int,
     floor_mm: float,
@@ -100,7 +100,7 @@ def _painted(
 
 
 def _lit(
-    colour: Float[np.ndarray, "h w 3"], normals: Float[np.ndarray, "h w 3"], view: View, *, gloss: float
+    colour: Float[np.ndarray, "h w 3"], normals: Float[np.ndarray, "h w 3"], view: Viewing, *, gloss: float
 ) -> Float[np.ndarray, "h w 3"]:
     """Wrapped diffuse light, a paler sky from above and a faint highlight."""
     seen = normals @ view.axes.T
@@ -114,10 +114,10 @@ def _lit(
 
 def _through_flesh(
     skin: Float[np.ndarray, "h w 3"],
-    sight: Sight,
-    inner: Sight,
+    sight: VisibleSurface,
+    inner: VisibleSurface,
     facing: Float[np.ndarray, "h w"],
-    view: View,
+    view: Viewing,
 ) -> Float[np.ndarray, "h w 3"]:
     both: Bool[np.ndarray, "h w"] = sight.hit & inner.hit
     if not both.any():
@@ -131,7 +131,7 @@ def _through_flesh(
     return np.where(both[..., None], skin + clear[..., None] * (stone - skin), skin)
 
 
-def _patch(sight: Sight, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "h w"]:
+def _patch(sight: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "h w"]:
     """How much of each pixel is painted: by the density of points there, relative to that of a full grid."""
     tree = cKDTree(points)
     spacing = 1.5
@@ -148,7 +148,9 @@ def _patch(sight: Sight, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, 
     return cover
 
 
-def _ground(fruit: Surface, view: View, *, pixels: int, floor_mm: float) -> Float[np.ndarray, "h w 3"]:
+def _ground(
+    fruit: TracedSurface, view: Viewing, *, pixels: int, floor_mm: float
+) -> Float[np.ndarray, "h w 3"]:
     """White floor with the soft shadow of the fruit, computed on a coarse grid and interpolated."""
     right, up, towards = view.axes
     offsets = (np.arange(pixels) + 0.5) / pixels * 2 - 1
@@ -166,7 +168,7 @@ def _ground(fruit: Surface, view: View, *, pixels: int, floor_mm: float) -> Floa
     return np.repeat(1.0 - 0.42 * fine[..., None] ** 1.3, 3, axis=2)
 
 
-def _directions(axes: Axes, view: View, half: float, words_zx: tuple[str, str]) -> None:
+def _directions(axes: Axes, view: Viewing, half: float, words_zx: tuple[str, str]) -> None:
     """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner."""
     foot = np.array([-0.66 * half, -0.80 * half])
     for axis, words in zip(np.eye(3)[[2, 0]], words_zx, strict=True):

@@ -13,7 +13,7 @@ _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class View:
+class Viewing:
     """An orthographic camera that looks at ``centre_mm``; azimuth from +x towards +y, elevation above xy."""
 
     centre_mm: Float[np.ndarray, " 3"]
@@ -34,7 +34,7 @@ class View:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Sight:
+class VisibleSurface:
     """First hit of each pixel's ray: whether, how far off, where, and the smooth unit normal there.
 
     `corners` and `weights`, of the pixels that hit, interpolate what is known at the mesh's vertices.
@@ -55,7 +55,7 @@ class Sight:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Surface:
+class TracedSurface:
     """A mesh made ready for rays, with one outward normal per vertex (area-weighted mean of its faces')."""
 
     scene: o3d.t.geometry.RaycastingScene
@@ -63,7 +63,7 @@ class Surface:
     vertex_normals: Float[np.ndarray, "n 3"]
 
     @classmethod
-    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Surface:
+    def of(cls, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> TracedSurface:
         """The surface of a mesh, mm."""
         corners = vertices[faces]
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -81,7 +81,7 @@ class Surface:
         )
         return cls(scene=scene, faces=faces, vertex_normals=_unit(normals))
 
-    def seen_from(self, view: View, *, width_px: int, height_px: int) -> Sight:
+    def seen_from(self, view: Viewing, *, width_px: int, height_px: int) -> VisibleSurface:
         """What each pixel of the view sees of the surface; row 0 is the top."""
         right, up, towards = view.axes
         across = view.half_width_mm * ((np.arange(width_px) + 0.5) / width_px * 2 - 1)
@@ -100,7 +100,7 @@ class Surface:
         normals = np.zeros((height_px, width_px, 3))
         normals[hit] = _unit((weights[:, :, None] * self.vertex_normals[corners]).sum(axis=1))
         depth[~hit] = far_mm
-        return Sight(
+        return VisibleSurface(
             hit=hit,
             depth_mm=depth,
             points_mm=origins - depth[..., None] * towards,

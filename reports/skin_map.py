@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from scipy.spatial import cKDTree
 
-from reports.raycast import Sight, Surface, View
+from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
 BLIND_BELOW = 3.0
 """A spot whose signal is less than three times its noise could not be seen."""
@@ -50,12 +50,12 @@ class MapStyle:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Side:
+class MapSide:
     """The fruit from one side: what each pixel sees, the blind zone, and each pad's outline."""
 
     name: str
-    view: View
-    sight: Sight
+    view: Viewing
+    sight: VisibleSurface
     blind: Bool[np.ndarray, "h w"]
     outlines: dict[str, Bool[np.ndarray, "h w"]]
 
@@ -69,15 +69,15 @@ def sides_of(
     contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] | None = None,
     view_px: int = 250,
     samples: int = 2,
-) -> tuple[Side, ...]:
+) -> tuple[MapSide, ...]:
     """The six sides, ready to be coloured by any of the maps; blind where `visible` is below the bound."""
-    surface = Surface.of(vertices_mm, triangles)
+    surface = TracedSurface.of(vertices_mm, triangles)
     lowest, highest = vertices_mm.min(axis=0), vertices_mm.max(axis=0)
     half = 0.62 * float((highest - lowest).max())
     touched = {pad: surface.nearest(points) for pad, points in (contacts_mm or {}).items() if len(points)}
     sides = []
     for name, azimuth_deg, elevation_deg in _SIDES:
-        view = View(
+        view = Viewing(
             centre_mm=0.5 * (lowest + highest),
             azimuth_deg=azimuth_deg,
             elevation_deg=elevation_deg,
@@ -86,7 +86,7 @@ def sides_of(
         )
         sight = surface.seen_from(view, width_px=view_px * samples, height_px=view_px * samples)
         sides.append(
-            Side(
+            MapSide(
                 name=name,
                 view=view,
                 sight=sight,
@@ -98,7 +98,7 @@ def sides_of(
 
 
 def map_picture(
-    sides: Sequence[Side],
+    sides: Sequence[MapSide],
     scores: Float[np.ndarray, " n"],
     *,
     style: MapStyle,
@@ -139,7 +139,7 @@ def map_picture(
 
 
 def _coloured(
-    side: Side, scores: Float[np.ndarray, " n"], *, limit: float, style: MapStyle
+    side: MapSide, scores: Float[np.ndarray, " n"], *, limit: float, style: MapStyle
 ) -> Float[np.ndarray, "h w 3"]:
     seen = np.nan_to_num(side.sight.of_vertices(scores))
     share = 0.5 + 0.5 * seen / limit if style.signed else seen / limit
@@ -155,7 +155,7 @@ def _coloured(
     return np.where(side.sight.hit[..., None], np.clip(image, 0.0, 1.0), 1.0)
 
 
-def _outline(sight: Sight, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, "h w"]:
+def _outline(sight: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, "h w"]:
     """The rim of the skin that lies within two thirds of a marker's spacing of a touched place."""
     tree = cKDTree(points)
     spacing = 1.5
@@ -171,7 +171,7 @@ def _outline(sight: Sight, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray,
     return inside & ~deep
 
 
-def _ring(axes: Axes, side: Side, centre_mm: Float[np.ndarray, " 3"], radius_mm: float) -> None:
+def _ring(axes: Axes, side: MapSide, centre_mm: Float[np.ndarray, " 3"], radius_mm: float) -> None:
     across, up, towards = side.view.axes @ (centre_mm - side.view.centre_mm)
     if towards < 0.3 * side.view.half_width_mm:
         return

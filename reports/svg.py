@@ -43,7 +43,7 @@ def drawing(*children: Markup, width: float, height: float, title: str, descript
 
 
 @dataclass(frozen=True, kw_only=True)
-class Scale:
+class AxisScale:
     """Linear map of values onto pixels: px = start + (value - lowest) (end - start) / (highest - lowest)."""
 
     lowest: float
@@ -83,7 +83,7 @@ def padded(values: list[float], *, from_zero: bool = False) -> tuple[float, floa
     return (lowest if from_zero and lowest == 0.0 else lowest - air, highest + air)
 
 
-def axis_x(scale: Scale, *, label: str, top: float, bottom: float, at_most: int) -> Markup:
+def axis_x(scale: AxisScale, *, label: str, top: float, bottom: float, at_most: int) -> Markup:
     """Grid lines, tick labels and the label of a horizontal axis."""
     parts = []
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
@@ -96,7 +96,7 @@ def axis_x(scale: Scale, *, label: str, top: float, bottom: float, at_most: int)
     return Markup("").join(parts)
 
 
-def axis_y(scale: Scale, *, label: str, left: float, right: float, at_most: int) -> Markup:
+def axis_y(scale: AxisScale, *, label: str, left: float, right: float, at_most: int) -> Markup:
     """Grid lines, tick labels and, above the axis, the label of a vertical axis."""
     parts = []
     for value in ticks(scale.lowest, scale.highest, at_most=at_most):
@@ -122,7 +122,7 @@ def marker(shape: str, x: float, y: float, *, size: float = 5.0, class_: str = "
     return element("polygon", points=points, **paint)
 
 
-def error_bar_x(scale: Scale, value: float, sd: float | None, y: float, *, class_: str = "") -> Markup:
+def error_bar_x(scale: AxisScale, value: float, sd: float | None, y: float, *, class_: str = "") -> Markup:
     """Whiskers from one standard deviation below to one above; nothing where the deviation is not known."""
     if sd is None or not math.isfinite(sd):
         return Markup("")
@@ -131,7 +131,7 @@ def error_bar_x(scale: Scale, value: float, sd: float | None, y: float, *, class
     return element("path", d=path, class_=f"whisker {class_}".strip())
 
 
-def error_bar_y(scale: Scale, value: float, sd: float | None, x: float, *, class_: str = "") -> Markup:
+def error_bar_y(scale: AxisScale, value: float, sd: float | None, x: float, *, class_: str = "") -> Markup:
     """The same, upright: y pixels by ``scale`` at the given x."""
     if sd is None or not math.isfinite(sd):
         return Markup("")

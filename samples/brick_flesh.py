@@ -24,7 +24,7 @@ HOLDING_N_PER_MM = 2e-2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Flesh:
+class BrickFlesh:
     """One meshed fruit; `slopes` are shape function gradients and `volumes` weights at 27 points per cell."""
 
     bricks: Bricks
@@ -83,7 +83,7 @@ class Flesh:
         return np.stack(total, axis=1)
 
 
-def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) -> Flesh:
+def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) -> BrickFlesh:
     """Integrate the bricks (27 Gauss points) and assemble the linear stiffness with a rigid pit.
 
     Raises ValueError where a brick is turned inside out.
@@ -105,7 +105,7 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
     diagonal[-6:] = _holding()
     ends = np.arange(len(diagonal) - 6, len(diagonal))
     stiffness = csr_array(stiffness + coo_array((diagonal[-6:], (ends, ends)), shape=stiffness.shape).tocsr())
-    return Flesh(
+    return BrickFlesh(
         bricks=bricks,
         mu_MPa=mu,
         lam_MPa=lam,

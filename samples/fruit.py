@@ -52,7 +52,7 @@ class Skin:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pit:
+class SamplePit:
     """An ellipsoid aligned with the fruit frame, mm."""
 
     centre_mm: tuple[float, float, float]
@@ -71,7 +71,7 @@ class SampleFruit:
     fruit_id: str
     seed: int
     skin: Skin
-    pit: Pit
+    pit: SamplePit
     E_MPa: float
     poisson_ratio: float
     ripeness: float
@@ -121,7 +121,7 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
     half_box = (high - low) / 2
     centre = (low + high) / 2 + np.array(PIT_RAISED) * half_box + rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     semi_axes = np.array(PIT_OVER_BOX) * half_box * rng.normal(1.0, PIT_SIZE_SD, 3)
-    pit = Pit(centre_mm=_triple(centre), semi_axes_mm=_triple(semi_axes))
+    pit = SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(semi_axes))
     return SampleFruit(
         fruit_id=fruit_id,
         seed=seed,

@@ -16,7 +16,7 @@ from jaxtyping import Float, UInt8
 from scipy.interpolate import RectBivariateSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
-from tactile.sensors import Camera, Light
+from tactile.sensors import GelCamera, GelLight
 
 COARSE_PX = 4
 ROUNDS = 30
@@ -54,7 +54,7 @@ def smooth_field(
 
 
 def gel_image(
-    camera: Camera, lights: tuple[Light, ...], look: GelLook, field: Field, rng: np.random.Generator
+    camera: GelCamera, lights: tuple[GelLight, ...], look: GelLook, field: Field, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
     """One RGB frame of the gel displaced by `field`."""
     width, height = camera.image_px
@@ -75,7 +75,9 @@ def gel_image(
     return rounded
 
 
-def seen_material(camera: Camera, pixels: Float[np.ndarray, "m 2"], field: Field) -> Float[np.ndarray, "m 2"]:
+def seen_material(
+    camera: GelCamera, pixels: Float[np.ndarray, "m 2"], field: Field
+) -> Float[np.ndarray, "m 2"]:
     """The point of the undeformed face that each pixel shows (beyond the image's edge, too)."""
     scale = _mm_per_px(camera)
     turn = camera.gel_from_camera[:2, :2]
@@ -90,7 +92,7 @@ def seen_material(camera: Camera, pixels: Float[np.ndarray, "m 2"], field: Field
     return np.asarray(at)
 
 
-def seen_at(camera: Camera, points_mm: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 2"]:
+def seen_at(camera: GelCamera, points_mm: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 2"]:
     """Pinhole and Brown-Conrady distortion (k1, k2, p1, p2, k3), pixel (0, 0) the first one's centre."""
     inverse = np.linalg.inv(camera.gel_from_camera)
     local = points_mm @ inverse[:3, :3].T + inverse[:3, 3]
@@ -104,7 +106,7 @@ def seen_at(camera: Camera, points_mm: Float[np.ndarray, "m 3"]) -> Float[np.nda
     return np.stack([fx * bent_x + cx, fy * bent_y + cy], axis=1)
 
 
-def _mm_per_px(camera: Camera) -> float:
+def _mm_per_px(camera: GelCamera) -> float:
     return float(abs(camera.gel_from_camera[2, 3]) / np.mean(camera.focal_px))
 
 
@@ -120,7 +122,7 @@ def _normals(material: Float[np.ndarray, "m 2"], field: Field) -> Float[np.ndarr
 
 
 def _shade(
-    lights: tuple[Light, ...], ambient: float, normals: Float[np.ndarray, "m 3"]
+    lights: tuple[GelLight, ...], ambient: float, normals: Float[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "m 3"]:
     """Brightness of a white face in R, G and B; without lights the same everywhere."""
     if not lights:
@@ -138,7 +140,7 @@ def _dots(at: Float[np.ndarray, "h w 2"], look: GelLook, *, pitch_mm: float) -> 
     return np.clip(0.5 - inside / pitch_mm, 0.0, 1.0).reshape(at.shape[:2])
 
 
-def _vignette(camera: Camera, strength: float) -> Float[np.ndarray, "h w"]:
+def _vignette(camera: GelCamera, strength: float) -> Float[np.ndarray, "h w"]:
     width, height = camera.image_px
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
     return np.asarray(1.0 - strength * (x**2 + y**2) / 2)

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from samples.fruit import POISSON_RATIO, Pit, SampleFruit, Skin, box_mm
+from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm
 from samples.looks import BLACK_CHERRY, BLOOMED_PLUM, RED_CHERRY, WAXY_PLUM, Look
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class FruitKind:
     """A kind of fruit: middle half axes (x suture, y cheeks, z stem), how deep its hollows are, its pit, its
     skin.
 
@@ -31,7 +31,7 @@ class Kind:
     look: Look
 
 
-_CHERRY = Kind(
+_CHERRY = FruitKind(
     half_axes_mm=(12.7, 11.9, 12.2),
     size_sd=0.03,
     axis_sd=0.02,
@@ -44,7 +44,7 @@ _CHERRY = Kind(
     pit_over_box=(0.44, 0.36, 0.46),
     look=RED_CHERRY,
 )
-_PLUM = Kind(
+_PLUM = FruitKind(
     half_axes_mm=(21.5, 20.0, 24.0),
     size_sd=0.06,
     axis_sd=0.03,
@@ -87,7 +87,7 @@ def fruit_of_kind(name: str, *, seed: int) -> SampleFruit:
     low, high = box_mm(skin)
     middle, half_box = (low + high) / 2, (high - low) / 2
     skin = replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
-    pit = Pit(
+    pit = SamplePit(
         centre_mm=(0.0, 0.0, float(half_box[2])),
         semi_axes_mm=_triple(np.array(kind.pit_over_box) * half_box),
     )

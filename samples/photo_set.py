@@ -20,7 +20,7 @@ from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, box_mm
 from samples.looks import NECTARINE, Look
 from samples.renderer import denoiser, mitsuba, sensor, vertex_normals
-from samples.viewpoints import View, rings
+from samples.viewpoints import Viewpoint, rings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +48,7 @@ def write_photos(
     views: int,
     options: PhotoOptions,
     progress: Callable[[str], None] | None = None,
-) -> tuple[View, ...]:
+) -> tuple[Viewpoint, ...]:
     """Render `views` photos into `folder` as 000.jpg, 001.jpg, ... without EXIF; returns the true views.
 
     The same fruit and options give the same pictures. Raises RendererMissing.
@@ -71,7 +71,7 @@ def write_photos(
 
 
 def rendered(
-    fruit: SampleFruit, mat: Mat, views: tuple[View, ...], *, options: PhotoOptions
+    fruit: SampleFruit, mat: Mat, views: tuple[Viewpoint, ...], *, options: PhotoOptions
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """One BGR picture per view, rendered when asked for. Raises RendererMissing."""
     mi = mitsuba()

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from samples.brick_flesh import Flesh
+from samples.brick_flesh import BrickFlesh
 from samples.factors import Solve, factorise
 from samples.gel_contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
 from samples.sample_failure import NotInEquilibrium
@@ -34,7 +34,7 @@ class Face:
 class Squeeze:
     """Everything that stays the same over a recording."""
 
-    flesh: Flesh
+    flesh: BrickFlesh
     gel: Gel
     faces: tuple[Face, ...]
     solve: Solve
@@ -43,7 +43,7 @@ class Squeeze:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Moment:
+class LoadStep:
     """One instant in equilibrium; per face the anchors and the nodal force on the skin (fruit frame, N)."""
 
     q: Float[np.ndarray, " u"]
@@ -53,7 +53,10 @@ class Moment:
 
 
 def squeeze_of(
-    flesh: Flesh, gel: Gel, turns: tuple[Float[np.ndarray, "3 3"], ...], origins: Float[np.ndarray, "p 3"]
+    flesh: BrickFlesh,
+    gel: Gel,
+    turns: tuple[Float[np.ndarray, "3 3"], ...],
+    origins: Float[np.ndarray, "p 3"],
 ) -> Squeeze:
     """Prepare: faces in front of pads with the given rotations (pad to fruit) that point at `origins`."""
     bricks = flesh.bricks
@@ -84,11 +87,11 @@ def squeeze_of(
     return Squeeze(flesh=flesh, gel=gel, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance)
 
 
-def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> Moment:
+def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> LoadStep:
     """The moment before anything touches."""
     q = np.zeros(squeeze.flesh.unknowns)
     places = _positions(squeeze, q, origins)
-    return Moment(
+    return LoadStep(
         q=q,
         anchors=tuple(untouched(x) for x in places),
         force_N=tuple(np.zeros_like(x) for x in places),
@@ -96,7 +99,9 @@ def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> Moment:
     )
 
 
-def step(squeeze: Squeeze, before: Moment, origins: Float[np.ndarray, "p 3"], *, rounds: int = 60) -> Moment:
+def step(
+    squeeze: Squeeze, before: LoadStep, origins: Float[np.ndarray, "p 3"], *, rounds: int = 60
+) -> LoadStep:
     """The next moment, with the pads' faces at `origins` (fruit frame, mm).
 
     Raises NotInEquilibrium when `rounds` rounds leave more than TOLERANCE of the force unbalanced, or
@@ -134,7 +139,7 @@ def _positions(
 
 
 def _lagged(
-    squeeze: Squeeze, before: Moment, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
+    squeeze: Squeeze, before: LoadStep, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     anchors, areas = [], []
     for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
@@ -219,8 +224,8 @@ def _spread(squeeze: Squeeze, loads: Float[np.ndarray, "r 3"]) -> Float[np.ndarr
 
 
 def _finished(
-    squeeze: Squeeze, before: Moment, q: np.ndarray, origins: np.ndarray, residual: float
-) -> Moment:
+    squeeze: Squeeze, before: LoadStep, q: np.ndarray, origins: np.ndarray, residual: float
+) -> LoadStep:
     anchors, forces = [], []
     for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
         anchor = gel_points(held, x)
@@ -232,7 +237,7 @@ def _finished(
             raise NotInEquilibrium("the contact patch grew past the pad: squeeze less or move the pads")
         anchors.append(settled(squeeze.gel, held, x))
         forces.append(force @ face.turn.T)
-    return Moment(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)
+    return LoadStep(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)
 
 
 class _Mixing:

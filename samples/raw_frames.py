@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from samples.gel_images import GelLook, gel_image, smooth_field
 from tactile.io.recording import GelPad, Recording
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 Progress = Callable[[str], None]
 SENSOR = "sensor.toml"
@@ -31,7 +31,7 @@ class Eye:
 
     table: str
     ending: str
-    camera: Camera
+    camera: GelCamera
 
 
 def eyes() -> tuple[Eye, Eye]:
@@ -102,7 +102,7 @@ def write_raw_grasp(
     (folder / "grasp.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
-def _write_frames(folder: Path, camera: Camera, pad: GelPad, rng: np.random.Generator) -> None:
+def _write_frames(folder: Path, camera: GelCamera, pad: GelPad, rng: np.random.Generator) -> None:
     folder.mkdir()
     x, y = np.unique(pad.rest_mm[:, 0]), np.unique(pad.rest_mm[:, 1])
     look = GelLook(rest_mm=pad.rest_mm)
@@ -113,12 +113,12 @@ def _write_frames(folder: Path, camera: Camera, pad: GelPad, rng: np.random.Gene
         cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
 
 
-def _tilted(turn_rad: float) -> Camera:
+def _tilted(turn_rad: float) -> GelCamera:
     c, s = float(np.cos(turn_rad)), float(np.sin(turn_rad))
     pose: Float[np.ndarray, "4 4"] = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -DISTANCE_MM * pose[:3, 2]
-    return Camera(
+    return GelCamera(
         image_px=(640, 480),
         focal_px=(FOCAL_PX, FOCAL_PX + 2),
         centre_px=(322.0, 237.0),

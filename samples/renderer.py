@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.sample_failure import RendererMissing
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 
 def mitsuba() -> Any:
@@ -60,7 +60,7 @@ def denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
     return denoise
 
 
-def sensor(mi: Any, view: View) -> dict[str, Any]:
+def sensor(mi: Any, view: Viewpoint) -> dict[str, Any]:
     """A view as the description of a pinhole camera (dictionary for `mi.load_dict`)."""
     world_from_cam = np.linalg.inv(view.cam_from_world)
     # Mitsuba's camera looks along +z with x to the left and y up
@@ -80,7 +80,7 @@ def sensor(mi: Any, view: View) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def window_sensor(mi: Any, view: View, window: tuple[int, int, int, int]) -> dict[str, Any]:
+def window_sensor(mi: Any, view: Viewpoint, window: tuple[int, int, int, int]) -> dict[str, Any]:
     """The camera of a window of the picture (left, top, width, height in px)."""
     left, top, width, height = window
     part = sensor(mi, replace(view, width_px=width, height_px=height))

@@ -11,7 +11,7 @@ from samples.fruit import SampleFruit
 from samples.gel_contact import Gel, at_markers
 from samples.grasp_plan import Hold, Programme
 from samples.hexahedra import SHIPPED, Fineness, flesh_bricks
-from samples.quasi_static_contact import Moment, Squeeze, at_rest, squeeze_of, step
+from samples.quasi_static_contact import LoadStep, Squeeze, at_rest, squeeze_of, step
 from samples.sample_failure import NotInEquilibrium
 from samples.sensor_noise import SensorNoise, measured
 from tactile.io.recording import GelPad, Recording
@@ -27,7 +27,7 @@ class Grasp:
     recording: Recording
     true_displacement_mm: tuple[Float[np.ndarray, "t n 3"], ...]
     true_force_N: tuple[Float[np.ndarray, "t n 3"], ...]
-    moments: tuple[Moment, ...]
+    moments: tuple[LoadStep, ...]
     squeeze: Squeeze
 
 
@@ -51,7 +51,7 @@ def simulate(
     bricks = flesh_bricks(fruit, hold.turns[0][:, 2], fineness)
     flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law=law)
     squeeze = squeeze_of(flesh, gel, hold.turns, hold.touch_mm)
-    moments: list[Moment] = []
+    moments: list[LoadStep] = []
     travels = programme.travel_mm.tolist()
     for k, travel in enumerate(travels):
         if k == 0:
@@ -66,8 +66,8 @@ def simulate(
 
 
 def _moved(
-    squeeze: Squeeze, before: Moment, hold: Hold, from_mm: float, to_mm: float, *, halvings: int = 3
-) -> Moment:
+    squeeze: Squeeze, before: LoadStep, hold: Hold, from_mm: float, to_mm: float, *, halvings: int = 3
+) -> LoadStep:
     """One frame on; a step that does not converge is taken in two."""
     try:
         return step(squeeze, before, hold.origins(to_mm))
@@ -87,7 +87,7 @@ def marker_grid() -> Float[np.ndarray, "400 3"]:
 
 
 def _recorded(
-    fruit: SampleFruit, hold: Hold, programme: Programme, squeeze: Squeeze, moments: tuple[Moment, ...],
+    fruit: SampleFruit, hold: Hold, programme: Programme, squeeze: Squeeze, moments: tuple[LoadStep, ...],
     noise: SensorNoise, rng: np.random.Generator,
 ) -> Grasp:  # fmt: skip
     rest = marker_grid()
@@ -136,7 +136,7 @@ def _recorded(
 
 
 def _marker_shift(
-    squeeze: Squeeze, moment: Moment, side: int, rest_mm: Float[np.ndarray, "n 3"]
+    squeeze: Squeeze, moment: LoadStep, side: int, rest_mm: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """How far the skin has carried each marker from its rest place; zero where it does not touch."""
     anchors = moment.anchors[side]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class Viewpoint:
     """A pinhole view: mat frame (mm) to camera (x right, y down, z ahead), principal point central."""
 
     cam_from_world: Float[np.ndarray, "4 4"]
@@ -30,7 +30,7 @@ def rings(
     width_px: int,
     height_px: int,
     reach_mm: float = 315.0,
-) -> tuple[View, ...]:
+) -> tuple[Viewpoint, ...]:
     """`count` views in three rings about 18, 42 and 66 degrees up, jittered as hands are, `reach_mm` away.
 
     One camera: the focal length, about 1.48 image widths, is the same in every view.
@@ -52,7 +52,9 @@ def rings(
             aim = np.asarray(aim_mm) + closer * rng.normal(0, 3.0, 3)
             cam_from_world = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
             views.append(
-                View(cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px)
+                Viewpoint(
+                    cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px
+                )
             )
     return tuple(views)
 

@@ -16,7 +16,7 @@ from tactile.io.recording import GelPad, IndenterPad, Recording
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorGain:
+class GainFault:
     """Recorded force of one pad = `gain` times the true force."""
 
     pad: str
@@ -24,7 +24,7 @@ class SensorGain:
 
 
 @dataclass(frozen=True, kw_only=True)
-class SensorDrift:
+class DriftFault:
     """One pad's recorded normal force grows by `newton_per_s`, evenly over its markers, from frame one on."""
 
     pad: str
@@ -32,21 +32,21 @@ class SensorDrift:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GripperCompliance:
+class ComplianceFault:
     """Recorded travel of each jaw exceeds the true one by `mm_per_N` times its normal force."""
 
     mm_per_N: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class ClockLag:
+class LagFault:
     """Displacement and force are `lag_s` late against pose and aperture (negative: early)."""
 
     lag_s: float
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseError:
+class PoseFault:
     """Recorded pose of one pad = true pose . shift in the gel's plane . tilt about its x axis."""
 
     pad: str
@@ -54,7 +54,7 @@ class PoseError:
     tilt_deg: float
 
 
-Fault: TypeAlias = SensorGain | SensorDrift | GripperCompliance | ClockLag | PoseError
+Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | LagFault | PoseFault
 
 
 def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
@@ -63,14 +63,14 @@ def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
     Forces are put right first, since a jaw's compliance is a matter of the true force; a fault of a pad that
     the recording does not have leaves it as it is. The result does not depend on the order of `faults`.
     """
-    first = (SensorDrift, SensorGain, ClockLag, GripperCompliance, PoseError)
+    first = (DriftFault, GainFault, LagFault, ComplianceFault, PoseFault)
     return reduce(_without, sorted(faults, key=lambda fault: first.index(type(fault))), recording)
 
 
 def _without(recording: Recording, fault: Fault) -> Recording:
-    if isinstance(fault, ClockLag):
+    if isinstance(fault, LagFault):
         return _in_time(recording, fault.lag_s)
-    if isinstance(fault, GripperCompliance):
+    if isinstance(fault, ComplianceFault):
         return _stiff(recording, fault.mm_per_N)
     mended = tuple(
         _mended(pad, fault, recording.time_s) if pad.name == fault.pad else pad for pad in recording.pads
@@ -79,11 +79,11 @@ def _without(recording: Recording, fault: Fault) -> Recording:
 
 
 def _mended(
-    pad: GelPad | IndenterPad, fault: SensorGain | SensorDrift | PoseError, time_s: Float[np.ndarray, " t"]
+    pad: GelPad | IndenterPad, fault: GainFault | DriftFault | PoseFault, time_s: Float[np.ndarray, " t"]
 ) -> GelPad | IndenterPad:
-    if isinstance(fault, PoseError):
+    if isinstance(fault, PoseFault):
         return replace(pad, pose=pad.pose @ np.linalg.inv(misplacement(fault)))
-    gain, newton_per_s = (fault.gain, 0.0) if isinstance(fault, SensorGain) else (1.0, fault.newton_per_s)
+    gain, newton_per_s = (fault.gain, 0.0) if isinstance(fault, GainFault) else (1.0, fault.newton_per_s)
     grown = newton_per_s * (time_s - time_s[0])
     if isinstance(pad, IndenterPad):
         return replace(pad, force_z_N=(pad.force_z_N - grown) / gain)
@@ -92,7 +92,7 @@ def _mended(
     return replace(pad, force_N=force / gain)
 
 
-def misplacement(fault: PoseError) -> Float[np.ndarray, "4 4"]:
+def misplacement(fault: PoseFault) -> Float[np.ndarray, "4 4"]:
     """Shift . tilt, in the pad frame: what the recorded pose has and the true one lacks."""
     moved = np.eye(4)
     moved[:3, :3] = Rotation.from_euler("x", fault.tilt_deg, degrees=True).as_matrix()

@@ -10,7 +10,7 @@ from tactile.gel.fields import fields_of
 from tactile.gel.shading_file import shading_of
 from tactile.io.converted import Converted
 from tactile.io.frame_checks import gaps_said
-from tactile.io.raw_grasp import RawGrasp, RawPad, View
+from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import GelPad, Recording
 from tactile.layer_stiffness import layer_stiffness
 from tactile.markers.gaps import at_times, filled
@@ -156,7 +156,7 @@ def _fits(pad: RawPad, sensor: Sensor) -> bool:
     return True
 
 
-def _chosen(view: View, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+def _chosen(view: RawCamera, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     return (frame for frame, wanted in zip(view.pictures.frames(), kept, strict=True) if wanted)
 
 

@@ -4,12 +4,12 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 UNDISTORT_STEPS = 50
 
 
-def project(camera: Camera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+def project(camera: GelCamera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
     """Pixels at which the camera sees points of the gel frame."""
     pose = camera.camera_from_gel
     turn, shift = cv2.Rodrigues(pose[:3, :3])[0], pose[:3, 3]
@@ -24,7 +24,7 @@ def project(camera: Camera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.nda
 
 
 def rays(
-    camera: Camera, pixels: Float[np.ndarray, "n 2"]
+    camera: GelCamera, pixels: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "n 3"]]:
     """The camera's centre (mm) and each pixel's unit direction, both in the gel frame."""
     stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, UNDISTORT_STEPS, 1e-12)
@@ -40,7 +40,7 @@ def rays(
 
 
 def on_face(
-    camera: Camera, pixels: Float[np.ndarray, "n 2"], *, z_mm: float = 0.0
+    camera: GelCamera, pixels: Float[np.ndarray, "n 2"], *, z_mm: float = 0.0
 ) -> Float[np.ndarray, "n 3"]:
     """Where each pixel's ray meets the plane z = `z_mm` of the gel frame; z = 0 is the undeformed face."""
     centre, direction = rays(camera, pixels)

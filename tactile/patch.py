@@ -8,14 +8,14 @@ from scipy.spatial import Delaunay
 
 
 @dataclass(frozen=True)
-class Patch:
+class ContactPatch:
     """`area_mm2` on the gel's face; `outline_mm` are the segments of its border, in the pad's plane."""
 
     area_mm2: float
     outline_mm: Float[np.ndarray, "s 2 2"]
 
 
-def patch_of(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]) -> Patch:
+def patch_of(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]) -> ContactPatch:
     """The patch that these markers tell: every edge from a touching marker to one that is not is cut in half.
 
     A triangle of neighbouring markers then belongs to the patch wholly, by three quarters (two corners
@@ -34,4 +34,4 @@ def patch_of(rest_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " n"]
     odd = np.argmax(inside[cut] == (count[cut] == 1)[:, None], axis=1)
     turn = (odd[:, None] + np.arange(3)) % 3
     where = np.take_along_axis(corners[cut], turn[..., None], axis=1)
-    return Patch(area, (where[:, :1] + where[:, 1:]) / 2)
+    return ContactPatch(area, (where[:, :1] + where[:, 1:]) / 2)

@@ -17,7 +17,7 @@ SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "photometric",
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class GelCamera:
     """A pinhole camera with OpenCV's lens distortion, and where it stands.
 
     `image_px` and every pair is (x, y), so width first. `distortion` is (k1, k2, p1, p2, k3).
@@ -44,7 +44,7 @@ class Camera:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Light:
+class GelLight:
     """A distant light: the unit vector from the gel to it (gel frame) and its strength in R, G and B."""
 
     direction: Float[np.ndarray, "3"]
@@ -67,15 +67,15 @@ class Sensor:
     kind: SensorKind
     name: str
     serial: str = ""
-    camera: Camera | None = None
-    second_camera: Camera | None = None
+    camera: GelCamera | None = None
+    second_camera: GelCamera | None = None
     thickness_mm: float | None = None
     E_MPa: float | None = None
     nu: float | None = None
     gel_kn_MPa_per_mm: float | None = None
     gel_kt_MPa_per_mm: float | None = None
     rest_mm: Float[np.ndarray, "n 3"] | None = None
-    lights: tuple[Light, ...] = ()
+    lights: tuple[GelLight, ...] = ()
     ambient: float = 0.0
     gamma: float = 1.0
     calibration_file: Path | None = None

@@ -79,7 +79,7 @@ def fit_compliance(
         normal[0, 0] += HELD
         right[0] += HELD * compliance
     theta, variance = _solved(normal, right, unknowns=len(right) if fruit_moves else 1)
-    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    scale = (equations.observed - equations.along @ theta) / equations.stiffness
     motion = np.einsum("nxk,tk->tnx", rigid_motion(tracks.place_mm), theta[1:].reshape(frames, 6))
     residual = np.full(motion.shape, np.nan)
     explained = theta[0] * tracks.unit_displacement + motion + scale[:, None] * tracks.gel_displacement_mm
@@ -150,7 +150,7 @@ def judged_information(
     amounts = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
     theta = np.append(amounts, moved - amounts @ turns)
     rigid = rigid_motion(tracks.place_mm)
-    scale = (equations.seen - equations.along @ theta) / equations.stiffness
+    scale = (equations.observed - equations.along @ theta) / equations.stiffness
     explained = np.einsum("nxk,tk->tnx", rigid, theta[k:].reshape(frames, 6))
     explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
     left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
@@ -178,7 +178,7 @@ class _Equations:
     normal: Float[np.ndarray, "m m"]
     right: Float[np.ndarray, " m"]
     along: Float[np.ndarray, "n m"]
-    seen: Float[np.ndarray, " n"]
+    observed: Float[np.ndarray, " n"]
     stiffness: Float[np.ndarray, " n"]
 
 
@@ -204,12 +204,12 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
     along = np.empty((len(weight), size))
     along[:, :k] = np.einsum("ktnx,tnx->nk", weighted, d, optimize=True)
     along[:, k:] = np.einsum("n,nxl,tnx->ntl", weight, rigid, d, optimize=True).reshape(len(weight), -1)
-    seen = np.einsum("n,tnx,tnx->n", weight, d, y, optimize=True)
+    observed = np.einsum("n,tnx,tnx->n", weight, d, y, optimize=True)
     stiffness = np.einsum("n,tnx,tnx->n", weight, d, d, optimize=True) + 1 / scale_sd**2
     normal -= along.T @ (along / stiffness[:, None])
-    right -= along.T @ (seen / stiffness)
+    right -= along.T @ (observed / stiffness)
     normal[np.arange(k, size), np.arange(k, size)] += 1 / GAUGE_SD_MM**2
-    return _Equations(normal, right, along, seen, stiffness)
+    return _Equations(normal, right, along, observed, stiffness)
 
 
 def _solved(

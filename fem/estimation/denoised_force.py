@@ -20,14 +20,16 @@ ABOVE_NOISE = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class GelForce:
+class DenoisedForce:
     """`force_N` in the fruit frame, frames used; `sd_N`: noise of one component in one frame that is left."""
 
     force_N: Float[np.ndarray, "f n 3"]
     sd_N: float
 
 
-def gel_force(pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.ndarray, " t"]) -> GelForce:
+def denoised_force(
+    pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.ndarray, " t"]
+) -> DenoisedForce:
     """`turn`: pad axes in the fruit frame, as columns."""
     force = pad.force_N @ turn
     moved = pad.gel_displacement_mm @ turn
@@ -41,8 +43,8 @@ def gel_force(pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.nda
     more = (left[:, kept] * size[kept]) @ right[kept]
     noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
     if noise > pad.force_sd_N:  # displacement says less than the forces themselves
-        return GelForce(force_N=pad.force_N[used], sd_N=pad.force_sd_N)
-    return GelForce(force_N=(springs[used] + more.reshape(beyond.shape)) @ turn.T, sd_N=max(noise, 1e-9))
+        return DenoisedForce(force_N=pad.force_N[used], sd_N=pad.force_sd_N)
+    return DenoisedForce(force_N=(springs[used] + more.reshape(beyond.shape)) @ turn.T, sd_N=max(noise, 1e-9))
 
 
 def _slope(

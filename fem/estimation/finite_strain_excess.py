@@ -56,7 +56,7 @@ class MarkerContact:
     def at_markers(self, moved: Float[np.ndarray, "k n 3"]) -> Float[np.ndarray, "k m 3"]:
         """A nodal field read off at the markers."""
         under = moved[:, self.solid.contact_nodes]
-        return np.concatenate([link.seen(under) for link in self.links], axis=1)
+        return np.concatenate([link.at_markers(under) for link in self.links], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)

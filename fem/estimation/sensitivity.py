@@ -60,7 +60,7 @@ def sensitivities(
     withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
     causes, forces = inner_forces(solid, moved, links)
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
-    seen = np.concatenate([link.seen(moved) for link in links], axis=1)
+    seen = np.concatenate([link.at_markers(moved) for link in links], axis=1)
     found = list(seen.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):
         for name, way in zip(("across", "along"), tangents(links[k].place.normal), strict=True):
@@ -71,7 +71,7 @@ def sensitivities(
                 total = nodal_sum - nodal[k] + slid_pads[k].nodal_force(by_pad[k])
                 flat = solid.contact_compliance @ total.reshape(len(modes), -1).T
                 under = np.ascontiguousarray(flat.T).reshape(total.shape)
-                ends.append(np.concatenate([link.seen(under) for link in slid_pads], axis=1))
+                ends.append(np.concatenate([link.at_markers(under) for link in slid_pads], axis=1))
             found.append((ends[0] - ends[1]) / (2 * SLIDE_MM))
     values = np.einsum("fr,prnx->pfnx", share, np.stack(found))
     return Sensitivity(causes=tuple(causes), values=values), float(withheld)

@@ -6,7 +6,7 @@ import numpy as np
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.air import air_noise, first_touch
-from fem.indentation.fit import Fit
+from fem.indentation.fit import TraceFit
 from fem.indentation.heldout import Foretold, foretell
 from fem.indentation.next_trace import next_press
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
@@ -33,8 +33,8 @@ class Account:
     """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: foretold forces."""
 
     explanation: Explanation
-    linear: Fit
-    named: Fit
+    linear: TraceFit
+    named: TraceFit
     end: Foretold
     blocks: Foretold
     air: AirNoise
@@ -131,7 +131,7 @@ def _when(trace: IndenterTrace, found: Detection) -> str:
     return top if share[top] >= MOST else "all"
 
 
-def _cells(trace: IndenterTrace, linear: Fit, air: AirNoise) -> tuple[ModulusCell, ...]:
+def _cells(trace: IndenterTrace, linear: TraceFit, air: AirNoise) -> tuple[ModulusCell, ...]:
     """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
     value = linear.law.values(linear.scaled[None])
     depth = trace.travel_mm - value["onset_mm"][0]
@@ -153,7 +153,7 @@ def _cells(trace: IndenterTrace, linear: Fit, air: AirNoise) -> tuple[ModulusCel
     )
 
 
-def _notes(trace: IndenterTrace, named: Fit, thickness_mm: float | None) -> tuple[str, ...]:
+def _notes(trace: IndenterTrace, named: TraceFit, thickness_mm: float | None) -> tuple[str, ...]:
     """What a reader must know of this trace."""
     onset = float(named.law.values(named.scaled[None])["onset_mm"][0])
     onset_sd = float(named.sd[1])

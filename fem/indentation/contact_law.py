@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from fem.indentation.ball import BallOnSlab
 from fem.indentation.effects.trace_damage import damage_share
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
 from fem.indentation.effects.trace_stiffening import stiffening_share
 from fem.indentation.effects.trace_viscoelastic import arms_of
@@ -25,7 +25,7 @@ class Law:
 
     ball: BallOnSlab
     baseline: tuple[Unknown, ...]
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[TraceEffect, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from fem.indentation.contact_law import Law
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise, Noise, model_clock
+from fem.indentation.trace_noise import AirNoise, TraceNoise, model_clock
 
 #: Gauss-Newton steps at most, and the fall of the misfit below which they stop
 STEPS, ENOUGH = 40, 0.02
@@ -24,7 +24,7 @@ CLEARLY = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Fit:
+class TraceFit:
     """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained.
 
     `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
@@ -32,7 +32,7 @@ class Fit:
     """
 
     law: Law
-    noise: Noise
+    noise: TraceNoise
     share: float
     scaled: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
@@ -55,7 +55,7 @@ class Posterior:
     law: Law
     trace: IndenterTrace
     frames: Bool[np.ndarray, " t"]
-    noise: Noise
+    noise: TraceNoise
     mean: Float[np.ndarray, " k"]
     precision: Float[np.ndarray, " k"]
 
@@ -80,11 +80,13 @@ class Posterior:
         return matrix, slope.T @ weighted[:, -1] - self.precision * (scaled - self.mean)
 
 
-def noise_with(air: AirNoise, trace: IndenterTrace, share: float, frames: Bool[np.ndarray, " t"]) -> Noise:
+def noise_with(
+    air: AirNoise, trace: IndenterTrace, share: float, frames: Bool[np.ndarray, " t"]
+) -> TraceNoise:
     """White noise and, besides, `share` of the measured force (of a twentieth of its peak at least)."""
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
     clock = model_clock(trace.time_s, trace.force_N, white_N=air.white_N)
-    return Noise(white_N=air.slow_N, wander_N=share * size[frames], clock=clock[frames])
+    return TraceNoise(white_N=air.slow_N, wander_N=share * size[frames], clock=clock[frames])
 
 
 def jacobian_N(
@@ -104,7 +106,7 @@ def fit(
     *,
     frames: Bool[np.ndarray, " t"] | None = None,
     follow: int = FOLLOWED,
-) -> Fit:
+) -> TraceFit:
     """Damped Gauss-Newton from the `follow` likeliest starts, the unexplained share chosen in turn.
 
     Only the chosen `frames` are fitted; history runs through all. Evidence by Laplace:
@@ -139,7 +141,7 @@ def fit(
     matrix, _ = target.newton(scaled, force, slope)
     off = scaled - mean
     prior = -0.5 * (off**2 @ precision - np.log(precision).sum())
-    return Fit(
+    return TraceFit(
         law=law,
         noise=target.noise,
         share=share,

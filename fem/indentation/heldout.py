@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_law import Law
-from fem.indentation.fit import Fit, fit
+from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import AirNoise
 
@@ -53,7 +53,9 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     return np.asarray(frames >= first)
 
 
-def foretell(linear: Fit, named: Fit, trace: IndenterTrace, air: AirNoise) -> tuple[Foretold, Foretold]:
+def foretell(
+    linear: TraceFit, named: TraceFit, trace: IndenterTrace, air: AirNoise
+) -> tuple[Foretold, Foretold]:
     """Both laws, refitted without the frames they foretell: the trace's end, and its blocks in turn."""
     block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
     ways = {"end": [future_frames(trace)], "blocks": [block, ~block]}
@@ -68,7 +70,7 @@ def foretell(linear: Fit, named: Fit, trace: IndenterTrace, air: AirNoise) -> tu
 
 
 def _left_out(
-    known: Fit, trace: IndenterTrace, air: AirNoise, masks: list[Bool[np.ndarray, " t"]]
+    known: TraceFit, trace: IndenterTrace, air: AirNoise, masks: list[Bool[np.ndarray, " t"]]
 ) -> Float[np.ndarray, " t"]:
     force = np.full(len(trace.time_s), np.nan)
     for mask in masks:

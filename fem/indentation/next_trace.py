@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.indentation.contact_law import Law
-from fem.indentation.fit import Fit, jacobian_N, noise_with
+from fem.indentation.fit import TraceFit, jacobian_N, noise_with
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import AirNoise
 
@@ -46,7 +46,7 @@ PRESSES: dict[str, Path] = {
 }
 
 
-def next_press(remaining: list[Fit], trace: IndenterTrace, air: AirNoise) -> str | None:
+def next_press(remaining: list[TraceFit], trace: IndenterTrace, air: AirNoise) -> str | None:
     """The press whose smallest distance between any two of the remaining laws is largest; None for one law.
 
     Distance: one law's forces less the other's, what the other could take up in its own unknowns projected
@@ -77,7 +77,7 @@ def _press(times: list[float], shares: list[float], trace: IndenterTrace, deepes
     )
 
 
-def _distance(truth: Fit, other: Fit, press: IndenterTrace, air: AirNoise) -> float:
+def _distance(truth: TraceFit, other: TraceFit, press: IndenterTrace, air: AirNoise) -> float:
     """How far `truth`'s forces are from all that `other` could bring forth nearby."""
     force = _own_force(truth.law, truth.scaled, press)
     recorded = IndenterTrace(

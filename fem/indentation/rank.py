@@ -5,7 +5,7 @@ from scipy.special import logsumexp
 
 from fem.indentation.effects.trace_viscoelastic import NAME as VISCOELASTIC
 from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
-from fem.indentation.fit import Fit
+from fem.indentation.fit import TraceFit
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter
 
 #: prior of nothing at all, of all single effects together, and of all pairs
@@ -21,13 +21,13 @@ LEFT_OVER, LEFT_OF_LINEAR = 0.05, 0.5
 NOTICED = 0.01
 
 
-def ranking(fits: list[Fit]) -> tuple[tuple[Candidate, ...], dict[str, Fit]]:
+def ranking(fits: list[TraceFit]) -> tuple[tuple[Candidate, ...], dict[str, TraceFit]]:
     """One candidate per name, most probable first, and the best fit of each; `fits[0]` is the linear one.
 
     A name's evidence is the mean over its forms. Its modulus is the fit's E: instantaneous where the flesh
     relaxes, as the law has it.
     """
-    groups: dict[str, list[Fit]] = {}
+    groups: dict[str, list[TraceFit]] = {}
     for one in fits:
         groups.setdefault(one.law.name, []).append(one)
     singles = sum("+" not in name for name in groups) - 1
@@ -66,7 +66,7 @@ def ranking(fits: list[Fit]) -> tuple[tuple[Candidate, ...], dict[str, Fit]]:
     )
 
 
-def log_odds_of_any(fits: list[Fit]) -> float:
+def log_odds_of_any(fits: list[TraceFit]) -> float:
     """Evidence for any effect (singles and pairs weighed as their priors are) over that of none."""
     candidates, _ = ranking(fits)
     some = candidates[0]
@@ -78,7 +78,7 @@ def log_odds_of_any(fits: list[Fit]) -> float:
 
 
 def verdict_of(
-    candidates: tuple[Candidate, ...], best: dict[str, Fit], *, p_value: float, log_odds: float
+    candidates: tuple[Candidate, ...], best: dict[str, TraceFit], *, p_value: float, log_odds: float
 ) -> str | tuple[str, ...]:
     """One name, several that cannot be told apart, "none", or "unknown".
 
@@ -100,13 +100,13 @@ def verdict_of(
     return named[0] if len(named) == 1 else tuple(named)
 
 
-def modulus_of(one: Fit) -> Modulus:
+def modulus_of(one: TraceFit) -> Modulus:
     """E with its standard deviation, to first order."""
     value = float(np.exp(one.scaled[0]))
     return Modulus(value=value, sd=value * float(one.sd[0]))
 
 
-def parameters_of(one: Fit) -> dict[str, Parameter]:
+def parameters_of(one: TraceFit) -> dict[str, Parameter]:
     """The effects' parameters by the names that files use, and the onset that goes with them."""
     found: dict[str, Parameter] = {}
     at = 0

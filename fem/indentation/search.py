@@ -7,11 +7,11 @@ from jaxtyping import Float
 
 from fem.indentation.contact_law import Law
 from fem.indentation.effects import trace_damage, trace_plastic_set, trace_stiffening
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
 from fem.indentation.effects.trace_sensor_drift import sensor_drift
 from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
-from fem.indentation.fit import Fit, fit
+from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import AirNoise
 
@@ -21,7 +21,7 @@ DRAWS = 16
 BEHIND = 30.0
 
 
-def effects_for(trace: IndenterTrace) -> list[tuple[Effect, ...]]:
+def effects_for(trace: IndenterTrace) -> list[tuple[TraceEffect, ...]]:
     """Every effect, each as the tuple of its forms, simplest first."""
     peak = float(np.abs(trace.force_N).max())
     travel = float(np.ptp(trace.travel_mm))
@@ -38,7 +38,7 @@ def effects_for(trace: IndenterTrace) -> list[tuple[Effect, ...]]:
 
 def candidate_fits(
     linear: Law, trace: IndenterTrace, air: AirNoise, *, rng: np.random.Generator
-) -> list[Fit]:
+) -> list[TraceFit]:
     """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
     Pairs: the best single effect with every other, and those among the effects close behind it. Of an effect
@@ -46,7 +46,7 @@ def candidate_fits(
     effect leaves over may need them.
     """
     fits = [fit(linear, trace, air, _starts(linear, [], rng))]
-    singles: dict[str, list[Fit]] = {}
+    singles: dict[str, list[TraceFit]] = {}
     for forms in effects_for(trace):
         for effect in forms:
             law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
@@ -72,7 +72,7 @@ def candidate_fits(
     return fits
 
 
-def _starts(law: Law, known: list[Fit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
+def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
     """The prior's mean, draws from it, and draws in which what simpler fits found is kept."""
     names = [u.name for u in law.unknowns]
     mean = np.array([u.mean for u in law.unknowns])

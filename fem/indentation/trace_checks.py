@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.fit import Fit
+from fem.indentation.fit import TraceFit
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import Check
 
@@ -11,7 +11,9 @@ from fem.mismatch.result import Check
 COPIES = 100
 
 
-def checks(trace: IndenterTrace, before: Fit, after: Fit, *, rng: np.random.Generator) -> tuple[Check, ...]:
+def checks(
+    trace: IndenterTrace, before: TraceFit, after: TraceFit, *, rng: np.random.Generator
+) -> tuple[Check, ...]:
     """Measured, and by both laws; sd from white noise on the second law's trace."""
     noise = after.noise.white_N * rng.standard_normal((COPIES, len(trace.time_s)))
     copies = [_numbers(trace, after.force_N + one) for one in noise]

@@ -7,7 +7,7 @@ from jaxtyping import Float
 from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
-from fem.indentation.fit import Fit
+from fem.indentation.fit import TraceFit
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import AirNoise, model_clock
 
@@ -29,7 +29,7 @@ class Detection:
 
 
 def detect(
-    fit: Fit, trace: IndenterTrace, air: AirNoise, *, log_odds: float, rng: np.random.Generator
+    fit: TraceFit, trace: IndenterTrace, air: AirNoise, *, log_odds: float, rng: np.random.Generator
 ) -> Detection:
     """Whiten, project out the nuisances, and count how many noise-only traces look as bad.
 

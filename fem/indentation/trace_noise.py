@@ -34,7 +34,7 @@ class AirNoise:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Noise:
+class TraceNoise:
     """Covariance white^2 I + a a' exp(-|c - c'|), a and c per frame: an Ornstein-Uhlenbeck process.
 
     The clock c need not be time: what a model leaves unexplained moves when the force moves (model_clock).

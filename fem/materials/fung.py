@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.law import unit_shear_and_bulk
-from fem.materials.split_energy import Shape, split_stress, split_tangent
+from fem.materials.split_energy import ShapeEnergy, split_stress, split_tangent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,19 +23,19 @@ class Fung:
     def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
         """W, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         b = self.stiffening
         return np.asarray(mu / 2 * np.expm1(b * shape.isochoric) / b + bulk / 2 * (shape.J - 1) ** 2)
 
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         return split_stress(shape, mu / 2 * np.exp(self.stiffening * shape.isochoric), bulk=bulk)
 
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """dP/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         slope = mu / 2 * np.exp(self.stiffening * shape.isochoric)
         return split_tangent(shape, slope, self.stiffening * slope, bulk=bulk)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.law import unit_shear_and_bulk
-from fem.materials.split_energy import Shape, split_stress, split_tangent
+from fem.materials.split_energy import ShapeEnergy, split_stress, split_tangent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,15 +22,15 @@ class NeoHookean:
     def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
         """W, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         return np.asarray(mu / 2 * shape.isochoric + bulk / 2 * (shape.J - 1) ** 2)
 
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        return split_stress(Shape.of(F), mu / 2, bulk=bulk)
+        return split_stress(ShapeEnergy.of(F), mu / 2, bulk=bulk)
 
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """dP/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        return split_tangent(Shape.of(F), mu / 2, 0.0, bulk=bulk)
+        return split_tangent(ShapeEnergy.of(F), mu / 2, 0.0, bulk=bulk)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShapeEnergy:
     """J, G = F^-T and i at each point, components first; NaN where J <= 0."""
 
     F: Float[np.ndarray, "3 3 q"]
@@ -27,7 +27,7 @@ class Shape:
     isochoric: Float[np.ndarray, " q"]
 
     @classmethod
-    def of(cls, F: Float[np.ndarray, "q 3 3"]) -> "Shape":
+    def of(cls, F: Float[np.ndarray, "q 3 3"]) -> "ShapeEnergy":
         """From the deformation gradient; quickest where that is a view of components stored one by one."""
         f = np.moveaxis(F, 0, -1)
         cofactor = np.empty(f.shape)
@@ -43,7 +43,7 @@ class Shape:
 
 
 def split_stress(
-    shape: Shape, slope: Float[np.ndarray, " q"] | float, *, bulk: float
+    shape: ShapeEnergy, slope: Float[np.ndarray, " q"] | float, *, bulk: float
 ) -> Float[np.ndarray, "q 3 3"]:
     """P, from w'(i) = `slope` at each point and the bulk modulus."""
     J, one = shape.J, slope * 2 * shape.J ** (-2 / 3)
@@ -52,7 +52,7 @@ def split_stress(
 
 
 def split_tangent(
-    shape: Shape,
+    shape: ShapeEnergy,
     slope: Float[np.ndarray, " q"] | float,
     curvature: Float[np.ndarray, " q"] | float,
     *,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.law import unit_shear_and_bulk
-from fem.materials.split_energy import Shape, split_stress, split_tangent
+from fem.materials.split_energy import ShapeEnergy, split_stress, split_tangent
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,7 +24,7 @@ class Yeoh:
     def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
         """W, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         i = shape.isochoric
         return np.asarray(
             mu / 2 * i * (1 + self.second * i + self.third * i**2) + bulk / 2 * (shape.J - 1) ** 2
@@ -42,9 +42,9 @@ class Yeoh:
 
     def _at(
         self, F: Float[np.ndarray, "q 3 3"]
-    ) -> tuple[Shape, Float[np.ndarray, " q"], Float[np.ndarray, " q"], float]:
+    ) -> tuple[ShapeEnergy, Float[np.ndarray, " q"], Float[np.ndarray, " q"], float]:
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        shape = Shape.of(F)
+        shape = ShapeEnergy.of(F)
         i = shape.isochoric
         slope = mu / 2 * (1 + 2 * self.second * i + 3 * self.third * i**2)
         return shape, slope, mu / 2 * (2 * self.second + 6 * self.third * i), bulk

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model.forward_model import Ground, over_all_frames
+from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.procedure import plain_ground
 from fem.mismatch.selection.modulus_with import modulus_of
 
@@ -63,7 +63,7 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
     return [over_all_frames(seen, own) for seen, own in zip(ground.base.grasps, beyond, strict=True)]
 
 
-def _beyond(ground: Ground, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+def _beyond(ground: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
     """d in the frames used; small departures add."""
     beyond = [np.zeros_like(seen.tracks.unit_displacement) for seen in ground.base.grasps]
     for known in effects:

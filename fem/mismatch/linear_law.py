@@ -8,8 +8,8 @@ from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, reduced_laws
 
 
@@ -23,9 +23,9 @@ class LinearLaw:
     name: str
     parameter: ParameterSpec
     sd: float
-    operators: Callable[[Ground], tuple[Operator, Sequence[Operator]]]
-    amounts: Callable[[Ground, float], Sequence[float]]
-    null: Callable[[Ground], float] = lambda ground: 0.0
+    operators: Callable[[ForwardModel], tuple[Operator, Sequence[Operator]]]
+    amounts: Callable[[ForwardModel, float], Sequence[float]]
+    null: Callable[[ForwardModel], float] = lambda ground: 0.0
     family: Family = "object"
     positive: bool = False
     needs_pit: bool = False
@@ -35,33 +35,33 @@ class LinearLaw:
         """The one parameter."""
         return (self.parameter,)
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """dc/dtheta at the plain law; none where the law needs a pit and there is none."""
         if self.needs_pit and not len(ground.base.mesh.pit_nodes):
             return []
-        fields = [Field(markers=ground.compliance * law.first) for law in self._laws(ground)]
+        fields = [ObservationDelta(markers=ground.compliance * law.first) for law in self._laws(ground)]
         return [
             Signature(
                 label="",
                 columns=(
-                    Column(name=self.parameter.name, sd=self.sd, fields=fields, positive=self.positive),
+                    Regressor(name=self.parameter.name, sd=self.sd, fields=fields, positive=self.positive),
                 ),
             )
         ]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount counts from the plain law."""
         spec = self.parameter
         return {spec.name: float(np.clip(self.null(ground) + amounts[0], spec.low, spec.high))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law of this parameter, in the reduced space."""
         amounts = self.amounts(ground, parameters[self.parameter.name])
         return Response(unit=[law.response(amounts) for law in self._laws(ground)])
 
-    def _laws(self, ground: Ground) -> list[ReducedLaw]:
+    def _laws(self, ground: ForwardModel) -> list[ReducedLaw]:
         def laws() -> list[ReducedLaw]:
             derivative, parts = self.operators(ground)
             return reduced_laws(ground, derivative=derivative, parts=parts)
@@ -69,7 +69,7 @@ class LinearLaw:
         return ground.kept(self.name, laws)
 
 
-def plain_stiffness(ground: Ground) -> Operator:
+def plain_stiffness(ground: ForwardModel) -> Operator:
     """K0."""
     return matrix_operator(ground.stiffness)
 
@@ -85,7 +85,7 @@ def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
 
 
 def stress_operator(
-    ground: Ground, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
+    ground: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
 ) -> Operator:
     """B' sigma(eps) of a law of stress that is linear in the strain."""
     return lambda moved: ground.points.forces(stress(ground.points.strain(moved)))

@@ -9,23 +9,23 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Remarked
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import LEVEL, best_beyond_usual, of_sound, p_values
-from fem.mismatch.selection.model_selection import Sound, named
+from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.mismatch.selection.screening import LinearRound, screened
 
 
 def explain(
@@ -47,15 +47,15 @@ def explain(
 
     with stage("plain model"):
         ground, fits = plain_ground(case, workers=workers)
-        recorded = ground.each(lambda seen: Recorded.of(ground, seen))
+        recorded = ground.each(lambda seen: GraspEquations.of(ground, seen))
     with stage("all effects, linear"):
-        linear = linear_round(ground, recorded, EFFECTS)
+        linear = screened(ground, recorded, EFFECTS)
         statistics = detection_statistics(linear, recorded, ground.softness)
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
-        sound = Sound(
+        sound = NullCase(
             chi2=count * of_sound("what is left"),
             most_chi2=count * of_sound("what is left", 0.95),
             softness=ground.softness,
@@ -127,12 +127,12 @@ def _where(seen: Where, best: Refit) -> Where:
     return seen
 
 
-def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[Ground, list[CompliantFit]]:
+def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
     first = baseline(case, workers=workers)
     base = with_touched_skin(first, compliance=_median_compliance(_fits(first)), workers=workers)
     fits = _fits(base)
-    return Ground(base=base, compliance=_median_compliance(fits), workers=workers), fits
+    return ForwardModel(base=base, compliance=_median_compliance(fits), workers=workers), fits
 
 
 def _fits(base: Baseline) -> list[CompliantFit]:
@@ -148,7 +148,7 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 
 def detection_statistics(
-    linear: LinearRound, recorded: Sequence[Recorded], softness: float
+    linear: LinearRound, recorded: Sequence[GraspEquations], softness: float
 ) -> dict[str, float]:
     """The numbers that fem.mismatch.selection.detection ranks, by the flesh's softness against the gel."""
     count = sum(one.own.shape[1] for one in recorded)

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from fem.mismatch.effect import ParameterSpec
-from fem.mismatch.evidence.linear_evidence import Products, Recorded
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
 from fem.mismatch.result import Candidate, GraspTrace, Parameter
 from fem.mismatch.selection.cross_validation import predictive
-from fem.mismatch.selection.model_selection import Named, Ranked
+from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
@@ -19,13 +19,13 @@ from fem.mismatch.selection.screening import LinearRound
 NINETY = 1.645
 
 
-def candidates(ground: Ground, found: Named, linear: LinearRound) -> tuple[Candidate, ...]:
+def candidates(ground: ForwardModel, found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
     """The ranking, with parameters where an effect was refitted."""
     base = predictive(linear.products, linear.nuisances)
     return tuple(_candidate(ground, one, linear, base) for one in found.ranking)
 
 
-def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | None) -> Candidate:
+def _candidate(ground: ForwardModel, one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
     if one.refit is None:
         drop = sum(shown.chi2_drop for shown in one.shown)
         return Candidate(
@@ -46,7 +46,7 @@ def _candidate(ground: Ground, one: Ranked, linear: LinearRound, base: float | N
     )
 
 
-def _parameters(ground: Ground, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
+def _parameters(ground: ForwardModel, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0
@@ -91,15 +91,15 @@ def _said(
     return spec.name, value, spec.unit, spread
 
 
-def _pads(ground: Ground) -> set[str]:
+def _pads(ground: ForwardModel) -> set[str]:
     return {pad for seen in ground.base.grasps for pad in seen.pad_names}
 
 
 def traces(
-    ground: Ground,
-    recorded: Sequence[Recorded],
-    before: tuple[Products, Sequence[int]],
-    after: tuple[Products, Sequence[int]],
+    ground: ForwardModel,
+    recorded: Sequence[GraspEquations],
+    before: tuple[GramMatrix, Sequence[int]],
+    after: tuple[GramMatrix, Sequence[int]],
 ) -> tuple[GraspTrace, ...]:
     """Every recording through the fit of the others (its own where it is the only one)."""
     count = len(recorded)

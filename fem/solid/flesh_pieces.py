@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
-from fem.parallel_map import side_by_side
+from fem.parallel_map import parallel_map
 from fem.solid.strain_field import FleshStrain
 
 ELEMENTS = 200
@@ -72,7 +72,7 @@ class FleshPieces:
         """On all nodes, from the law's stress."""
         frames, flat = len(moved), _frames_last(moved)
         total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)
-        forces = side_by_side(
+        forces = parallel_map(
             lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
         )
         with np.errstate(over="ignore", invalid="ignore"):
@@ -91,7 +91,7 @@ class FleshPieces:
         """A measure of the displacement gradient at the points of all pieces."""
         frames, flat = len(moved), _frames_last(moved)
         return np.concatenate(
-            side_by_side(
+            parallel_map(
                 lambda piece: measure(piece.gradient(flat, frames)), self.pieces, workers=self.workers
             )
         )

@@ -43,7 +43,7 @@ class PadLink:
         nodal = self.plain @ flat + self.rigid @ (self.balance @ flat)
         return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
 
-    def seen(self, moved: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
+    def at_markers(self, moved: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
         """Displacement of the markers when the contact nodes move so."""
         flat = moved.reshape(len(moved), -1).T
         read = self.plain.T @ flat + self.balance.T @ (self.rigid.T @ flat)

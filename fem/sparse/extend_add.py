@@ -12,7 +12,7 @@ BUFFER = 65536
 
 
 @dataclass(frozen=True)
-class Landing:
+class RelativeIndices:
     """Where the update of one front lands in its parent's.
 
     place: position of each row among the parent's pivots and rows, ascending.
@@ -24,7 +24,7 @@ class Landing:
     runs: list[tuple[int, int, int]]
 
     @classmethod
-    def at(cls, place: Int[np.ndarray, " q"], *, n_pivots: int) -> "Landing":
+    def at(cls, place: Int[np.ndarray, " q"], *, n_pivots: int) -> "RelativeIndices":
         """Find the stretches; the parent's first n_pivots places are pivots."""
         cut = np.flatnonzero((np.diff(place) != 1) | (place[1:] == n_pivots)) + 1
         starts = [0, *cut.tolist()]
@@ -41,7 +41,11 @@ class Front:
 
 
 def extend_add(
-    front: Front, update: Float[np.ndarray, "c c"], landing: Landing, *, buffer: Float[np.ndarray, " b"]
+    front: Front,
+    update: Float[np.ndarray, "c c"],
+    landing: RelativeIndices,
+    *,
+    buffer: Float[np.ndarray, " b"],
 ) -> None:
     """Add the update of a child to its parent's front; the buffer, of BUFFER numbers, is overwritten."""
     wide = len(front.triangle) + len(front.left) > BUFFER
@@ -51,7 +55,7 @@ def extend_add(
         _add_spread(front, update, landing, buffer)
 
 
-def _add_blocks(front: Front, update: np.ndarray, landing: Landing) -> None:
+def _add_blocks(front: Front, update: np.ndarray, landing: RelativeIndices) -> None:
     p = len(front.triangle)
     for k, (a, b, row) in enumerate(landing.runs):
         for c, d, column in landing.runs[k:]:
@@ -64,7 +68,7 @@ def _add_blocks(front: Front, update: np.ndarray, landing: Landing) -> None:
             np.add(target, update[a:b, c:d], out=target)
 
 
-def _add_spread(front: Front, update: np.ndarray, landing: Landing, buffer: np.ndarray) -> None:
+def _add_spread(front: Front, update: np.ndarray, landing: RelativeIndices, buffer: np.ndarray) -> None:
     """Some rows at a time: first to the parent's columns, zeros between, then stretch by stretch."""
     place = landing.place
     p, count = len(front.triangle), len(place)

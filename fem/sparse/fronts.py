@@ -7,7 +7,7 @@ from jaxtyping import Int
 from scipy.sparse import csr_array
 
 from fem.sparse.elimination_order import elimination_tree, same_pattern_groups
-from fem.sparse.extend_add import Landing
+from fem.sparse.extend_add import RelativeIndices
 from fem.sparse.front_entries import Entries, front_entries, ranges
 from fem.sparse.supernodes import Supernodes, supernodes
 
@@ -31,7 +31,7 @@ class Fronts:
     start: list[int]
     rows: list[Int[np.ndarray, " _"]]
     parent: list[int]
-    landing: list[Landing | None]
+    landing: list[RelativeIndices | None]
     entries: list[Entries]
     shelf: list[tuple[int, int]]
     shelf_size: list[int]
@@ -115,14 +115,14 @@ def _in_long_runs(nodes: Supernodes, n: int) -> list[Int[np.ndarray, " _"]]:
     return np.split(ordered, np.cumsum([len(p) for p in nodes.pivots])[:-1])
 
 
-def _landing(s: int, start: list[int], rows: list[np.ndarray], parent: list[int]) -> Landing | None:
+def _landing(s: int, start: list[int], rows: list[np.ndarray], parent: list[int]) -> RelativeIndices | None:
     p = parent[s]
     if p < 0:
         return None
     n_pivots = start[p + 1] - start[p]
     below = int(np.searchsorted(rows[s], start[p + 1]))
     among_rows = n_pivots + np.searchsorted(rows[p], rows[s][below:])
-    return Landing.at(np.concatenate([rows[s][:below] - start[p], among_rows]), n_pivots=n_pivots)
+    return RelativeIndices.at(np.concatenate([rows[s][:below] - start[p], among_rows]), n_pivots=n_pivots)
 
 
 def _shelves(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int, int]], list[int]]:

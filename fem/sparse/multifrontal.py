@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
-from fem.sparse.extend_add import BUFFER, Front, Landing, extend_add
+from fem.sparse.extend_add import BUFFER, Front, RelativeIndices, extend_add
 from fem.sparse.fronts import Fronts
 
 
@@ -59,7 +59,7 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
     shelves = [_zeros(size) for size in fronts.shelf_size]
     buffer = np.empty(BUFFER)
     triangles, rows_below = [], []
-    pending: list[list[tuple[np.ndarray, Landing]]] = [[] for _ in fronts.rows]
+    pending: list[list[tuple[np.ndarray, RelativeIndices]]] = [[] for _ in fronts.rows]
     for s, rows in enumerate(fronts.rows):
         p, q = fronts.start[s + 1] - fronts.start[s], len(rows)
         panel = _zeros(p * (p + q))

@@ -11,7 +11,14 @@ from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, survey
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.plausible import Kind, grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
+from pipeline.batch.plausible import (
+    PlausibleRange,
+    grading_doubts,
+    kind_of,
+    mesh_doubt,
+    row_doubts,
+    table_doubts,
+)
 from pipeline.batch.problem import Problem
 from pipeline.batch.same_recording import in_two_fruit, refuse_copy
 from pipeline.diagnosis.confirmed_effects import effects_on, faults, pit_found
@@ -135,7 +142,7 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
 
 
 def _recording_problems(
-    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: PlausibleRange, read: Read
 ) -> Iterator[Problem]:
     """Why a recording is of no use, or what in it will put E in doubt."""
     found: list[Finding] = []
@@ -146,7 +153,7 @@ def _recording_problems(
 
 
 def _findings(
-    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: Kind, read: Read
+    path: Path, batch: Survey, row: FruitRow, mesh: Mesh | None, kind: PlausibleRange, read: Read
 ) -> tuple[Finding, ...]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
@@ -210,7 +217,7 @@ def _no_files(row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
                 yield _at(row, path, f"{wrong}; put the file itself there, or take it away.")
 
 
-def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: Kind) -> Iterator[str]:
+def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: PlausibleRange) -> Iterator[str]:
     """A sentence where the ready mesh, if there is one, is of no fruit's size."""
     if mesh is None:
         return
@@ -237,7 +244,7 @@ def _so_many(count: int, one: str, more: str) -> str:
 
 
 def _ready_mesh_problems(
-    batch: Survey, row: FruitRow, folder: FruitFolder, kind: Kind, mesh: Mesh
+    batch: Survey, row: FruitRow, folder: FruitFolder, kind: PlausibleRange, mesh: Mesh
 ) -> Iterator[Problem]:
     """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
     broken = [
@@ -277,7 +284,7 @@ def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
     return place_pit(*fruit, batch.prior)
 
 
-def _pit_sized(path: Path, pit: Mesh, kind: Kind) -> None:
+def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
     """Refuse a pit of no pit's size; raises ReconFailure."""
     longest, (least, most) = float(np.ptp(pit[0], axis=0).max()), kind.body.pit_mm
     if not least <= longest <= most:

@@ -21,7 +21,7 @@ from pipeline.safe_start import elsewhere
 from recon.cameras.mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.measured import load_pit
-from recon.pit.priors import STONE_FRUIT, Body, PitPrior, known_categories, load_prior
+from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
 from recon.plain_file import NotReadable, json_of, not_plain, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES
@@ -54,7 +54,7 @@ class Batch:
     mat: Mat | None
     category: str
     known: PitPrior | None
-    body: Body
+    body: PitBody
     prior: PitPrior | None
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from pipeline.batch.fruits_table import MEASURES, FruitRow
 from pipeline.batch.settings import Grading
-from recon.pit.priors import STONE_FRUIT, Body, PitPrior, Plausible
+from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, Plausible
 
 POINT = "is its decimal point missing"
 Slips = tuple[tuple[float, str], ...]
@@ -66,12 +66,12 @@ FEWEST_OTHERS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class PlausibleRange:
     """A category as the sentences name it, and what is known of it."""
 
     name: str
     ranges: Plausible
-    body: Body
+    body: PitBody
 
     @property
     def a_fruit(self) -> str:
@@ -79,14 +79,16 @@ class Kind:
         return f"{'an' if self.name[:1].lower() in 'aeiou' else 'a'} {self.name}"
 
 
-def kind_of(category: PitPrior | None) -> Kind:
+def kind_of(category: PitPrior | None) -> PlausibleRange:
     """What is known of a category; of an unknown one, nothing."""
     if category is None:
-        return Kind(name="fruit", ranges=Plausible(), body=STONE_FRUIT)
-    return Kind(name=category.category, ranges=category.plausible or Plausible(), body=category.body)
+        return PlausibleRange(name="fruit", ranges=Plausible(), body=STONE_FRUIT)
+    return PlausibleRange(
+        name=category.category, ranges=category.plausible or Plausible(), body=category.body
+    )
 
 
-def grading_doubts(grading: Grading, kind: Kind) -> Iterator[str]:
+def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
     """Sentences on numbers of batch.toml that no fruit of the category meets."""
     if kind.ranges.E_MPa is None:
         return
@@ -100,7 +102,7 @@ def grading_doubts(grading: Grading, kind: Kind) -> Iterator[str]:
             )
 
 
-def table_doubts(rows: Sequence[FruitRow], kind: Kind) -> dict[str, str]:
+def table_doubts(rows: Sequence[FruitRow], kind: PlausibleRange) -> dict[str, str]:
     """Sentences on the columns that are out of range in every row: one slip, not many."""
     said = {}
     rows = [row for row in rows if not row.reference]
@@ -114,7 +116,7 @@ def table_doubts(rows: Sequence[FruitRow], kind: Kind) -> dict[str, str]:
     return said
 
 
-def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: Kind) -> Iterator[str]:
+def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: PlausibleRange) -> Iterator[str]:
     """Sentences on what one fruit's numbers cannot be: alone, together, and among the other fruit.
 
     What `table_doubts` says of a whole column is not said again. A reference body stands alone, and no fruit
@@ -141,7 +143,7 @@ def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: Kind) -> Iterator[
         yield from _together(own, kind)
 
 
-def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Kind) -> str:
+def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: PlausibleRange) -> str:
     """A sentence where a ready mesh is of no fruit's size, or ten times the height that staff measured; empty
     where it can be.
 
@@ -166,7 +168,7 @@ def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Kind) -> 
     return ""
 
 
-def _range(name: str, kind: Kind) -> str:
+def _range(name: str, kind: PlausibleRange) -> str:
     low, high = getattr(kind.ranges, name)
     unit = f" {UNITS[name]}" if UNITS[name] else ""
     return f"{kind.a_fruit} is {low:g} to {high:g}{unit} {WORDS[name]}"
@@ -195,7 +197,7 @@ def _meant(
     return f"; {word} ({after})?"
 
 
-def _exchanged(own: Mapping[str, float], kind: Kind) -> str:
+def _exchanged(own: Mapping[str, float], kind: PlausibleRange) -> str:
     """A sentence where two numbers fit each other's column, and one fits its own in no unit."""
     for a, b in itertools.combinations(own, 2):
         of_a, of_b = getattr(kind.ranges, a), getattr(kind.ranges, b)
@@ -221,7 +223,7 @@ def _middle(name: str, row: FruitRow, rows: Sequence[FruitRow]) -> float | None:
     return statistics.median(values) if len(values) >= FEWEST_OTHERS else None
 
 
-def _apart(name: str, value: float, middle: float | None, kind: Kind) -> str:
+def _apart(name: str, value: float, middle: float | None, kind: PlausibleRange) -> str:
     if middle is None:
         return ""
     sizes = kind.ranges.height_mm
@@ -235,7 +237,7 @@ def _apart(name: str, value: float, middle: float | None, kind: Kind) -> str:
     return f"{name} {value:g}: the other fruit of the batch have about {middle:.4g}{slip}"
 
 
-def _together(own: Mapping[str, float], kind: Kind) -> Iterator[str]:
+def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
     """Height against diameter, and the density that mass, height and diameter make, an ellipsoid's."""
     height, diameter, mass = (own.get(name) for name in ("height_mm", "diameter_mm", "mass_g"))
     most = FLATTER * kind.body.longest_over_shortest
@@ -272,7 +274,9 @@ def _together(own: Mapping[str, float], kind: Kind) -> Iterator[str]:
         )
 
 
-def _swapped(mass: float, size: float, other: float, kind: Kind, limits: tuple[float, float]) -> bool:
+def _swapped(
+    mass: float, size: float, other: float, kind: PlausibleRange, limits: tuple[float, float]
+) -> bool:
     """Whether the fruit can be, had mass and `size` been written in each other's column."""
     sizes, masses = kind.ranges.diameter_mm, kind.ranges.mass_g
     if sizes is None or masses is None or not (_within(mass, sizes) and _within(size, masses)):

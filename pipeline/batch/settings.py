@@ -90,7 +90,7 @@ NO_PIT = "none"
 """The pit prior of fruit without a pit."""
 
 
-class Pit(Strict):
+class PitSettings(Strict):
     """Which pit prior is embedded, and how far the true pit may be from it (standard deviations).
 
     Of prior "none", a fruit that brings no pit.ply has no pit.
@@ -148,7 +148,7 @@ class Photos(Strict):
         return None if self.coin_mm is None else Coin(name="coin_mm", diameter_mm=self.coin_mm)
 
 
-class FleshMesh(Strict):
+class MeshSettings(Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
     Under the pads a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size) unless given.
@@ -158,7 +158,7 @@ class FleshMesh(Strict):
     pad_edge_mm: Annotated[float, Field(ge=0.3, le=10)] | None = None
 
 
-class Flesh(Strict):
+class FleshSettings(Strict):
     """How the flesh deforms: "linear" (small strain) or "neo-hookean" (large deformation, slower)."""
 
     model: Literal["linear", "neo-hookean"] = "linear"
@@ -171,7 +171,7 @@ class Device(Strict):
     serial: Name | None = None
 
 
-class Sensor(Device):
+class SensorSettings(Device):
     """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
     skin, where the maker or a calibration says."""
 
@@ -180,7 +180,7 @@ class Sensor(Device):
     pose_sd_mm: Shift | None = None
 
 
-class Reference(Strict):
+class ReferenceSettings(Strict):
     """What is done where reference bodies (fruits.csv) show that the gripper reads another modulus than
     theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt. `chart` names the
     CSV, relative to the batch, to which each batch adds what was read.
@@ -203,15 +203,15 @@ class Settings(Strict):
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
     notes: Words | None = None
-    sensor: Sensor | None = None
+    sensor: SensorSettings | None = None
     gripper: Device | None = None
-    pit: Pit = Pit()
+    pit: PitSettings = PitSettings()
     recon: Recon = Recon()
     photos: Photos = Photos()
-    mesh: FleshMesh = FleshMesh()
-    flesh: Flesh = Flesh()
+    mesh: MeshSettings = MeshSettings()
+    flesh: FleshSettings = FleshSettings()
     grading: Grading = Grading()
-    reference: Reference = Reference()
+    reference: ReferenceSettings = ReferenceSettings()
     mismatch: Annotated[tuple[ConfirmedEffect, ...], Field(max_length=1000)] = ()
 
 
@@ -350,7 +350,7 @@ def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:
 
 
 def _table(annotation: Any) -> type[BaseModel]:
-    """The model in a field's type: `Pit`, `Sensor | None`, `tuple[GradingClass, ...]`."""
+    """The model in a field's type: `PitSettings`, `Sensor | None`, `tuple[GradingClass, ...]`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(_table(part) for part in get_args(annotation) if part not in (type(None), Ellipsis))

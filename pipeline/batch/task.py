@@ -7,11 +7,11 @@ from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
 from pipeline.batch.records import Given
-from pipeline.batch.settings import NO_PIT, Pit, Settings
+from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, effects_on, keyed
 from pipeline.ranking.reference_body import CATEGORY, reference_prior
 from recon.cameras.mat import Mat
-from recon.pit.priors import Body, PitPrior
+from recon.pit.priors import PitBody, PitPrior
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}
 """Settings that change no fruit's result."""
@@ -32,7 +32,7 @@ class FruitTask:
     settings: Settings
     mat: Mat | None
     category: str
-    body: Body
+    body: PitBody
     prior: PitPrior | None
     given: Given
     key: str
@@ -52,7 +52,12 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
     if row.reference:
         # Of the confirmed effects, those of the whole batch's flesh are not this body's.
         own = tuple(one for one in own if one.fruits is not None or one.effect in OF_THE_JAWS)
-        changed = {"mismatch": own, "pit": Pit(prior=NO_PIT), "poisson_ratio": None, "poisson_ratio_sd": None}
+        changed = {
+            "mismatch": own,
+            "pit": PitSettings(prior=NO_PIT),
+            "poisson_ratio": None,
+            "poisson_ratio_sd": None,
+        }
         settings = batch.settings.model_copy(update=changed)
         prior = reference_prior(reference_ratio(row, batch.settings))
         category, body = CATEGORY, prior.body

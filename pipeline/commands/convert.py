@@ -46,11 +46,11 @@ def convert(
     """
     with elsewhere():
         from pipeline.batch.progress import StageLines
-        from pipeline.recordings.conversion import Wanted
+        from pipeline.recordings.conversion import ConvertRequest
         from pipeline.recordings.conversion import convert as convert_source
         from tactile.tactile_failure import TactileFailure
 
-    wanted = Wanted(
+    wanted = ConvertRequest(
         sensor=sensor,
         fruit_id=fruit,
         category=category,

@@ -74,7 +74,7 @@ def explain(
     with elsewhere():
         load(*LOADED_LATE)
         from pipeline.batch.progress import StageLines
-        from pipeline.diagnosis.explaining import NO_ANSWER, NotExplained, Wanted
+        from pipeline.diagnosis.explaining import NO_ANSWER, ExplainOutputs, NotExplained
         from pipeline.diagnosis.explaining import explain as explain_case
         from pipeline.diagnosis.terminal_summary import print_explanation
 
@@ -83,7 +83,7 @@ def explain(
         found = explain_case(
             case,
             fruit_id=fruit,
-            wanted=Wanted(json=json, html=html, work=work, out=out, apply=apply),
+            wanted=ExplainOutputs(json=json, html=html, work=work, out=out, apply=apply),
             report=StageLines(console).stage,
             jobs=jobs or min(cores(), MOST_EXPLAINING),
         )

@@ -13,12 +13,12 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from recon.plain_file import printable
 from tactile.correction import (
-    ClockLag,
+    ComplianceFault,
+    DriftFault,
     Fault,
-    GripperCompliance,
-    PoseError,
-    SensorDrift,
-    SensorGain,
+    GainFault,
+    LagFault,
+    PoseFault,
 )
 
 Kind = Literal["number", "pair", "triple", "pad"]
@@ -204,15 +204,15 @@ def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
 
 def _fault(one: ConfirmedEffect) -> Fault:
     if one.effect == "sensor_gain":
-        return SensorGain(pad=one.pad, gain=one.number("gain"))
+        return GainFault(pad=one.pad, gain=one.number("gain"))
     if one.effect == "sensor_drift":
-        return SensorDrift(pad=one.pad, newton_per_s=one.number("newton_per_s"))
+        return DriftFault(pad=one.pad, newton_per_s=one.number("newton_per_s"))
     if one.effect == "gripper_compliance":
-        return GripperCompliance(mm_per_N=one.number("mm_per_N"))
+        return ComplianceFault(mm_per_N=one.number("mm_per_N"))
     if one.effect == "clock_lag":
-        return ClockLag(lag_s=one.number("lag_s"))
+        return LagFault(lag_s=one.number("lag_s"))
     x, y = one.vector("shift_mm")
-    return PoseError(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
+    return PoseFault(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
 
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:

@@ -13,7 +13,7 @@ from pipeline.batch.layout import CaseFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.batch.records import Given
-from pipeline.batch.settings import Name, Pit, Relative, Settings, Shift, Strict, read_toml
+from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
@@ -104,7 +104,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         category=said.category,
         poisson_ratio=said.poisson_ratio,
         poisson_ratio_sd=said.poisson_ratio_sd if said.poisson_ratio is not None else None,
-        pit=Pit(offset_sd_mm=said.offset_sd_mm, size_sd=said.size_sd),
+        pit=PitSettings(offset_sd_mm=said.offset_sd_mm, size_sd=said.size_sd),
     )
     name = folder.root.resolve().name
     task = FruitTask(

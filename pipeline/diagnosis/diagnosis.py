@@ -17,7 +17,7 @@ from pipeline.diagnosis.notes import notes_on, notes_on_verdict
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from tactile.io.recording import IndenterPad, read_recording
 from tactile.tactile_failure import TactileFailure
 
@@ -25,7 +25,7 @@ TRACE_SEED = 20261120
 
 
 @dataclass(frozen=True, kw_only=True)
-class Finding:
+class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, and facts for the page."""
 
     explanation: Explanation
@@ -34,7 +34,7 @@ class Finding:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def finding(case: Case, diary: Diary, *, jobs: int = 1) -> Finding:
+def finding(case: Case, diary: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `diary`, with so many threads; raises as the stages do."""
     bare = bare_trace(case)
     with threadpool_limits(1):
@@ -98,14 +98,14 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
     )
 
 
-def find(case: MismatchCase, diary: Diary, *, jobs: int) -> Explanation:
+def find(case: MismatchCase, diary: StageLog, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.procedure import explain
 
     return explain(case, progress=diary.report, workers=jobs)
 
 
-def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
+def _of_grasps(case: Case, diary: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, diary)
     handed = mismatch_case(case, fruit)
     with diary.stage("explanation"):
@@ -115,7 +115,7 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
     )
     budget, pit = handed.budget, fruit.pit.record
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
-    return Finding(
+    return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
         contacts_mm=touched_by_pad(fruit.placed),
@@ -129,7 +129,7 @@ def _of_grasps(case: Case, diary: Diary, jobs: int) -> Finding:
     )
 
 
-def _of_trace(case: Case, diary: Diary, name: str, trace: IndenterTrace) -> Finding:
+def _of_trace(case: Case, diary: StageLog, name: str, trace: IndenterTrace) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
     with diary.stage("explanation"):
         found = explain_trace(
@@ -141,7 +141,7 @@ def _of_trace(case: Case, diary: Diary, name: str, trace: IndenterTrace) -> Find
     deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
     notes = dict.fromkeys([*found.notes, *case.notes, *([] if case.thickness_mm else [deep])])
     thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
-    return Finding(
+    return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),
         grasps=(name,),
         facts=(

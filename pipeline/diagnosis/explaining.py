@@ -35,7 +35,7 @@ from pipeline.files.write_guard import (
     require_temporary_apart,
     require_work_apart,
 )
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import ExplainEntry
@@ -52,7 +52,7 @@ class NotExplained(Exception):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class ExplainOutputs:
     """What the answer is written to; `work`: where stages are kept between runs of a case of its own."""
 
     json: Path | None = None
@@ -71,7 +71,7 @@ def explain(
     path: Path,
     *,
     fruit_id: str | None,
-    wanted: Wanted,
+    wanted: ExplainOutputs,
     report: Callable[[str], None],
     jobs: int = 1,
     now: Callable[[], datetime] = utc_now,
@@ -103,11 +103,11 @@ def explain(
 
 
 def _explained(
-    case: Case, wanted: Wanted, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
+    case: Case, wanted: ExplainOutputs, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
 ) -> ExplainEntry:
     require_one_fruit(case)
     started, since_s = now(), time.monotonic()
-    diary = Diary(report)
+    diary = StageLog(report)
     found = finding(case, diary, jobs=jobs)
     explanation = found.explanation
     done = applied(case, explanation, now=started) if wanted.apply else ""
@@ -154,7 +154,7 @@ def _explained(
     return entry
 
 
-def _require_apart(case: Case, wanted: Wanted) -> None:
+def _require_apart(case: Case, wanted: ExplainOutputs) -> None:
     """A case of its own: nothing is written into its folder or over what it reads."""
     folder, inputs = CaseFolder(case.task.folder.root), case.input_files()
     if wanted.work is not None:
@@ -164,7 +164,7 @@ def _require_apart(case: Case, wanted: Wanted) -> None:
             require_file_apart(target, inputs=inputs, folders=[folder.root])
 
 
-def _require_apart_of_batch(case: Case, batch: Batch, wanted: Wanted) -> Path:
+def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) -> Path:
     """A batch's fruit: its results are no inputs, and answers go nowhere else in the batch; the results."""
     root = case.task.results.root.parents[1]
     results = Results(wanted.out or batch.folder.default_results)
@@ -195,7 +195,7 @@ def _said_plainly() -> Iterator[None]:
         raise NotExplained(f"Ran out of memory ({error}); close other programs and run it again.") from error
 
 
-def _require_writable(wanted: Wanted) -> None:
+def _require_writable(wanted: ExplainOutputs) -> None:
     """A slip in the name of an output is found before the work, not after it."""
     for option, target in (("--json", wanted.json), ("--html", wanted.html)):
         if target is None:

@@ -11,7 +11,7 @@ from pipeline.batch.cache import Artifact, cached, stage_key
 from pipeline.batch.settings import Settings
 from pipeline.batch.task import FruitTask
 from pipeline.diagnosis.confirmed_effects import pit_found
-from pipeline.fruit.fruit_shape import Pit, Shape
+from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape
 from pipeline.ranking.reference_body import NAME as REFERENCE
 from recon.pit.priors import PitPrior
 
@@ -37,7 +37,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
     raise ValueError("a batch was opened without Poisson's ratio")
 
 
-def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
+def flesh_mesh(task: FruitTask, pit: EmbeddedPit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
     """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change.
 
     Solid where there is no pit.
@@ -67,7 +67,7 @@ def flesh_mesh(task: FruitTask, pit: Pit, touched_mm: Float[np.ndarray, "p 3"]) 
     return FleshMesh(**cached(task.results.cache, "flesh", key, compute).arrays)
 
 
-def error_budget(task: FruitTask, shape: Shape) -> ErrorBudget:
+def error_budget(task: FruitTask, shape: FruitShape) -> ErrorBudget:
     """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
     own, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
     placed = pit_found(task.settings.mismatch)

@@ -23,7 +23,7 @@ from recon.triangle_mesh import volume_mm3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shape:
+class FruitShape:
     """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
 
     `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
@@ -40,7 +40,7 @@ class Shape:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pit:
+class EmbeddedPit:
     """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm.
 
     Without a pit there is a skin alone, and no record.
@@ -52,7 +52,7 @@ class Pit:
     record: PitRecord | None
 
 
-def fruit_shape(task: FruitTask) -> Shape:
+def fruit_shape(task: FruitTask) -> FruitShape:
     """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure.
 
     Its warnings say where photos, size and stance are doubtful.
@@ -71,7 +71,7 @@ def fruit_shape(task: FruitTask) -> Shape:
     return replace(shape, warnings=(*shape.warnings, *doubts), record=record)
 
 
-def _fruit_shape(task: FruitTask) -> Shape:
+def _fruit_shape(task: FruitTask) -> FruitShape:
     folder = task.folder
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
@@ -123,9 +123,9 @@ def _shape(
     facts: Mapping[str, Any],
     views: Int[np.ndarray, " n"] | None = None,
     sd_mm: Float[np.ndarray, " n"] | None = None,
-) -> Shape:
+) -> FruitShape:
     box = np.ptp(vertices, axis=0).tolist()
-    return Shape(
+    return FruitShape(
         vertices=vertices,
         faces=faces,
         mesh_from_fruit=mesh_from_fruit,
@@ -146,14 +146,14 @@ def _shape(
     )
 
 
-def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
+def embedded_pit(task: FruitTask, shape: FruitShape) -> EmbeddedPit:
     """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
     if task.folder.pit_ply.is_file():
         vertices, faces = read_mesh(task.folder.pit_ply)
         require_closed(vertices, faces, what="pit.ply")
         source = "pit.ply"
     elif task.settings.pit.none:
-        return Pit(
+        return EmbeddedPit(
             vertices=np.empty((0, 3)),
             faces=np.empty((0, 3), dtype=np.int64),
             skin=(shape.vertices, shape.faces),
@@ -172,7 +172,7 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
     skin, pit = embedded.skin, embedded.pit
     low, high = pit[0].min(axis=0), pit[0].max(axis=0)
-    return Pit(
+    return EmbeddedPit(
         vertices=pit[0],
         faces=pit[1],
         skin=skin,
@@ -187,7 +187,7 @@ def embedded_pit(task: FruitTask, shape: Shape) -> Pit:
     )
 
 
-def write_meshes(results: FruitResults, shape: Shape, pit: Pit) -> None:
+def write_meshes(results: FruitResults, shape: FruitShape, pit: EmbeddedPit) -> None:
     """fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the mat's)."""
     for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
         if not len(part.faces):

@@ -19,12 +19,12 @@ from pipeline.batch.same_recording import refuse_copy
 from pipeline.batch.task import FruitTask
 from pipeline.diagnosis.confirmed_effects import faults
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
-from pipeline.fruit.fruit_shape import Pit, Shape, embedded_pit, fruit_shape, write_meshes
+from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
 from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks, stranger
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from recon.plain_file import printable
 from recon.surface.coverage import SEEN_BY
 from reports.coverage_map import coverage_map
@@ -50,8 +50,8 @@ class GraspedFruit:
     `doubts`: what cannot be right in what is used.
     """
 
-    shape: Shape
-    pit: Pit
+    shape: FruitShape
+    pit: EmbeddedPit
     placed: tuple[PlacedGrasp, ...]
     failed: tuple[GraspRecord, ...]
     mesh: FleshMesh
@@ -60,7 +60,7 @@ class GraspedFruit:
     doubts: tuple[Doubt, ...] = ()
 
 
-def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
+def grasped_fruit(task: FruitTask, diary: StageLog) -> GraspedFruit:
     """Photos or a ready mesh to elements, in stages told to `diary`.
 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
@@ -114,7 +114,7 @@ def grasped_fruit(task: FruitTask, diary: Diary) -> GraspedFruit:
     )
 
 
-def _pit_doubts(task: FruitTask, shape: Shape, pit: Pit) -> list[Doubt]:
+def _pit_doubts(task: FruitTask, shape: FruitShape, pit: EmbeddedPit) -> list[Doubt]:
     """Where the fruit's own pit is unlike its category's; raises FruitEnded where E would mean nothing."""
     if not task.folder.pit_ply.is_file():
         return []
@@ -126,7 +126,7 @@ def _pit_doubts(task: FruitTask, shape: Shape, pit: Pit) -> list[Doubt]:
 
 
 def _placed(
-    task: FruitTask, shape: Shape, diary: Diary
+    task: FruitTask, shape: FruitShape, diary: StageLog
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed: list[PlacedGrasp] = []
@@ -172,7 +172,7 @@ def owner_of(task: FruitTask) -> Owner:
 
 def _admitted(
     owner: Owner,
-    diary: Diary,
+    diary: StageLog,
     strangers: dict[str, bool],
     recording: Recording,
     *,
@@ -191,7 +191,7 @@ def _admitted(
     return found
 
 
-def _checked(task: FruitTask, shape: Shape) -> Checked:
+def _checked(task: FruitTask, shape: FruitShape) -> Checked:
     """What the recordings' checks are told of this fruit."""
     plausible = None if task.prior is None else task.prior.plausible
     scale = (shape.record.scale_sd or 0.0) * max(shape.record.box_mm) / 2
@@ -201,7 +201,7 @@ def _checked(task: FruitTask, shape: Shape) -> Checked:
     )
 
 
-def _where_fine(placed: list[PlacedGrasp], shape: Shape) -> Float[np.ndarray, "p 3"]:
+def _where_fine(placed: list[PlacedGrasp], shape: FruitShape) -> Float[np.ndarray, "p 3"]:
     """Where elements must be small: under every pad, and at the round foot of a fruit on a base."""
     points = [points for grasp in placed for points in grasp.touched_mm.values()]
     if any(grasp.recording.support == "base" for grasp in placed):

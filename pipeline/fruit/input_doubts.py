@@ -13,7 +13,7 @@ from pipeline.batch.records import PitFoundRecord
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
-from tactile.checks.finding import Field, Kind
+from tactile.checks.finding import Field, FindingKind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
 """A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
@@ -50,67 +50,67 @@ _PHASES = ModulusSign.PHASES_APART
 _FORCE_LOST = frozenset({_METHODS, _RESIDUAL, _UNBALANCED})
 _GAIN = frozenset({_METHODS, _RESIDUAL, _UNBALANCED, _PHASES})
 _ELSEWHERE = frozenset({_METHODS, _RESIDUAL})
-EXPLAINS: Mapping[Kind, frozenset[ModulusSign]] = {
+EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
-    Kind.DEAD_MARKERS: _FORCE_LOST,
-    Kind.MARKERS_MISSING: _FORCE_LOST,
-    Kind.CLIPPED: _FORCE_LOST,
-    Kind.COARSE_STEPS: _FORCE_LOST,
-    Kind.NO_TARE: _FORCE_LOST,
+    FindingKind.DEAD_MARKERS: _FORCE_LOST,
+    FindingKind.MARKERS_MISSING: _FORCE_LOST,
+    FindingKind.CLIPPED: _FORCE_LOST,
+    FindingKind.COARSE_STEPS: _FORCE_LOST,
+    FindingKind.NO_TARE: _FORCE_LOST,
     # a gain may be of one pad, and be a gel that creeps
-    Kind.GAIN: _GAIN,
-    Kind.FORCE_SCALE: _GAIN,
-    Kind.DISPLACEMENT_SCALE: _GAIN,
-    Kind.FORCE_DRIFT: _GAIN,
+    FindingKind.GAIN: _GAIN,
+    FindingKind.FORCE_SCALE: _GAIN,
+    FindingKind.DISPLACEMENT_SCALE: _GAIN,
+    FindingKind.FORCE_DRIFT: _GAIN,
     # the first touch is found late; the residual is judged by the noise itself
-    Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
+    FindingKind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
     # places of the gel against the jaws; the two pads' forces are still of one instant
-    Kind.CLOCKS_APART: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
-    Kind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
-    Kind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
-    Kind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    FindingKind.CLOCKS_APART: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    FindingKind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    FindingKind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
+    FindingKind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
     # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
-    Kind.WIDTH: _ELSEWHERE,
-    Kind.ASIDE: _ELSEWHERE,
-    Kind.PRINT_ASIDE: _ELSEWHERE,
-    Kind.PADS_EXCHANGED: _ELSEWHERE,
-    Kind.MESH_TURNED: _ELSEWHERE,
-    Kind.OTHER_FRUIT: _ELSEWHERE,
-    Kind.OTHER_CATEGORY: _ELSEWHERE,
+    FindingKind.WIDTH: _ELSEWHERE,
+    FindingKind.ASIDE: _ELSEWHERE,
+    FindingKind.PRINT_ASIDE: _ELSEWHERE,
+    FindingKind.PADS_EXCHANGED: _ELSEWHERE,
+    FindingKind.MESH_TURNED: _ELSEWHERE,
+    FindingKind.OTHER_FRUIT: _ELSEWHERE,
+    FindingKind.OTHER_CATEGORY: _ELSEWHERE,
     # E does not depend on these
-    Kind.TIME_UNIT: frozenset(),
-    Kind.APERTURE_UNIT: frozenset(),
-    Kind.FRAMES_DROPPED: frozenset(),
-    Kind.ENDS_PRESSED: frozenset(),
+    FindingKind.TIME_UNIT: frozenset(),
+    FindingKind.APERTURE_UNIT: frozenset(),
+    FindingKind.FRAMES_DROPPED: frozenset(),
+    FindingKind.ENDS_PRESSED: frozenset(),
     # a recording with one of these is refused: no modulus comes from it
     **dict.fromkeys(
         (
-            Kind.ZERO_FRAMES,
-            Kind.MARKERS_UNIT,
-            Kind.MARKERS_ORDER,
-            Kind.OVER_EDGE,
-            Kind.AXES,
-            Kind.DEAD_FIELD,
-            Kind.SIGN,
-            Kind.DELAY,
-            Kind.INCREMENTS,
-            Kind.OUT_OF_STEP,
-            Kind.OTHER_MARKERS,
-            Kind.SATURATION,
-            Kind.FORCE_UNIT,
-            Kind.DISPLACEMENT_UNIT,
-            Kind.STIFFNESS_UNIT,
-            Kind.FORCE_OR_STIFFNESS_UNIT,
-            Kind.FRAMES_SHUFFLED,
-            Kind.GEL_FRAMES_SHUFFLED,
-            Kind.POSES_UNIT,
-            Kind.POSES_STILL,
-            Kind.POSES_TRANSPOSED,
-            Kind.POSES_INVERTED,
-            Kind.POSES_BACK_TO_BACK,
-            Kind.POSES_TURNED,
-            Kind.POSE_AWAY,
-            Kind.TOO_DEEP,
+            FindingKind.ZERO_FRAMES,
+            FindingKind.MARKERS_UNIT,
+            FindingKind.MARKERS_ORDER,
+            FindingKind.OVER_EDGE,
+            FindingKind.AXES,
+            FindingKind.DEAD_FIELD,
+            FindingKind.SIGN,
+            FindingKind.DELAY,
+            FindingKind.INCREMENTS,
+            FindingKind.OUT_OF_STEP,
+            FindingKind.OTHER_MARKERS,
+            FindingKind.SATURATION,
+            FindingKind.FORCE_UNIT,
+            FindingKind.DISPLACEMENT_UNIT,
+            FindingKind.STIFFNESS_UNIT,
+            FindingKind.FORCE_OR_STIFFNESS_UNIT,
+            FindingKind.FRAMES_SHUFFLED,
+            FindingKind.GEL_FRAMES_SHUFFLED,
+            FindingKind.POSES_UNIT,
+            FindingKind.POSES_STILL,
+            FindingKind.POSES_TRANSPOSED,
+            FindingKind.POSES_INVERTED,
+            FindingKind.POSES_BACK_TO_BACK,
+            FindingKind.POSES_TURNED,
+            FindingKind.POSE_AWAY,
+            FindingKind.TOO_DEEP,
         ),
         frozenset[ModulusSign](),
     ),
@@ -139,7 +139,7 @@ class Doubt:
     sentence: str
     relative_sd: float = 0.0
     refused: bool = False
-    kind: Kind | PitKind | None = None
+    kind: FindingKind | PitKind | None = None
     field: Field | None = None
     pads: tuple[str, ...] = ()
 

@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from recon.pit.priors import known_categories
-from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.finding import Finding, FindingKind, Rank
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -61,13 +61,13 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
             f'{differs}, and fruits.csv has no "{other}": the recording may be another fruit\'s; correct the '
             f"{field} if it is of {owner.fruit_id}, else take the recording away"
         )
-        found.append(_doubted(Kind.OTHER_FRUIT, says, detail=other))
+        found.append(_doubted(FindingKind.OTHER_FRUIT, says, detail=other))
     if owner.category is not None and _both_known(category, owner.category):
         says = (
             f'category: found "{category}", expected "{owner.category}" as in batch.toml: the recording may '
             "be another fruit's, or one of the two is wrong; correct it, or take the recording away"
         )
-        found.append(_doubted(Kind.OTHER_CATEGORY, says, detail=category))
+        found.append(_doubted(FindingKind.OTHER_CATEGORY, says, detail=category))
     return found
 
 
@@ -82,7 +82,7 @@ def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
     return [f"{one}; is it in the right folder?" for one in said]
 
 
-def _doubted(kind: Kind, says: str, *, detail: str) -> Finding:
+def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
     return Finding(kind=kind, rank=Rank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from pipeline.batch.records import Given, MeshRecord
-from recon.pit.priors import STONE_FRUIT, Body, PitPrior
+from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior
 
 CALLIPER_SD_MM = 0.2
 LEAST_APART_MM = 0.7
@@ -20,7 +20,7 @@ def size_doubts(
     *,
     on_mat: bool,
     by_coin: bool = False,
-    body: Body = STONE_FRUIT,
+    body: PitBody = STONE_FRUIT,
 ) -> list[str]:
     """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
 
@@ -76,7 +76,7 @@ def tolerance_mm(measured_mm: float, mesh: MeshRecord) -> float:
     return float(max(3 * sd, LEAST_APART_MM, LEAST_APART * measured_mm))
 
 
-def _mass(given: Given, mesh: MeshRecord, body: Body) -> Iterator[str]:
+def _mass(given: Given, mesh: MeshRecord, body: PitBody) -> Iterator[str]:
     if given.mass_g is None:
         return
     density = 1000 * given.mass_g / mesh.volume_mm3

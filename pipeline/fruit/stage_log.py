@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class Diary:
+class StageLog:
     """Facts, warnings and times so far; `report` is told when a stage begins."""
 
     report: Callable[[str], None]

@@ -22,7 +22,7 @@ from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
 from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.mesh_picture import mesh_picture
 from reports.view_plan_picture import view_plan_picture
@@ -31,7 +31,7 @@ from tactile.tactile_failure import TactileFailure
 
 def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
-    diary = Diary(report)
+    diary = StageLog(report)
     outcome, reason = Outcome.GRADED.code, ""
     task.results.claim()
     task.results.forget()
@@ -84,7 +84,7 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
 
 
-def _grade(task: FruitTask, diary: Diary) -> None:
+def _grade(task: FruitTask, diary: StageLog) -> None:
     known = diary.known
     fruit = grasped_fruit(task, diary)
     shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed

@@ -16,7 +16,7 @@ EXACT_UP_TO = 7
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class Rank:
     """A graded fruit's place: rank (1 = softest) and how sure it is."""
 
     rank: int
@@ -46,7 +46,7 @@ def standings(
     classes: Sequence[GradingClass],
     rng: np.random.Generator,
     draws: int = 4000,
-) -> list[Standing]:
+) -> list[Rank]:
     """Each fruit's standing, in the order given.
 
     `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say): it counts for the
@@ -73,7 +73,7 @@ def standings(
             softer = _phi(mean[j] - mean[i], math.hypot(spread[i], spread[j]))
         name, probability = maturity(mean[i], whole[i], classes)
         result.append(
-            Standing(
+            Rank(
                 rank=int(rank[i]),
                 rank_probability=float((ranks[:, i] == rank[i]).mean()),
                 rank_low=int(low[i]),

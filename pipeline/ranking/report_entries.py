@@ -12,7 +12,7 @@ from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord
 from pipeline.batch.run_summary import decimals
 from pipeline.ranking.control_chart import ControlChart, history_of
-from pipeline.ranking.maturity import Standing, agreement, standings
+from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from reports.entries import (
     OR,
@@ -101,7 +101,7 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
     )
 
 
-def _fruit_entry(record: FruitRecord, place: Standing | None, results: Results) -> FruitEntry:
+def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> FruitEntry:
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
     return FruitEntry(
@@ -191,7 +191,7 @@ def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
     ]
 
 
-def _facts(record: FruitRecord, place: Standing | None) -> list[tuple[str, str]]:
+def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
     facts: list[tuple[str, str]] = []
     if (told := record.reference) is not None and told.corrected:
         by = f"divided by {told.ratio:.3f} ± {told.ratio_sd:.3f}, from {', '.join(told.bodies)}"

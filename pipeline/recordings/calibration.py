@@ -23,7 +23,7 @@ from tactile.io.pictures import read_picture
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import GelPad
 from tactile.io.sensor_file import read_sensor
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 MOST_BYTES = 4_000_000
 """Of a description, as its reader has it (tactile.io.sensor_file)."""
@@ -136,7 +136,7 @@ def _described(sensor: Path) -> dict[str, Any]:
         raise BatchRefused([Problem(str(sensor), f"{cause}; correct the description.")]) from cause
 
 
-def _camera(sensor: Path, described: dict[str, Any]) -> tuple[Camera, float]:
+def _camera(sensor: Path, described: dict[str, Any]) -> tuple[GelCamera, float]:
     """The camera and its gamma, of a description that has no lights yet."""
     if described.get("kind") != "photometric":
         raise BatchRefused(

@@ -37,7 +37,7 @@ KINDS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wanted:
+class ConvertRequest:
     """What the source itself does not say."""
 
     sensor: Path | None = None
@@ -47,7 +47,9 @@ class Wanted:
     radius_mm: float | None = None
 
 
-def convert(source: Path, out: Path, wanted: Wanted, *, report: Callable[[str], None]) -> tuple[str, ...]:
+def convert(
+    source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]
+) -> tuple[str, ...]:
     """Writes the recording in `source` to `out` and returns its notes; `report` tells progress.
 
     `out` appears whole or not at all: the file is written elsewhere and read back first. Raises
@@ -103,7 +105,7 @@ def _contact(recording: Recording, name: str) -> list[str]:
 
 
 def _read(
-    source: Path, wanted: Wanted, report: Callable[[str], None], stack: ExitStack
+    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
 ) -> tuple[Converted, list[Tac3D]]:
     def told(pad: str, done: int, of: int) -> None:
         if done % TELL_EVERY == 0 or done == of:
@@ -146,7 +148,7 @@ def _read(
 
 
 def _trace(
-    source: Path, wanted: Wanted, indenter: Literal["ball", "flat", "plate"], radius_mm: float
+    source: Path, wanted: ConvertRequest, indenter: Literal["ball", "flat", "plate"], radius_mm: float
 ) -> Converted:
     return read_trace(
         source, fruit_id=wanted.fruit_id, category=wanted.category, indenter=indenter, radius_mm=radius_mm

@@ -16,7 +16,7 @@ from recon.cameras.plane_tracks import ground_tracks
 from recon.cameras.view_plan import plan_words, view_plan
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box
-from recon.silhouettes.segmentation import Scene, first_block
+from recon.silhouettes.segmentation import SegmentationScene, first_block
 from recon.wording import listed
 
 FEWEST_VIEWS = 3
@@ -212,7 +212,7 @@ def _placed(
     guess = np.diag([100 / distance] * 3 + [1.0])
     pairs = [straightened(p, c.moved(guess)) for p, c in zip(photos, cameras, strict=True)]
     images, plain = [image for image, _ in pairs], [camera for _, camera in pairs]
-    scene = Scene(images, plain, np.array([-32.0, -32.0, 0.0]), np.array([32.0, 32.0, 55.0]))
+    scene = SegmentationScene(images, plain, np.array([-32.0, -32.0, 0.0]), np.array([32.0, 32.0, 55.0]))
     cells = first_block(scene).points * distance / 100
     low, high = cells.min(0), cells.max(0)
     factor = height_mm / high[2]

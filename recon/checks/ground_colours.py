@@ -11,7 +11,7 @@ from recon.checks.rim_samples import (
     CLEARANCE_PX,
     FEWEST_SIGHTINGS,
     Rim,
-    Sight,
+    RimView,
     ground_centre,
     interpolated,
     visible_ground,
@@ -34,7 +34,7 @@ class Profiles:
 
 
 def profiles_of(
-    sights: Sequence[Sight],
+    sights: Sequence[RimView],
     rims: Sequence[Rim],
     offsets: Float[np.ndarray, " o"],
     vertices: Float[np.ndarray, "n 3"],

@@ -21,7 +21,7 @@ FEWEST_SIGHTINGS = 3
 
 
 @dataclass(frozen=True)
-class Sight:
+class RimView:
     """A downscaled photo as 8-bit Lab with its range over eight neighbours, and the signed distance from the
     mesh's silhouette in it (px, positive outside).
     """
@@ -50,7 +50,7 @@ def rims_of(
     cameras: Sequence[Camera],
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
-) -> tuple[list[Sight], list[Rim]]:
+) -> tuple[list[RimView], list[Rim]]:
     """Every photo downscaled, at the brightness of the median photo, and its rim samples."""
     normals = vertex_normals(vertices, faces)
     pairs = [_downscaled(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
@@ -150,15 +150,15 @@ def _sight(
     camera: Camera,
     outside_px: Float[np.ndarray, "h w"],
     gain: Float[np.ndarray, "3"],
-) -> Sight:
+) -> RimView:
     levels = np.clip((np.arange(256)[:, None] + 8.0) * gain - 8.0 + 0.5, 0, 255).astype(np.uint8)
     colours = np.asarray(cv2.cvtColor(cv2.LUT(image, levels[None]), cv2.COLOR_BGR2LAB), np.uint8)
     cell = np.ones((3, 3), np.uint8)
-    return Sight(camera, colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), outside_px)
+    return RimView(camera, colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), outside_px)
 
 
 def _rim(
-    sight: Sight,
+    sight: RimView,
     vertices: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],

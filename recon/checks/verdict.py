@@ -8,7 +8,7 @@ from scipy.spatial import ConvexHull
 
 from recon.cameras.view_plan import ViewPlan, plan_words
 from recon.checks.quality import ReconQuality
-from recon.pit.priors import STONE_FRUIT, Body
+from recon.pit.priors import STONE_FRUIT, PitBody
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.triangle_mesh import volume_mm3
 
@@ -55,7 +55,7 @@ def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
 
 
 def shape_doubts(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, body: Body = STONE_FRUIT
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, body: PitBody = STONE_FRUIT
 ) -> tuple[str, ...]:
     """Sentences where the mesh is no single body of its category: too long, or hollow between lumps."""
     out = []

@@ -25,8 +25,8 @@ from recon.silhouettes.outline import (
 )
 from recon.silhouettes.segmentation import (
     Bounds,
-    Scene,
-    View,
+    CutPhoto,
+    SegmentationScene,
     eroded,
     first_block,
     learned_odds,
@@ -127,7 +127,7 @@ def find_fruit(
     Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
     whole).
     """
-    scene = Scene(images, cameras, low_mm, high_mm, model)
+    scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)
     scene, names = _whole(scene, block)
     centre = block.points.mean(0)
@@ -187,8 +187,8 @@ def find_fruit(
 
 
 def _cut_block(
-    scene: Scene, block: Block
-) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    scene: SegmentationScene, block: Block
+) -> tuple[list[CutPhoto], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
     """Views, odds and masks, with the block and everything under it as what may be fruit."""
     column = block.with_column(reach=2)
     covered = []
@@ -205,8 +205,8 @@ def _cut_block(
 
 
 def _cut_hull(
-    scene: Scene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
-) -> tuple[list[View], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+    scene: SegmentationScene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
+) -> tuple[list[CutPhoto], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
     """The same with a hull, grown, and a foot under it."""
     size = float(np.ptp(mesh.vertices, axis=0).max())
     turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -243,12 +243,12 @@ def _cut_hull(
     return views, *learned_odds(views, bounds, scene.plate(covered), centre_mm)
 
 
-def _of_mask(mask: Bool[np.ndarray, "h w"], view: View) -> Silhouette:
+def _of_mask(mask: Bool[np.ndarray, "h w"], view: CutPhoto) -> Silhouette:
     return silhouette_of_mask(mask, view.window, view.camera)
 
 
 def _refined(
-    views: list[View], odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
+    views: list[CutPhoto], odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
 ) -> tuple[list[Silhouette], float]:
     """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
     drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
@@ -271,7 +271,7 @@ def _refined(
     return silhouettes, float(np.mean(clear))
 
 
-def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
+def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, Int[np.ndarray, " v"]]:
     """The photos that hold the whole block, and which they are."""
     whole = []
     for i, camera in enumerate(scene.cameras):
@@ -289,7 +289,7 @@ def _whole(scene: Scene, block: Block) -> tuple[Scene, Int[np.ndarray, " v"]]:
         )
     if len(whole) == given:
         return scene, np.arange(given)
-    kept = Scene(
+    kept = SegmentationScene(
         [scene.images[i] for i in whole],
         [scene.cameras[i] for i in whole],
         scene.low_mm,

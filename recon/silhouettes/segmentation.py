@@ -36,7 +36,7 @@ second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
-class View:
+class CutPhoto:
     """A photo's window around the fruit: Lab colours, their cells in a histogram, and what the fruit model
     adds to the log odds of fruit (0 without one).
     """
@@ -58,7 +58,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Scene:
+class SegmentationScene:
     """Undistorted photos of one fruit on the plane z = 0, the box (mm) that it stands in, and the fruit model
     that is asked, if any.
     """
@@ -80,7 +80,7 @@ class Scene:
         """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
         return clean_plate(self.ground, covered)
 
-    def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[View]:
+    def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[CutPhoto]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
         windows = {}
         for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
@@ -90,7 +90,7 @@ class Scene:
         views = []
         for (i, window), learned in zip(windows.items(), self._learned(windows), strict=True):
             colours = window.small_lab()
-            views.append(View(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
+            views.append(CutPhoto(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
         return views
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "h w"]]:
@@ -110,7 +110,7 @@ class Scene:
         ]
 
 
-def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
+def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
     The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
@@ -134,7 +134,7 @@ def first_block(scene: Scene, *, agreement: float = AGREEMENT) -> Block:
 
 
 def _alike(
-    views: list[View],
+    views: list[CutPhoto],
     odds: list[Float[np.ndarray, "h w"]],
     known: list[Bool[np.ndarray, "h w"]],
     low: Float[np.ndarray, "3"],
@@ -163,7 +163,9 @@ def _alike(
     return [colour.looks_like(v.colours, pixels) & there for v, there in zip(views, known, strict=True)]
 
 
-def _carved(masks: list[Bool[np.ndarray, "h w"]], views: list[View], scene: Scene, agreement: float) -> Block:
+def _carved(
+    masks: list[Bool[np.ndarray, "h w"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
+) -> Block:
     """The coarse fruit that the masks agree on, or the failure that there is none."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
     block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
@@ -188,7 +190,7 @@ class _Told:
 
 
 def learned_odds(
-    views: Sequence[View], bounds: Sequence[Bounds], plate: Plate, centre_mm: Float[np.ndarray, "3"]
+    views: Sequence[CutPhoto], bounds: Sequence[Bounds], plate: Plate, centre_mm: Float[np.ndarray, "3"]
 ) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
@@ -221,7 +223,7 @@ def learned_odds(
 
 
 def _told(
-    view: View,
+    view: CutPhoto,
     bound: Bounds,
     ground: Bool[np.ndarray, "h w"],
     behind: Behind,

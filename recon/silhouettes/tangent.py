@@ -25,7 +25,7 @@ SPREADING = 6
 
 
 @dataclass(frozen=True)
-class Settled:
+class SettledHull:
     """A surface that lies on the outlines: its vertices, how many rims hold each of them, and the median miss
     (mm).
     """
@@ -41,7 +41,7 @@ def settled(
     silhouettes: Sequence[Silhouette],
     *,
     floor_mm: float | None,
-) -> Settled:
+) -> SettledHull:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
     The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by about
@@ -104,7 +104,7 @@ def settled(
         misses, held = miss, np.asarray(A.T @ weight).ravel()
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
-    return Settled(x, held, float(np.median(np.abs(misses))))
+    return SettledHull(x, held, float(np.median(np.abs(misses))))
 
 
 def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:

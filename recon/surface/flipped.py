@@ -30,7 +30,7 @@ CONVENTION_DEG = 40.0
 
 
 @dataclass(frozen=True)
-class Side:
+class ScannedSide:
     """One closed mesh of the fruit (mm, faces outward), and how well each vertex was seen (0 to 1)."""
 
     vertices: Float[np.ndarray, "n 3"]
@@ -43,7 +43,7 @@ class Side:
         vertices: Float[np.ndarray, "n 3"],
         faces: Int[np.ndarray, "m 3"],
         places: Float[np.ndarray, "v 3"],
-    ) -> "Side":
+    ) -> "ScannedSide":
         """From where the cameras stood: a vertex counts by the third of them that it faces most.
 
         Where that is not known, cameras all around at RING_DEG above the mat are assumed.
@@ -87,7 +87,7 @@ class _Laid:
     larger: float
 
 
-def both_sides(upright: Side, over: Side, *, on_mat: bool = True) -> BothSides:
+def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) -> BothSides:
     """`over`, the fruit laid upside down, found on `upright`, and both merged into one skin.
 
     Point to plane registration (Chen, Medioni 1992) on skin that both saw well, with Geman and McClure's
@@ -143,7 +143,7 @@ def both_sides(upright: Side, over: Side, *, on_mat: bool = True) -> BothSides:
     return BothSides(vertices, seen, best.pose, best.miss_mm, by_convention=bool(rivals))
 
 
-def _apart_mm(upright: Side, one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> float:
+def _apart_mm(upright: ScannedSide, one: Float[np.ndarray, "n 3"], other: Float[np.ndarray, "n 3"]) -> float:
     """How far two skins differ where the upright mesh did not see, along the normals."""
     off = np.einsum("ij,ij->i", other - one, vertex_normals(one, upright.faces))
     return float(np.sqrt(np.mean(off[upright.seen < 0.5] ** 2)))
@@ -158,7 +158,7 @@ def _turn_from(first: Float[np.ndarray, "4 4"], pose: Float[np.ndarray, "4 4"]) 
 class _Skin:
     """A mesh that is asked for its nearest points."""
 
-    def __init__(self, side: Side) -> None:
+    def __init__(self, side: ScannedSide) -> None:
         o3d = open3d()
         self._tensor = o3d.core.Tensor
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
@@ -181,27 +181,27 @@ class _Skin:
         return places, normals, np.einsum("kc,kc->k", weights, self._side.seen[corners])
 
 
-def _overturned(upright: Side, over: Side) -> Float[np.ndarray, "4 4"]:
+def _overturned(upright: ScannedSide, over: ScannedSide) -> Float[np.ndarray, "4 4"]:
     """The other mesh turned by half a turn about x, its box's middle on the first's."""
     pose = np.diag([1.0, -1.0, -1.0, 1.0])
     pose[:3, 3] = _middle(upright) - pose[:3, :3] @ _middle(over)
     return pose
 
 
-def _about_middle(side: Side, turn_deg: float) -> Float[np.ndarray, "4 4"]:
+def _about_middle(side: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
     pose = np.eye(4)
     pose[:3, :3] = Rotation.from_euler("z", turn_deg, degrees=True).as_matrix()
     pose[:3, 3] = _middle(side) - pose[:3, :3] @ _middle(side)
     return pose
 
 
-def _middle(side: Side) -> Float[np.ndarray, "3"]:
+def _middle(side: ScannedSide) -> Float[np.ndarray, "3"]:
     return np.asarray((side.vertices.min(axis=0) + side.vertices.max(axis=0)) / 2)
 
 
 def _laid(
     skin: _Skin,
-    over: Side,
+    over: ScannedSide,
     which: Int[np.ndarray, " k"],
     pose: Float[np.ndarray, "4 4"],
     size: float,
@@ -267,10 +267,10 @@ def _turn(way: _Laid) -> Float[np.ndarray, "3 3"]:
 
 
 def _merged(
-    upright: Side, over: Side, way: _Laid
+    upright: ScannedSide, over: ScannedSide, way: _Laid
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """The first mesh's vertices on the weighted mean of both skins, and how well it was seen by either."""
-    placed = Side(moved(over.vertices, way.pose), over.faces, over.seen)
+    placed = ScannedSide(moved(over.vertices, way.pose), over.faces, over.seen)
     near, _, seen = _Skin(placed).nearest(upright.vertices)
     share = seen / np.maximum(seen + upright.seen, 1e-3)
     return upright.vertices + share[:, None] * (near - upright.vertices), np.maximum(seen, upright.seen)

@@ -30,7 +30,7 @@ HIGHLIGHT, MOST_HIGHLIGHT = 215.0, 0.05
 
 
 @dataclass(frozen=True)
-class View:
+class GreyView:
     """A photo in grey levels, blurred to what the patches resolve, and its camera."""
 
     grey: Float[np.ndarray, "h w"]
@@ -49,22 +49,22 @@ class Patches:
         return Patches(self.points[rows], self.normals[rows], self.curvature[rows])
 
 
-def grey_views(images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[Camera]) -> list[View]:
+def grey_views(images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[Camera]) -> list[GreyView]:
     """Photos as the patches are compared in: grey, slightly blurred."""
     return [
-        View(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)
+        GreyView(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)
         for i, c in zip(images, cameras, strict=True)
     ]
 
 
-def views_facing(patches: Patches, views: Sequence[View]) -> Float[np.ndarray, " n"]:
+def views_facing(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, " n"]:
     """How many views each patch faces well enough to be compared in."""
     cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
     return np.asarray((cosine > FACING).sum(axis=0))
 
 
 def agreement(
-    patches: Patches, views: Sequence[View], offsets_mm: Float[np.ndarray, " d"]
+    patches: Patches, views: Sequence[GreyView], offsets_mm: Float[np.ndarray, " d"]
 ) -> tuple[Float[np.ndarray, "k n d"], Bool[np.ndarray, "k n d"]]:
     """Mean pairwise correlation of each patch in the views that face it most, moved along its normal.
 
@@ -118,7 +118,7 @@ def best_offsets(
     return mean, np.where(agreed, weight.max(0), 0.0)
 
 
-def _square(patches: Patches, views: Sequence[View]) -> Float[np.ndarray, "n p 3"]:
+def _square(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "n p 3"]:
     """Points of square patches as wide as SIDE steps of pixels, bent as the surface is."""
     depth = [np.median(v.camera.into(patches.points)[:, 2]) / v.camera.focal_px for v in views]
     normals = patches.normals
@@ -136,7 +136,7 @@ def _square(patches: Patches, views: Sequence[View]) -> Float[np.ndarray, "n p 3
 def _seen(
     square: Float[np.ndarray, "n p 3"],
     normals: Float[np.ndarray, "n 3"],
-    view: View,
+    view: GreyView,
     offsets_mm: Float[np.ndarray, " d"],
 ) -> Float[np.ndarray, "n d p"]:
     """Grey levels of patches in one view at every offset."""

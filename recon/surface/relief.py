@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.hull import split
-from recon.surface.photo_consistency import FEWEST_VIEWS, View, grey_views, views_facing
+from recon.surface.photo_consistency import FEWEST_VIEWS, GreyView, grey_views, views_facing
 from recon.surface.relief_mesh import OutlineMesh, grown, outline_mesh, roundness, vertices_per_patch
 from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, refined, searched
 from recon.surface.relief_verdict import Region, judged, mean_gain
@@ -132,7 +132,7 @@ def _finer(
     found: Found,
     zone: Bool[np.ndarray, " n"],
     held: Float[np.ndarray, " n"],
-    halves: tuple[Sequence[View], Sequence[View]],
+    halves: tuple[Sequence[GreyView], Sequence[GreyView]],
     *,
     again: bool,
 ) -> tuple[Float[np.ndarray, "m 3"], Bool[np.ndarray, " m"]]:

@@ -9,7 +9,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from recon.silhouettes.hull import ball
-from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, Patches, View
+from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, GreyView, Patches
 from recon.triangle_mesh import neighbour_mean, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
@@ -59,7 +59,7 @@ def patches_of(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Patches:
     return Patches(surface, normals, mean_curvature(surface, normals, mesh.faces))
 
 
-def vertices_per_patch(mesh: OutlineMesh, views: Sequence[View]) -> float:
+def vertices_per_patch(mesh: OutlineMesh, views: Sequence[GreyView]) -> float:
     """How many vertices share one patch; under 1 they are further apart than patches are wide."""
     points = mesh.outline.points
     pixel_mm = np.median([np.median(v.camera.into(points)[:, 2]) / v.camera.focal_px for v in views])

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from recon.surface.photo_consistency import Patches, View, agreement, best_offsets
+from recon.surface.photo_consistency import GreyView, Patches, agreement, best_offsets
 from recon.surface.relief_mesh import OutlineMesh, grown, heights_mm, mean_curvature, patches_of
 from recon.triangle_mesh import neighbour_mean, vertex_normals
 
@@ -84,7 +84,7 @@ class Found:
 
 def searched(
     mesh: OutlineMesh,
-    views: Sequence[View],
+    views: Sequence[GreyView],
     active: Bool[np.ndarray, " n"],
     held: Float[np.ndarray, " n"],
     *,
@@ -128,7 +128,7 @@ def searched(
 def refined(
     mesh: OutlineMesh,
     surface: Float[np.ndarray, "n 3"],
-    views: Sequence[View],
+    views: Sequence[GreyView],
     zone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
     """A surface moved further inside a zone, by a smooth step that is 0 where no depth is found; and where
@@ -145,7 +145,10 @@ def refined(
 
 
 def _spread_scores(
-    patches: Patches, views: Sequence[View], rows: Int[np.ndarray, " r"], offsets_mm: Float[np.ndarray, " d"]
+    patches: Patches,
+    views: Sequence[GreyView],
+    rows: Int[np.ndarray, " r"],
+    offsets_mm: Float[np.ndarray, " d"],
 ) -> Float[np.ndarray, "k n d"]:
     """`agreement` of some patches, 0 for the others."""
     scores, _ = agreement(patches[rows], views, offsets_mm)

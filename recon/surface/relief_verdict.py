@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.stats import binom
 
-from recon.surface.photo_consistency import Patches, View, agreement
+from recon.surface.photo_consistency import GreyView, Patches, agreement
 from recon.surface.relief_mesh import OutlineMesh, connected_parts, heights_mm, patches_of, vertices_per_patch
 from recon.surface.relief_search import Found
 
@@ -41,7 +41,7 @@ class Region:
 
 
 def judged(
-    mesh: OutlineMesh, held_out: Sequence[View], found: Found, null: Found, *, least_mean_gain: float
+    mesh: OutlineMesh, held_out: Sequence[GreyView], found: Found, null: Found, *, least_mean_gain: float
 ) -> tuple[tuple[Region, ...], Bool[np.ndarray, " n"]]:
     """Each connected region that moved, judged by the views held out, and the vertices of those kept.
 
@@ -84,7 +84,7 @@ def judged(
 
 def mean_gain(
     mesh: OutlineMesh,
-    views: Sequence[View],
+    views: Sequence[GreyView],
     before: Float[np.ndarray, "n 3"],
     after: Float[np.ndarray, "n 3"],
     zone: Bool[np.ndarray, " n"],
@@ -96,7 +96,10 @@ def mean_gain(
 
 
 def _gains(
-    mesh: OutlineMesh, views: Sequence[View], surface: Float[np.ndarray, "n 3"], where: Bool[np.ndarray, " n"]
+    mesh: OutlineMesh,
+    views: Sequence[GreyView],
+    surface: Float[np.ndarray, "n 3"],
+    where: Bool[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
     """Rise of the correlation from the outline surface to another; nan elsewhere and where views do not
     tell.
@@ -107,7 +110,7 @@ def _gains(
     return gain
 
 
-def _risen(before: Patches, after: Patches, views: Sequence[View]) -> Float[np.ndarray, " n"]:
+def _risen(before: Patches, after: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, " n"]:
     """Rise of the correlation, mean over the ways it is measured in on both surfaces; nan where in none."""
     here = np.zeros(1)
     (a, a_enough), (b, b_enough) = agreement(before, views, here), agreement(after, views, here)

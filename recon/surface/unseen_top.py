@@ -41,19 +41,19 @@ TOP_SHARE = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
-class Excess:
+class TopExcess:
     """How much taller than the fruit its mesh is expected to be, relative, and its standard deviation."""
 
     value: float
     sd: float
 
-    def left(self, measured: float) -> "Excess":
+    def left(self, measured: float) -> "TopExcess":
         """What is left where a share of the top was measured: its summit is among them with that probability.
 
         Mean and variance of a mixture: of this excess with probability p = 1 - measured, and of none.
         """
         p = 1.0 - measured
-        return Excess(
+        return TopExcess(
             value=p * self.value,
             sd=float(np.sqrt(p * self.sd**2 + p * measured * self.value**2)),
         )
@@ -65,7 +65,9 @@ def top_share(vertices: Float[np.ndarray, "n 3"], measured: Bool[np.ndarray, " n
     return float(measured[z >= z.max() - TOP_SHARE * np.ptp(z)].mean())
 
 
-def expected_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elevation_rad: float) -> Excess:
+def expected_excess(
+    cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elevation_rad: float
+) -> TopExcess:
     """The excess of a mesh of size `box` that stands on z = 0 at x = y = 0, seen by these cameras.
 
     value = settled_excess of an ellipsoid + SHOULDER (a / c)² tan(min(e, 25 degrees)), c half the height and
@@ -82,8 +84,8 @@ def expected_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elev
     wide = float(box[0] + box[1]) / (2 * float(box[2]) / (1 + hull / 2))
     shoulder = SHOULDER * wide**2 * float(np.tan(down))
     if sideways:
-        return Excess(value=0.0, sd=shoulder)
-    return Excess(value=cone + shoulder, sd=float(np.hypot(SETTLED_SD * cone, SHOULDER_SD * shoulder)))
+        return TopExcess(value=0.0, sd=shoulder)
+    return TopExcess(value=cone + shoulder, sd=float(np.hypot(SETTLED_SD * cone, SHOULDER_SD * shoulder)))
 
 
 def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:

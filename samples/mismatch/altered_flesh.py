@@ -7,25 +7,25 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import coo_array, csr_array
 
-from samples.brick_flesh import Flesh, assembled, rigid_tie
+from samples.brick_flesh import BrickFlesh, assembled, rigid_tie
 from samples.hexahedra import lagrange
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 
 
-def graded(flesh: Flesh, *, gamma: float) -> csr_array:
+def graded(flesh: BrickFlesh, *, gamma: float) -> csr_array:
     """E (1 + gamma (2 d - 1)), d the relative depth: 0 at the skin, 1 at the pit."""
     return uneven(flesh, 1 + gamma * (2 * relative_depths(flesh.bricks) - 1))
 
 
 def with_soft_spot(
-    flesh: Flesh, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
+    flesh: BrickFlesh, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
 ) -> csr_array:
     """E times `ratio` inside a ball."""
     away = np.linalg.norm(integration_points_mm(flesh.bricks) - centre_mm, axis=-1)
     return uneven(flesh, np.where(away < radius_mm, ratio, 1.0))
 
 
-def uneven(flesh: Flesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
+def uneven(flesh: BrickFlesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
     """E times `ratio` at every integration point."""
     bricks = flesh.bricks
     extra = assembled(
@@ -35,7 +35,7 @@ def uneven(flesh: Flesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
     return _tied(flesh, extra)
 
 
-def stiffer_along_stem(flesh: Flesh, *, axial: float) -> csr_array:
+def stiffer_along_stem(flesh: BrickFlesh, *, axial: float) -> csr_array:
     """C_zzzz grows by `axial` times mu, z the stem's axis: energy density axial mu eps_zz^2 / 2 on top."""
     bricks = flesh.bricks
     along = flesh.slopes[..., 2]
@@ -46,7 +46,7 @@ def stiffer_along_stem(flesh: Flesh, *, axial: float) -> csr_array:
     return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
 
 
-def with_skin(flesh: Flesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_array:
+def with_skin(flesh: BrickFlesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_array:
     """A membrane on the outer surface: plane stress, Young's modulus times thickness Et.
 
     Membrane strain is the symmetric surface gradient of the displacement in the tangent plane; a flat
@@ -84,6 +84,6 @@ def with_skin(flesh: Flesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_
     return _tied(flesh, csr_array(coo_array((block.ravel(), (rows, columns)), shape=(size, size))))
 
 
-def _tied(flesh: Flesh, full: csr_array) -> csr_array:
+def _tied(flesh: BrickFlesh, full: csr_array) -> csr_array:
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
     return csr_array(tie.T @ full @ tie)

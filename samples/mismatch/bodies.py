@@ -9,7 +9,7 @@ from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.skin_patch import inverse
 
 
-class Body(Protocol):
+class GrippedBody(Protocol):
     """A fruit under load. `still`: an instant with unmoved pads is the same as the one before."""
 
     @property

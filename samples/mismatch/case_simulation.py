@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from samples.mismatch.bodies import Body, ElasticBody, RelaxingBody
+from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, CATEGORIES, Category, DrawnFruit, drawn_fruit
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
@@ -33,7 +33,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, Standing, standing
+from samples.mismatch.meshed_fruit import CASE, MeshedFruit, standing
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import Outside, drawn_outside, outside_body, outside_recorded
 from samples.mismatch.schur import schur_complement
@@ -158,8 +158,8 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
 
 
 def body_of(
-    stands: Standing, planted: tuple[Planted, ...], outside: Outside | None = None
-) -> tuple[Body, InnerContact | None]:
+    stands: MeshedFruit, planted: tuple[Planted, ...], outside: Outside | None = None
+) -> tuple[GrippedBody, InnerContact | None]:
     """The flesh of one mesh with everything planted in it, and the pit's contact where the pit is loose.
 
     Raises SampleFailure for two effects that are not simulated together.

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.cubed_sphere import even_sphere
-from samples.fruit import Pit, SampleFruit, Skin
+from samples.fruit import SampleFruit, SamplePit, Skin
 
 Category = Literal["nectarine", "plum", "pdms_ball"]
 CATEGORIES: tuple[Category, ...] = ("nectarine", "plum", "pdms_ball")
@@ -22,7 +22,7 @@ class DrawnFruit:
 
     category: Category
     fruit: SampleFruit
-    prior: Pit
+    prior: SamplePit
     depth_mm: float
 
 
@@ -77,7 +77,7 @@ def drawn_fruit(
         groove_width=float(rng.uniform(0.12, 0.18)),
         cubic=rng.normal(0.0, 0.005, (3, 3, 3)),
     )
-    prior = Pit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=_triple(np.array(kind.pit_share) * half))
+    prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=_triple(np.array(kind.pit_share) * half))
     pit = _true_pit(prior, rng, pit_shift_mm, pit_scale)
     modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
     fruit = SampleFruit(
@@ -89,8 +89,8 @@ def drawn_fruit(
 
 
 def _true_pit(
-    prior: Pit, rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
-) -> Pit:
+    prior: SamplePit, rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
+) -> SamplePit:
     """Off the prior by the category's spread; a planted shift or scale takes the place of that spread."""
     centre = rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     sizes = rng.normal(1.0, PIT_SIZE_SD, 3)
@@ -98,7 +98,7 @@ def _true_pit(
         centre = np.asarray(shift_mm, dtype=float)
     if scale != 1.0:
         sizes = np.full(3, scale)
-    return Pit(
+    return SamplePit(
         centre_mm=_triple(np.array(prior.centre_mm) + centre),
         semi_axes_mm=_triple(np.array(prior.semi_axes_mm) * sizes),
     )
@@ -108,7 +108,7 @@ def with_new_prior(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
     """The same truth seen with another draw of the prior's error (for fruits without a planted pit)."""
     centre = np.array(drawn.fruit.pit.centre_mm) - rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     sizes = np.array(drawn.fruit.pit.semi_axes_mm) / rng.normal(1.0, PIT_SIZE_SD, 3)
-    return replace(drawn, prior=Pit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))
+    return replace(drawn, prior=SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))
 
 
 def scanned_skin(

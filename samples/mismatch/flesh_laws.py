@@ -48,7 +48,7 @@ class Lame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stiffening:
+class StiffeningFlesh:
     """P = exp(b W/mu) (mu (F - F^-T) + lam ln J F^-T), W = mu/2 (tr F'F - 3 - 2 ln J) + lam/2 ln^2 J.
 
     An exponential law as for soft tissue (Fung 1993, section 7.5) on the Neo-Hookean energy of Bonet and Wood

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array, hstack
 
-from samples.brick_flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
 from samples.mismatch.grip import Grip, InnerContact, Instant, KeptTangent, next_instant
 from samples.mismatch.schur import schur_complement
 
@@ -39,7 +39,7 @@ class LoosePitBody:
 
 
 def loose_stiffness(
-    flesh: Flesh, skin_dofs: Int[np.ndarray, " d"], *, extra: csr_array | None = None
+    flesh: BrickFlesh, skin_dofs: Int[np.ndarray, " d"], *, extra: csr_array | None = None
 ) -> Float[np.ndarray, "e e"]:
     """Dense stiffness on the skin's unknowns, then the opening of every pit node.
 
@@ -66,14 +66,14 @@ def loose_stiffness(
     return schur_complement(stiffness, np.concatenate([skin_dofs, openings]))
 
 
-def pit_contact(flesh: Flesh, *, gap_mm: float) -> InnerContact:
+def pit_contact(flesh: BrickFlesh, *, gap_mm: float) -> InnerContact:
     """The pit's surface as a stiff frictionless bed at `gap_mm`."""
     modulus = flesh.mu_MPa * (3 * flesh.lam_MPa + 2 * flesh.mu_MPa) / (flesh.lam_MPa + flesh.mu_MPa)
     _, areas = _normals(flesh)
     return InnerContact(gap_mm=gap_mm, N_per_mm=PENALTY_PER_MM * modulus * areas)
 
 
-def _normals(flesh: Flesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
+def _normals(flesh: BrickFlesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
     """Outward unit normals of the pit's nodes, and the area that each stands for."""
     bricks = flesh.bricks
     quads = _pit_quads(flesh)
@@ -86,7 +86,7 @@ def _normals(flesh: Flesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, 
     return total / size[:, None], size
 
 
-def _pit_quads(flesh: Flesh) -> Int[np.ndarray, "k 4"]:
+def _pit_quads(flesh: BrickFlesh) -> Int[np.ndarray, "k 4"]:
     """Four small quadrilaterals per innermost cell, outward, in pit node numbers."""
     bricks = flesh.bricks
     inner = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9].reshape(-1, 3, 3)
@@ -98,7 +98,7 @@ def _pit_quads(flesh: Flesh) -> Int[np.ndarray, "k 4"]:
     return np.concatenate(found)
 
 
-def _own_motion(flesh: Flesh) -> coo_array:
+def _own_motion(flesh: BrickFlesh) -> coo_array:
     """The pit nodes' motion of their own: normal, two tangents, per node."""
     bricks = flesh.bricks
     normal, _ = _normals(flesh)

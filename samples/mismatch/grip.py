@@ -23,7 +23,7 @@ from samples.mismatch.gel_bed import (
     marker_values,
     nothing_held,
 )
-from samples.mismatch.skin_patch import Patch
+from samples.mismatch.skin_patch import SkinPatch
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N = 2e-7
@@ -57,7 +57,7 @@ class Grip:
     opens.
     """
 
-    patches: tuple[Patch, ...]
+    patches: tuple[SkinPatch, ...]
     rest_mm: tuple[Float[np.ndarray, "n 3"], ...]
     bed: Bed
     gel: Gel

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from samples.brick_flesh import Flesh
+from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import Gel
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, Stiffening, Yielding
+from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, StiffeningFlesh, Yielding
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.sample_failure import SampleFailure
 
@@ -70,7 +70,7 @@ def gel_of(planted: tuple[Planted, ...]) -> Gel:
     return Gel() if slip is None else Gel(friction=slip.number("mu"))
 
 
-def altered_stiffness(flesh: Flesh, planted: tuple[Planted, ...]) -> Any:
+def altered_stiffness(flesh: BrickFlesh, planted: tuple[Planted, ...]) -> Any:
     """The flesh's stiffness with every planted effect that is linear in it."""
     total = flesh.stiffness
     for one in planted:
@@ -89,12 +89,12 @@ def altered_stiffness(flesh: Flesh, planted: tuple[Planted, ...]) -> Any:
     return total
 
 
-def flesh_law(one: Planted, flesh: Flesh) -> tuple[FleshLaw, float]:
+def flesh_law(one: Planted, flesh: BrickFlesh) -> tuple[FleshLaw, float]:
     """The law of a planted effect, and how much firmer than linear the solver had better take the flesh."""
     lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
     modulus = lame.mu * (3 * lame.lam + 2 * lame.mu) / (lame.lam + lame.mu)
     if one.effect == "stiffening":
-        return Stiffening(lame=lame, b=one.number("b")), STIFFENING_IS_FIRMER
+        return StiffeningFlesh(lame=lame, b=one.number("b")), STIFFENING_IS_FIRMER
     if one.effect == "plastic_set":
         limit, hardening = one.number("yield_over_E") * modulus, one.number("hardening") * modulus
         return Yielding(lame=lame, yield_MPa=limit, hardening_MPa=hardening), 1.0

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from samples.brick_flesh import Flesh, flesh_of
+from samples.brick_flesh import BrickFlesh, flesh_of
 from samples.hexahedra import Fineness, flesh_bricks
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.skin_patch import Patch, degrees_of_freedom, patch_of
+from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
 
 CASE = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3, 0.6, 1))
 """Cells of 3.3 mm under the pads of a 60 mm fruit."""
@@ -20,17 +20,17 @@ WIDE_SHARE = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
-class Standing:
+class MeshedFruit:
     """One mesh of one fruit (E as true of it): its linear flesh, its two patches, their unknowns."""
 
-    flesh: Flesh
-    patches: tuple[Patch, Patch]
+    flesh: BrickFlesh
+    patches: tuple[SkinPatch, SkinPatch]
     dofs: Int[np.ndarray, " d"]
 
 
 def standing(
     drawn: DrawnFruit, grasp: CaseGrasp, *, fineness: Fineness = CASE, wide: bool = False
-) -> Standing:
+) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
     `wide`: it gives way less than plain flesh of its modulus.
@@ -45,9 +45,9 @@ def standing(
         for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
     )
     dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
-    return Standing(flesh=flesh, patches=(left, right), dofs=dofs)
+    return MeshedFruit(flesh=flesh, patches=(left, right), dofs=dofs)
 
 
-def nodes_of(stands: Standing) -> Float[np.ndarray, "n 3"]:
+def nodes_of(stands: MeshedFruit) -> Float[np.ndarray, "n 3"]:
     """Nodes of the mesh at rest."""
     return stands.flesh.bricks.nodes_mm

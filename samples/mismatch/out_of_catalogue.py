@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from samples.brick_flesh import HOLDING_N_PER_MM, Flesh, assembled, rigid_tie
+from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import Body, ElasticBody
+from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.creeping_gel import CreepingGelBody
 from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Lame
-from samples.mismatch.meshed_fruit import Standing
+from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.schur import schur_complement
 from samples.mismatch.true_recording import PadTruth, TrueRecording
@@ -62,7 +62,7 @@ def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
     return {}
 
 
-def outside_body(stands: Standing, outside: Outside) -> Body:
+def outside_body(stands: MeshedFruit, outside: Outside) -> GrippedBody:
     """The fruit of one mesh, with what is not in the catalogue."""
     flesh, p = stands.flesh, outside.parameters
     if outside.name == "split_pit":
@@ -90,7 +90,7 @@ def outside_recorded(truth: TrueRecording, outside: Outside) -> TrueRecording:
     return truth
 
 
-def split_pit_stiffness(flesh: Flesh) -> csr_array:
+def split_pit_stiffness(flesh: BrickFlesh) -> csr_array:
     """Stiffness with two rigid half pits; the second half's six unknowns come last."""
     bricks = flesh.bricks
     full = assembled(
@@ -115,7 +115,7 @@ def split_pit_stiffness(flesh: Flesh) -> csr_array:
     return csr_array(halves.T @ full @ halves + coo_array((holding, (at, at))).tocsr())
 
 
-def on_a_palm(flesh: Flesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
+def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
     """Stiffness to add: springs along z under the lowest part of the skin."""
     bricks = flesh.bricks
     skin = np.unique(bricks.skin_cells)

@@ -10,7 +10,7 @@ from samples.hexahedra import Bricks
 
 
 @dataclass(frozen=True, kw_only=True)
-class Patch:
+class SkinPatch:
     """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
 
     `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
@@ -24,7 +24,7 @@ class Patch:
 
 def patch_of(
     bricks: Bricks, turn: Float[np.ndarray, "3 3"], *, touch_mm: Float[np.ndarray, " 3"], overlap_mm: float
-) -> Patch:
+) -> SkinPatch:
     """Cells that face the pad and come within `overlap_mm` of its face where it first touches."""
     local = (bricks.nodes_mm - touch_mm) @ turn
     corners = local[bricks.skin_cells]
@@ -33,11 +33,11 @@ def patch_of(
     near = faces_it & (corners[..., 2].min(axis=(1, 2)) < overlap_mm)
     nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
     rim = np.isin(nodes, bricks.skin_cells[~near])
-    return Patch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))
+    return SkinPatch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))
 
 
 def degrees_of_freedom(
-    patches: tuple[Patch, ...], free_nodes: Int[np.ndarray, " f"], count: int
+    patches: tuple[SkinPatch, ...], free_nodes: Int[np.ndarray, " f"], count: int
 ) -> Int[np.ndarray, " d"]:
     """The unknowns of the patches' nodes, three each, pad after pad; all must be free nodes."""
     number = np.full(count, -1)

@@ -8,11 +8,11 @@ from jaxtyping import Float
 
 from samples.gel_contact import Gel
 from samples.grasp_plan import Hold
-from samples.mismatch.bodies import Body
+from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.gel_bed import bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
-from samples.mismatch.meshed_fruit import Standing, nodes_of
+from samples.mismatch.meshed_fruit import MeshedFruit, nodes_of
 from samples.mismatch.protocol import Motion
 from samples.simulated_grasp import marker_grid
 
@@ -43,7 +43,7 @@ class TrueRecording:
         return max(float(p.force_N.sum(axis=1)[:, 2].max()) for p in self.pads)
 
 
-def grip_of(stands: Standing, *, gel: Gel, inner: InnerContact | None = None) -> Grip:
+def grip_of(stands: MeshedFruit, *, gel: Gel, inner: InnerContact | None = None) -> Grip:
     """The grip on a fruit as it was meshed, with both pads of the given gel."""
     nodes = nodes_of(stands)
     return Grip(
@@ -56,7 +56,7 @@ def grip_of(stands: Standing, *, gel: Gel, inner: InnerContact | None = None) ->
 
 
 def grasped(
-    grasp: CaseGrasp, grip: Grip, body: Body, progress: Callable[[str], None] | None = None
+    grasp: CaseGrasp, grip: Grip, body: GrippedBody, progress: Callable[[str], None] | None = None
 ) -> TrueRecording:
     """Go through the motion, corner by corner, with the given body; keep the recorded corners.
 

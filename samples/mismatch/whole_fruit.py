@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
-from samples.brick_flesh import Flesh, rigid_tie
+from samples.brick_flesh import BrickFlesh, rigid_tie
 from samples.factors import Solve, factorise
 
 
@@ -14,7 +14,7 @@ from samples.factors import Solve, factorise
 class WholeFruit:
     """Flesh with its factorised stiffness; small rotations of the pit (`tie`)."""
 
-    flesh: Flesh
+    flesh: BrickFlesh
     solve: Solve
     tie: csr_array
     dofs: Int[np.ndarray, " d"]
@@ -45,7 +45,7 @@ class WholeFruit:
         return full
 
 
-def whole_fruit(flesh: Flesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
+def whole_fruit(flesh: BrickFlesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
     """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
     return WholeFruit(flesh=flesh, solve=factorise(stiffness), tie=tie, dofs=dofs)

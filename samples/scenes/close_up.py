@@ -13,7 +13,7 @@ from samples.renderer import denoiser, layers_of, mitsuba, window_sensor
 from samples.scenes.draw import Scene
 from samples.scenes.phone import developed, exposed
 from samples.scenes.render import RenderOptions, load_world
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 _FINER = 3
 _WIDEST, _NARROWEST = 3.2, 1.15
@@ -76,8 +76,8 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
 
 
 def _square(
-    view: View, box: Float[np.ndarray, "n 3"], rng: np.random.Generator, *, side_px: int
-) -> tuple[View, tuple[int, int, int, int]]:
+    view: Viewpoint, box: Float[np.ndarray, "n 3"], rng: np.random.Generator, *, side_px: int
+) -> tuple[Viewpoint, tuple[int, int, int, int]]:
     """The view at the scale at which the drawn square is `side_px` wide, and that square in it."""
     pixels = view.pixels(box)
     low, high = pixels.min(0), pixels.max(0)
@@ -89,7 +89,7 @@ def _square(
     return seen, (int(corner[0]), int(corner[1]), side_px, side_px)
 
 
-def _enlarged(view: View, factor: float) -> View:
+def _enlarged(view: Viewpoint, factor: float) -> Viewpoint:
     return replace(
         view,
         focal_px=view.focal_px * factor,

@@ -6,15 +6,15 @@ from typing import Any
 import numpy as np
 
 from samples.fruit import SampleFruit, box_mm
-from samples.scenes.euro_coin import Coin, draw_coin
-from samples.scenes.ground import GROUNDS, Ground, draw_ground
-from samples.scenes.light import Light, draw_light
+from samples.scenes.euro_coin import SceneCoin, draw_coin
+from samples.scenes.ground import GROUNDS, SceneGround, draw_ground
+from samples.scenes.light import SceneLight, draw_light
 from samples.scenes.phone import PIPELINES, Pipeline, Shot, draw_pipeline
 from samples.scenes.scene_fruit import draw_fruit
 from samples.scenes.sheet import Sheet, draw_sheet
 from samples.scenes.skin_optics import SkinLook, draw_skin
-from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, Camera, draw_camera, hand_held
-from samples.viewpoints import View
+from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, ScenePhoto, draw_camera, hand_held
+from samples.viewpoints import Viewpoint
 
 FAMILIES = ("mat", "phone")
 FIRST_SEED = {"mat": 4000, "phone": 7000}
@@ -34,14 +34,14 @@ class Scene:
     fruit_kind: str
     fruit: SampleFruit
     skin: SkinLook
-    ground: Ground
+    ground: SceneGround
     sheet: Sheet | None
-    coin: Coin | None
-    light: Light
-    camera: Camera
+    coin: SceneCoin | None
+    light: SceneLight
+    camera: ScenePhoto
     pipeline: Pipeline
     shots: tuple[Shot, ...]
-    views: tuple[View, ...]
+    views: tuple[Viewpoint, ...]
 
     @property
     def name(self) -> str:

@@ -14,7 +14,7 @@ _BRASS, _SILVER = (0.80, 0.62, 0.32), (0.78, 0.77, 0.74)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Coin:
+class SceneCoin:
     """Where its centre lies on the ground (mm, z = 0 below it) and how it is turned."""
 
     centre_mm: tuple[float, float]
@@ -22,17 +22,19 @@ class Coin:
     diameter_mm: float = DIAMETER_MM
 
 
-def draw_coin(rng: np.random.Generator, *, fruit_radius_mm: float) -> Coin | None:
+def draw_coin(rng: np.random.Generator, *, fruit_radius_mm: float) -> SceneCoin | None:
     """In half of the draws, a coin whose rim is 15 to 40 mm from the fruit's side."""
     if rng.uniform() < 0.5:
         return None
     away = fruit_radius_mm + float(rng.uniform(15, 40)) + DIAMETER_MM / 2
     angle = float(rng.uniform(0, 2 * np.pi))
-    return Coin(centre_mm=(away * np.cos(angle), away * np.sin(angle)), turn_deg=float(rng.uniform(0, 360)))
+    return SceneCoin(
+        centre_mm=(away * np.cos(angle), away * np.sin(angle)), turn_deg=float(rng.uniform(0, 360))
+    )
 
 
 def coin_mesh(
-    coin: Coin,
+    coin: SceneCoin,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"], Float[np.ndarray, "n 3"]]:
     """Vertices, outward triangles and linear RGB of the coin: top with its relief, and the edge."""
     rim = coin.diameter_mm / 2

@@ -19,7 +19,7 @@ _STONES = ((0.45, 0.44, 0.43), (0.62, 0.58, 0.53), (0.25, 0.26, 0.28), (0.72, 0.
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
+class SceneGround:
     """Kind, sRGB colour, pattern (of cloth: plain, stripes, check; of wood: planks, board), roughness, turn
     about z, half width of the table top.
     """
@@ -33,7 +33,7 @@ class Ground:
     texture_seed: int
 
 
-def draw_ground(rng: np.random.Generator, *, kinds: tuple[str, ...] = GROUNDS) -> Ground:
+def draw_ground(rng: np.random.Generator, *, kinds: tuple[str, ...] = GROUNDS) -> SceneGround:
     """A ground of one of `kinds`."""
     kind = str(rng.choice(sorted(kinds)))
     palette = {
@@ -42,7 +42,7 @@ def draw_ground(rng: np.random.Generator, *, kinds: tuple[str, ...] = GROUNDS) -
     }[kind]  # fmt: skip
     srgb = np.clip(np.array(palette[rng.integers(len(palette))]) * rng.normal(1.0, 0.05, 3), 0.05, 0.95)
     patterns = {"cloth": ("plain", "stripes", "check"), "wood": ("planks", "board")}.get(kind, ("plain",))
-    return Ground(
+    return SceneGround(
         kind=kind,
         srgb=(float(srgb[0]), float(srgb[1]), float(srgb[2])),
         pattern=str(rng.choice(patterns)),
@@ -53,7 +53,7 @@ def draw_ground(rng: np.random.Generator, *, kinds: tuple[str, ...] = GROUNDS) -
     )
 
 
-def ground_shape(mi: Any, ground: Ground, *, z_mm: float) -> dict[str, Any]:
+def ground_shape(mi: Any, ground: SceneGround, *, z_mm: float) -> dict[str, Any]:
     """The table top as a shape of the renderer, at height z_mm."""
     repeat = 2 * ground.half_mm / TILE_MM
     to = mi.ScalarTransform4f
@@ -84,7 +84,7 @@ def ground_shape(mi: Any, ground: Ground, *, z_mm: float) -> dict[str, Any]:
     }
 
 
-def ground_texture(ground: Ground, *, side_px: int = TILE_PX) -> Float[np.ndarray, "s s 3"]:
+def ground_texture(ground: SceneGround, *, side_px: int = TILE_PX) -> Float[np.ndarray, "s s 3"]:
     """Linear RGB of one tile; features down to a quarter of a millimetre at the full size."""
     rng = np.random.default_rng([ground.texture_seed, 1])
     make = {"wood": _wood, "cloth": _cloth, "steel": _steel, "stone": _stone, "white-table": _white}
@@ -92,7 +92,7 @@ def ground_texture(ground: Ground, *, side_px: int = TILE_PX) -> Float[np.ndarra
     return linear_rgb(np.clip(srgb, 0.02, 0.97)).astype(np.float32)
 
 
-def _wood(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
+def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     # the grain runs along the columns of the picture
     tone = (
         0.09 * _noise(rng, side, 5, 100)
@@ -111,7 +111,7 @@ def _wood(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
-def _cloth(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
+def _cloth(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     threads = int(TILE_MM / rng.uniform(0.9, 1.8))
     along = np.arange(side) * threads / side
     which = along.astype(int)
@@ -133,14 +133,14 @@ def _cloth(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
     return np.asarray(base * (1 + tone[..., None]))
 
 
-def _steel(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
+def _steel(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     tone = (
         0.05 * _noise(rng, side, 6, 1600) + 0.04 * _noise(rng, side, 20, 700) + 0.03 * _noise(rng, side, 3, 3)
     )
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
-def _stone(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
+def _stone(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     tone = (
         0.10 * _noise(rng, side, 6, 6)
         + 0.10 * _noise(rng, side, 180, 180)
@@ -151,7 +151,7 @@ def _stone(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
-def _white(ground: Ground, rng: np.random.Generator, side: int) -> np.ndarray:
+def _white(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     tone = 0.012 * _noise(rng, side, 5, 5) + 0.008 * _noise(rng, side, 400, 400)
     scratches = _noise(rng, side, 30, 1200) > 3.2
     return np.asarray(np.array(ground.srgb) * (1 + np.where(scratches, tone - 0.12, tone)[..., None]))

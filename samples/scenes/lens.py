@@ -6,17 +6,21 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 
-def distorted_pixels(pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float) -> Float[np.ndarray, "n 2"]:
+def distorted_pixels(
+    pixels: Float[np.ndarray, "n 2"], view: Viewpoint, *, k1: float
+) -> Float[np.ndarray, "n 2"]:
     """Where the lens puts what a pinhole would put at `pixels` (centre of the first pixel (0, 0))."""
     middle = _middle(view)
     x = (pixels - middle) / view.focal_px
     return np.asarray(middle + view.focal_px * x * (1 + k1 * np.sum(x**2, axis=-1, keepdims=True)))
 
 
-def pinhole_pixels(pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float) -> Float[np.ndarray, "n 2"]:
+def pinhole_pixels(
+    pixels: Float[np.ndarray, "n 2"], view: Viewpoint, *, k1: float
+) -> Float[np.ndarray, "n 2"]:
     """The inverse of `distorted_pixels`, by fixed-point iteration."""
     middle = _middle(view)
     seen = (pixels - middle) / view.focal_px
@@ -26,7 +30,7 @@ def pinhole_pixels(pixels: Float[np.ndarray, "n 2"], view: View, *, k1: float) -
     return np.asarray(middle + view.focal_px * x)
 
 
-def margin_px(views: Sequence[View], *, k1: float) -> int:
+def margin_px(views: Sequence[Viewpoint], *, k1: float) -> int:
     """How many pixels more a pinhole picture needs on every side to fill the distorted one, in every view."""
     reach = [
         pinhole_pixels(np.array([(0.0, 0.0), (0.0, (v.height_px - 1) / 2)]), v, k1=k1).min() for v in views
@@ -35,7 +39,7 @@ def margin_px(views: Sequence[View], *, k1: float) -> int:
 
 
 def distorted_picture(
-    picture: Float[np.ndarray, "h w c"], view: View, *, k1: float, margin: int
+    picture: Float[np.ndarray, "h w c"], view: Viewpoint, *, k1: float, margin: int
 ) -> Float[np.ndarray, "h2 w2 c"]:
     """The lens's picture out of a pinhole picture that is `margin` pixels larger on every side."""
     if k1 == 0.0:
@@ -49,5 +53,5 @@ def distorted_picture(
     return np.asarray(warped)
 
 
-def _middle(view: View) -> Float[np.ndarray, " 2"]:
+def _middle(view: Viewpoint) -> Float[np.ndarray, " 2"]:
     return np.array([view.width_px - 1, view.height_px - 1]) / 2

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.cubed_sphere import even_sphere
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 Rgb = tuple[float, float, float]
 LIGHTS = ("camera-flash", "hard-lamp", "overcast", "photographer-shadow", "ring-flash", "two-lamps", "window")
@@ -29,7 +29,7 @@ class Lamp:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Light:
+class SceneLight:
     """`room`: irradiance from all round over the main light's; lamps stand still; a flash (inner and outer
     radius, offset right and up from the lens, mm) and the photographer's body move with the camera.
     """
@@ -44,7 +44,7 @@ class Light:
     pattern_seed: int
 
 
-def draw_light(rng: np.random.Generator) -> Light:
+def draw_light(rng: np.random.Generator) -> SceneLight:
     """One of `LIGHTS`, drawn evenly, with its numbers."""
     kind = str(rng.choice(LIGHTS))
     azimuth, tint = float(rng.uniform(0, 360)), rng.normal(0, 0.04)
@@ -76,7 +76,7 @@ def draw_light(rng: np.random.Generator) -> Light:
     else:
         room = float(rng.uniform(0.2, 0.4))
         lamps = (_lamp(rng, azimuth, (35, 50), (1300, 1700), (90, 220), colour),)
-    return Light(
+    return SceneLight(
         kind=kind,
         room=room,
         room_rgb=_rgb(np.clip(rng.normal(1.0, 0.05, 3), 0.8, 1.2)),
@@ -88,7 +88,7 @@ def draw_light(rng: np.random.Generator) -> Light:
     )
 
 
-def standing_lights(mi: Any, light: Light) -> dict[str, Any]:
+def standing_lights(mi: Any, light: SceneLight) -> dict[str, Any]:
     """The room and the lamps that stand still, for the renderer."""
     made: dict[str, Any] = {
         "room": {
@@ -114,14 +114,14 @@ def lamp_radiance(lamp: Lamp) -> Rgb:
     return _rgb(level * np.array(lamp.rgb))
 
 
-def flash_radiance(light: Light, *, distance_mm: float) -> Rgb:
+def flash_radiance(light: SceneLight, *, distance_mm: float) -> Rgb:
     """Radiance of the flash that gives the main irradiance straight ahead: E = L A / distance^2."""
     inner, outer = light.flash_radii_mm or (0.0, 1.0)
     return _rgb(_KEY * distance_mm**2 / (np.pi * (outer**2 - inner**2)) * np.array(_NEUTRAL))
 
 
 def flash_mesh(
-    light: Light, view: View, *, parts: int = 24
+    light: SceneLight, view: Viewpoint, *, parts: int = 24
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """The flash as a flat ring (or disc) round the lens, in the world; it shines where the camera looks."""
     inner, outer = light.flash_radii_mm or (0.0, 1.0)
@@ -138,7 +138,7 @@ def flash_mesh(
     return _in_world(ring, view), triangles
 
 
-def photographer_mesh(view: View) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def photographer_mesh(view: Viewpoint) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """A body behind the camera and the phone in front of it: what stands in the light in this view."""
     sphere = even_sphere(12)
     eye = -view.cam_from_world[:3, :3].T @ view.cam_from_world[:3, 3]
@@ -157,7 +157,7 @@ def photographer_mesh(view: View) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndar
     )
 
 
-def room_picture(light: Light) -> Float[np.ndarray, "h w 3"]:
+def room_picture(light: SceneLight) -> Float[np.ndarray, "h w 3"]:
     """An environment map of a blurred room whose mean irradiance is `room` of the main light's."""
     rng = np.random.default_rng([light.pattern_seed, 0])
     spread = 0.12 if light.kind == "overcast" else 0.5
@@ -192,7 +192,7 @@ def _lamp(
     )
 
 
-def _in_world(points: Float[np.ndarray, "n 3"], view: View) -> Float[np.ndarray, "n 3"]:
+def _in_world(points: Float[np.ndarray, "n 3"], view: Viewpoint) -> Float[np.ndarray, "n 3"]:
     pose = view.cam_from_world
     return np.asarray((points - pose[:3, 3]) @ pose[:3, :3])
 

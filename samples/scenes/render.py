@@ -18,7 +18,7 @@ from samples.scenes.lens import margin_px
 from samples.scenes.light import flash_mesh, flash_radiance, photographer_mesh, standing_lights
 from samples.scenes.sheet import sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import skin_attributes, skin_bsdf
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 _PAPER_BELOW_MM = 0.02
 _TABLE_BELOW_MM = 0.3
@@ -80,7 +80,7 @@ def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarr
         yield picture
 
 
-def halved(view: View) -> View:
+def halved(view: Viewpoint) -> Viewpoint:
     """The same view at half the resolution. Raises ValueError when a side is odd."""
     if view.width_px % 2 or view.height_px % 2:
         raise ValueError(f"a picture of {view.width_px} x {view.height_px} px cannot be halved")
@@ -119,7 +119,7 @@ class World:
     """A loaded scene, and `stand`, which puts in place what moves with the camera."""
 
     scene: Any
-    stand: Callable[[View], None]
+    stand: Callable[[Viewpoint], None]
 
 
 def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
@@ -142,7 +142,7 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
             "metallic": 1.0, "roughness": 0.32,
         }  # fmt: skip
         shapes["coin"] = _mesh(mi, "coin", points, triangles, bsdf=metal, attributes={"vertex_color": colour})
-    moving: dict[str, Callable[[View], np.ndarray]] = {}
+    moving: dict[str, Callable[[Viewpoint], np.ndarray]] = {}
     if scene.light.flash_radii_mm is not None:
         glow = flash_radiance(scene.light, distance_mm=scene.camera.distance_mm)
         points, triangles = flash_mesh(scene.light, first)
@@ -159,7 +159,7 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
         moving["body"] = lambda view: photographer_mesh(view)[0]
     loaded = mi.load_dict(shapes)
 
-    def stand(view: View) -> None:
+    def stand(view: Viewpoint) -> None:
         if moving:
             values = mi.traverse(loaded)
             for name, points_of in moving.items():
@@ -169,7 +169,7 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
     return World(scene=loaded, stand=stand)
 
 
-def widened(view: View, margin: int) -> View:
+def widened(view: Viewpoint, margin: int) -> Viewpoint:
     """The same view with `margin` pixels more on every side."""
     return replace(view, width_px=view.width_px + 2 * margin, height_px=view.height_px + 2 * margin)
 
@@ -218,7 +218,7 @@ def _mesh(
 
 
 def _windows(
-    views: Sequence[View], points_mm: Float[np.ndarray, "n 3"]
+    views: Sequence[Viewpoint], points_mm: Float[np.ndarray, "n 3"]
 ) -> tuple[tuple[int, int, int, int], ...]:
     """Left, top, width and height of a window round the points in each view: their box and a quarter more.
 

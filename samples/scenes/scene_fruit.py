@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from samples.fruit import POISSON_RATIO, Pit, SampleFruit, Skin, box_mm
+from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm
 
 # half of a blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
@@ -83,7 +83,7 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
     low, high = box_mm(skin)
     middle, half_box = (low + high) / 2, (high - low) / 2
     skin = replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
-    pit = Pit(
+    pit = SamplePit(
         centre_mm=_triple(np.array([0.0, 0.0, half_box[2]]) + rng.normal(0.0, 0.01, 3) * half_box),
         semi_axes_mm=_triple(np.array(kind.pit_over_box) * half_box * rng.normal(1.0, 0.04, 3)),
     )

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from samples.viewpoints import View, look_at
+from samples.viewpoints import Viewpoint, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
 LIKELY_ODD = 0.3  # share of the sets in which a few photos come from a higher or lower place
@@ -20,7 +20,7 @@ class Ring:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Camera:
+class ScenePhoto:
     """Mean focal length, mean distance from the fruit, rings, photos from an odd height, exposure (EV)."""
 
     focal_px: float
@@ -34,7 +34,7 @@ class Camera:
 
 def draw_camera(
     rng: np.random.Generator, *, photos: int, field_mm: tuple[float, float], fewest_rings: int = 2
-) -> Camera:
+) -> ScenePhoto:
     """A camera whose picture is `field_mm` wide at the fruit, its focal length 0.8 to 1.55 picture widths."""
     focal = 0.8 * (1.55 / 0.8) ** float(rng.uniform())
     field = float(rng.uniform(*field_mm))
@@ -52,7 +52,7 @@ def draw_camera(
     odd = (
         tuple(sorted(rng.choice(photos, int(rng.integers(2, 5)), replace=False).tolist())) if several else ()
     )
-    return Camera(
+    return ScenePhoto(
         focal_px=focal * WIDTH_PX,
         distance_mm=focal * field,
         field_mm=field,
@@ -64,14 +64,14 @@ def draw_camera(
 
 
 def hand_held(
-    camera: Camera,
+    camera: ScenePhoto,
     *,
     aim_mm: tuple[float, float, float],
     focal_scales: Float[np.ndarray, " n"],
-) -> tuple[View, ...]:
+) -> tuple[Viewpoint, ...]:
     """One view per photo; photo k has the focal length focal_px times focal_scales[k]."""
     rng = np.random.default_rng([camera.hand_seed, 0])
-    views: list[View] = []
+    views: list[Viewpoint] = []
     for ring in camera.rings:
         start = rng.uniform(0, 360.0)
         for k in range(ring.photos):
@@ -88,7 +88,7 @@ def hand_held(
             aim = np.asarray(aim_mm) + 0.02 * camera.field_mm * rng.normal(0, 1, 3)
             pose = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 3.0)))
             views.append(
-                View(
+                Viewpoint(
                     cam_from_world=pose,
                     focal_px=camera.focal_px * float(focal_scales[len(views)]),
                     width_px=WIDTH_PX,

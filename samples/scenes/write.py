@@ -18,7 +18,7 @@ from samples.scenes.lens import distorted_picture, margin_px
 from samples.scenes.phone import developed, exposed
 from samples.scenes.render import RenderOptions, pictures
 from samples.scenes.sheet import sheet_mat
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 # linear light that the metered part of a picture is brought to (by eye: paper is pale grey, not white)
 _PAPER_LEVEL = 0.62
@@ -68,7 +68,7 @@ def write_scene(
     return folder
 
 
-def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: View) -> float:
+def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: Viewpoint) -> float:
     """The factor on linear light that exposes a picture: by its paper where there is a mat, else by its mean.
 
     Of points spread over the mat the 70th percentile is paper; without a mat the mean logarithm goes to a

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Field, Finding, Kind, Rank
+from tactile.checks.finding import Field, Finding, FindingKind, Rank
 from tactile.checks.pressing import (
     LOST_REFUSED,
     LOST_SAID,
@@ -101,7 +101,7 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
             if share > most and one.pressed.any():
                 found.append(
                     Finding(
-                        kind=Kind.NOISE,
+                        kind=FindingKind.NOISE,
                         rank=Rank.FIELD,
                         pads=(one.pad.name,),
                         field=name,
@@ -160,7 +160,7 @@ def _markers(one: Pressing) -> list[Finding]:
         return []
     return [
         Finding(
-            kind=Kind.DEAD_MARKERS,
+            kind=FindingKind.DEAD_MARKERS,
             rank=Rank.FIELD,
             pads=(one.pad.name,),
             says=(
@@ -187,7 +187,7 @@ def _whole_frames(one: Pressing) -> list[Finding]:
         if noise > 0 and lost.any():
             found.append(
                 Finding(
-                    kind=Kind.ZERO_FRAMES,
+                    kind=FindingKind.ZERO_FRAMES,
                     rank=Rank.FIELD,
                     pads=(one.pad.name,),
                     field=name,
@@ -204,7 +204,7 @@ def _whole_frames(one: Pressing) -> list[Finding]:
     if one.felt_sd_mm > 0 and copied.sum() >= FEWEST_COPIED:
         found.append(
             Finding(
-                kind=Kind.COPIED_FRAMES,
+                kind=FindingKind.COPIED_FRAMES,
                 rank=Rank.FIELD,
                 pads=(one.pad.name,),
                 says=(
@@ -229,7 +229,7 @@ def _values(one: Pressing) -> list[Finding]:
         if levels < FEWEST_LEVELS:
             found.append(
                 Finding(
-                    kind=Kind.COARSE_STEPS,
+                    kind=FindingKind.COARSE_STEPS,
                     rank=Rank.FIELD,
                     pads=(one.pad.name,),
                     field=name,
@@ -247,7 +247,7 @@ def _values(one: Pressing) -> list[Finding]:
             share = float(clipped.sum() / max(one.pressed.sum(), 1))
             found.append(
                 Finding(
-                    kind=Kind.CLIPPED,
+                    kind=FindingKind.CLIPPED,
                     rank=Rank.FIELD,
                     pads=(one.pad.name,),
                     field=name,

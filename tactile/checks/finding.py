@@ -21,7 +21,7 @@ class Rank(IntEnum):
     """Recording and mesh do not belong together."""
 
 
-class Kind(StrEnum):
+class FindingKind(StrEnum):
     """What was found; findings are told apart by this, never by the words of their sentences."""
 
     # the field itself
@@ -96,7 +96,7 @@ class Finding:
     checks or findings would have needed.
     """
 
-    kind: Kind
+    kind: FindingKind
     rank: Rank
     says: str
     pads: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.finding import Finding, FindingKind, Rank
 from tactile.checks.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
@@ -124,12 +124,15 @@ def footprint_findings(
     elif prints and abs(prints[0].ahead_mm) > MOVED_MM + SAID * surface_sd_mm:
         found.append(_aside(f"the pad touched {abs(prints[0].ahead_mm):.1f} mm from where pose and mesh say"))
     if not found and tilted(prints, surface_sd_mm) > TILT_SAID:
-        found.append(_aside(_where(prints), kind=Kind.PRINT_ASIDE))
+        found.append(_aside(_where(prints), kind=FindingKind.PRINT_ASIDE))
     return found
 
 
 def better_otherwise(
-    prints: Sequence[Footprint], others: Sequence[tuple[Kind, Sequence[Footprint]]], *, surface_sd_mm: float
+    prints: Sequence[Footprint],
+    others: Sequence[tuple[FindingKind, Sequence[Footprint]]],
+    *,
+    surface_sd_mm: float,
 ) -> Finding | None:
     """The other arrangement that the prints fit far better than this one, and well; None where none is.
 
@@ -146,9 +149,9 @@ def better_otherwise(
     if best > TILT_FITS or tilted(prints, surface_sd_mm) ** 2 - best**2 < OTHERWISE:
         return None
     what = {
-        Kind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, are "
+        FindingKind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, are "
         "exchanged (left and right), or the mesh is turned or of another fruit",
-        Kind.MESH_TURNED: "on the mesh turned by a quarter: the mesh is turned or of another fruit, "
+        FindingKind.MESH_TURNED: "on the mesh turned by a quarter: the mesh is turned or of another fruit, "
         "or a pose is wrong",
     }[kind]
     return Finding(
@@ -174,7 +177,7 @@ def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     real = width_mm - wider_mm
     return Finding(
-        kind=Kind.WIDTH,
+        kind=FindingKind.WIDTH,
         rank=Rank.FRUIT,
         says=(
             f"the fruit between the pads is {real:.1f} mm wide where they first touch, "
@@ -186,7 +189,7 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     )
 
 
-def _aside(what: str, *, kind: Kind = Kind.ASIDE) -> Finding:
+def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
     return Finding(
         kind=kind,
         rank=Rank.FRUIT,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.finding import Finding, FindingKind, Rank
 from tactile.checks.pressing import FEWEST_PRESSED, Pressing
 from tactile.checks.units import LENGTH, unit_like
 from tactile.io.recording import Recording
@@ -58,7 +58,7 @@ def jaw_findings(
             if float(pose[:3, 2] @ (centre_mm - pose[:3, 3])) < 0:
                 found.append(
                     _refused(
-                        Kind.POSE_AWAY,
+                        FindingKind.POSE_AWAY,
                         "pose has its z axis away from the fruit; z points out of the gel into the fruit",
                         pads=(one.pad.name,),
                     )
@@ -75,7 +75,7 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
         if felt > OVER_CLOSING * closing + SLACK_MM and one.pressed.any():
             found.append(
                 _refused(
-                    Kind.TOO_DEEP,
+                    FindingKind.TOO_DEEP,
                     f"gel is indented by {felt:.2f} mm although its jaw goes only {closing:.2f} mm past the "
                     "first touch: displacement, or the poses' movement, is scaled or of another recording",
                     pads=(one.pad.name,),
@@ -95,7 +95,7 @@ def _aperture(
     if unit and float(np.abs(between).max()) < FAR_TOO_NEAR * size_mm:
         return [
             _refused(
-                Kind.POSES_UNIT,
+                FindingKind.POSES_UNIT,
                 f"the poses look like {unit}: they put the pads {between.max():.3g} mm apart, "
                 f"about a fruit of {size_mm:.0f} mm",
                 detail=unit,
@@ -104,7 +104,7 @@ def _aperture(
     if said > LEAST_MOVED_MM and moved < MOVED * said:
         return [
             _refused(
-                Kind.POSES_STILL,
+                FindingKind.POSES_STILL,
                 f"the poses stand still (they move {moved:.2f} mm) while the aperture changes by "
                 f"{said:.2f} mm: poses of one instant, or of another recording",
             )
@@ -120,7 +120,7 @@ def _aperture(
     )
     return [
         Finding(
-            kind=Kind.APERTURE_UNIT if unit else Kind.APERTURE,
+            kind=FindingKind.APERTURE_UNIT if unit else FindingKind.APERTURE,
             rank=Rank.MACHINE,
             detail=unit or "",
             says=(
@@ -139,24 +139,26 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
     line = origins[1] - origins[0]
     if -float(turned[0] @ turned[1]) > FACING and min(turned[0] @ line, -turned[1] @ line) > 0:
         return _refused(
-            Kind.POSES_TRANSPOSED,
+            FindingKind.POSES_TRANSPOSED,
             "the poses' rotations are transposed (fruit to pad instead of pad to fruit): "
             "only turned round do the pads face each other",
         )
     back = [-pose[0, :3, :3].T @ pose[0, :3, 3] for pose in poses]
     if -float(turned[0] @ turned[1]) > FACING and turned[0] @ (back[1] - back[0]) > 0:
-        return _refused(Kind.POSES_INVERTED, "the poses are inverted (fruit to pad instead of pad to fruit)")
+        return _refused(
+            FindingKind.POSES_INVERTED, "the poses are inverted (fruit to pad instead of pad to fruit)"
+        )
     if min(inward) < 0 and -float(poses[0][0, :3, 2] @ poses[1][0, :3, 2]) > FACING:
         return _refused(
-            Kind.POSES_BACK_TO_BACK,
+            FindingKind.POSES_BACK_TO_BACK,
             "the poses have the pads back to back: the z axes point away from each other; z points out of "
             "the gel into the fruit, or the poses of left and right are exchanged (swapped)",
         )
     return _refused(
-        Kind.POSES_TURNED,
+        FindingKind.POSES_TURNED,
         "the pads do not face each other by their poses: rotations are transposed, or poses of another day",
     )
 
 
-def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = (), detail: str = "") -> Finding:
+def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = (), detail: str = "") -> Finding:
     return Finding(kind=kind, rank=Rank.MACHINE, says=says, pads=pads, detail=detail, refused=True)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
-from tactile.checks.finding import Finding, Kind, Rank, shared
+from tactile.checks.finding import Finding, FindingKind, Rank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 from tactile.io.recording import marker_area_mm2
@@ -73,7 +73,7 @@ def _pad(one: Pressing) -> list[Finding]:
     if (order := _order(one)) is not None and order < ORDERED:
         found.append(
             Finding(
-                kind=Kind.MARKERS_ORDER,
+                kind=FindingKind.MARKERS_ORDER,
                 rank=Rank.FIELD,
                 pads=(one.pad.name,),
                 says=(
@@ -93,7 +93,7 @@ def _pad(one: Pressing) -> list[Finding]:
         if share > LOST_SAID:
             found.append(
                 Finding(
-                    kind=Kind.MARKERS_MISSING,
+                    kind=FindingKind.MARKERS_MISSING,
                     rank=Rank.FIELD,
                     pads=(one.pad.name,),
                     says=(
@@ -209,7 +209,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
         return []
     return [
         Finding(
-            kind=Kind.OVER_EDGE,
+            kind=FindingKind.OVER_EDGE,
             rank=Rank.FIELD,
             pads=(one.pad.name,),
             says=(
@@ -226,7 +226,7 @@ def _unit(one: Pressing, side_mm: float) -> Finding:
     fits = [name for times, name in LENGTH.items() if USUAL_FACE_MM[0] <= side_mm / times <= USUAL_FACE_MM[1]]
     unit = f", as if in {' or '.join(fits)}" if fits else ""
     return Finding(
-        kind=Kind.MARKERS_UNIT,
+        kind=FindingKind.MARKERS_UNIT,
         rank=Rank.FIELD,
         pads=(one.pad.name,),
         says=(

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.checks.channels import channel_findings, noise_findings
-from tactile.checks.finding import Finding, Kind
+from tactile.checks.finding import Finding, FindingKind
 from tactile.checks.footprint import (
     OTHERWISE,
     Footprint,
@@ -101,7 +101,7 @@ def _on_the_fruit(
     if len(pressings) == 2:
         width = _width_mm(pressings, vertices, faces)
     found = footprint_findings(there, width_mm=width, surface_sd_mm=surface_sd_mm)
-    if len(pressings) != 2 or any(one.kind is not Kind.PRINT_ASIDE for one in found):
+    if len(pressings) != 2 or any(one.kind is not FindingKind.PRINT_ASIDE for one in found):
         return found
     if tilted(there, surface_sd_mm) ** 2 < OTHERWISE:  # no arrangement can fit that much better
         return found
@@ -112,7 +112,7 @@ def _on_the_fruit(
 
 def other_arrangements(
     pressings: Sequence[Pressing], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
-) -> list[tuple[Kind, list[Footprint]]]:
+) -> list[tuple[FindingKind, list[Footprint]]]:
     """The prints with each pad at the other's place, and on the mesh turned by a quarter about each axis."""
     left, right = pressings
     exchanged = (
@@ -120,10 +120,10 @@ def other_arrangements(
         replace(right, pad=replace(right.pad, pose=left.pad.pose)),
     )
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    made = [(Kind.PADS_EXCHANGED, [footprint(one, vertices, faces) for one in exchanged])]
+    made = [(FindingKind.PADS_EXCHANGED, [footprint(one, vertices, faces) for one in exchanged])]
     for turn in QUARTERS:
         turned = centre + (vertices - centre) @ turn
-        made.append((Kind.MESH_TURNED, [footprint(one, turned, faces) for one in pressings]))
+        made.append((FindingKind.MESH_TURNED, [footprint(one, turned, faces) for one in pressings]))
     return [(kind, [one for one in there if one is not None]) for kind, there in made]
 
 

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Field, Finding, Kind, Rank, shared
+from tactile.checks.finding import Field, Finding, FindingKind, Rank, shared
 from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import Pressing, gives_way, heaviest
 from tactile.checks.relation import Relation, relation_of
@@ -81,7 +81,7 @@ def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                 found.append(
                     _refused(
                         one,
-                        Kind.AXES,
+                        FindingKind.AXES,
                         f"{name} has its axes exchanged or turned: "
                         f"it is greatest along {AXES[most]}, expected along z, out of the gel",
                         field=name,
@@ -117,7 +117,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
         return _refused(
             one,
-            Kind.DEAD_FIELD,
+            FindingKind.DEAD_FIELD,
             f"displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while its forces reach "
             f"{_total_N(one):.2g} N; the markers were not tracked",
             field="displacement",
@@ -125,7 +125,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
         return _refused(
             one,
-            Kind.DEAD_FIELD,
+            FindingKind.DEAD_FIELD,
             f"force is dead: it stays at {_total_N(one):.2g} N while its markers move "
             f"{_peak(one.felt_mm):.2f} mm",
             field="force",
@@ -135,7 +135,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
         field = _field_exchanged(one)
         return _refused(
             one,
-            Kind.AXES,
+            FindingKind.AXES,
             f"{field or 'force or displacement'} has its axes exchanged or turned: "
             f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
             field=field,
@@ -144,7 +144,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
         wrong: Field = "displacement" if _pushes(one) else "force"
         return _refused(
             one,
-            Kind.SIGN,
+            FindingKind.SIGN,
             f"{wrong} has the wrong sign: pressing moves markers to negative z and puts a positive force "
             "on the fruit, expected as the format has it",
             field=wrong,
@@ -153,7 +153,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
         late = "late" if r.lag_frames > 0 else "early"
         return _refused(
             one,
-            Kind.DELAY,
+            FindingKind.DELAY,
             f"force comes {abs(r.lag_frames)} frames {late} against its displacement: "
             "the two clocks disagree",
             detail=f"{r.lag_frames} frames",
@@ -161,14 +161,14 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.in_time < OUT_OF_STEP and r.summed > IN_STEP:
         return _refused(
             one,
-            Kind.INCREMENTS,
+            FindingKind.INCREMENTS,
             "displacement is written as increments from frame to frame: summed up it follows the force; "
             "write displacement from rest (cumulative)",
         )
     if r.in_time < OUT_OF_STEP:
         return _refused(
             one,
-            Kind.OUT_OF_STEP,
+            FindingKind.OUT_OF_STEP,
             f"force and displacement do not go together over time (correlation {r.in_time:.2f}, "
             "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
             detail=f"{r.in_time:.2f}",
@@ -176,7 +176,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.over_markers < SAME_MARKERS:
         return _refused(
             one,
-            Kind.OTHER_MARKERS,
+            FindingKind.OTHER_MARKERS,
             "force and displacement are not of the same markers "
             f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
             "one of the two lists its markers in another order (permuted)",
@@ -185,7 +185,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.saturation < SATURATES:
         return _refused(
             one,
-            Kind.SATURATION,
+            FindingKind.SATURATION,
             f"force is clipped: it grows {r.saturation:.1f} times as fast above half its peak as below; "
             "the sensor saturates",
             field="force",
@@ -193,7 +193,7 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     if r.saturation > 1 / SATURATES:
         return _refused(
             one,
-            Kind.SATURATION,
+            FindingKind.SATURATION,
             f"displacement is clipped: it grows {1 / r.saturation:.1f} times as fast above half its peak "
             "as below; tracking saturates",
             field="displacement",
@@ -235,25 +235,25 @@ def _gain_finding(
     unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
     detail = ""
     if blamed == "displacement" and unit_u:
-        kind, detail = Kind.DISPLACEMENT_UNIT, unit_u
+        kind, detail = FindingKind.DISPLACEMENT_UNIT, unit_u
         says = f"displacement looks like {unit_u}: {scaled}"
     elif blamed == "displacement":
-        kind = Kind.DISPLACEMENT_SCALE
+        kind = FindingKind.DISPLACEMENT_SCALE
         says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
     elif blamed == "force" and unit_F:
-        kind, detail = Kind.FORCE_UNIT, unit_F
+        kind, detail = FindingKind.FORCE_UNIT, unit_F
         says = f"forces look like {unit_F}: {said}"
     elif blamed == "force":
-        kind = Kind.FORCE_SCALE
+        kind = FindingKind.FORCE_SCALE
         says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
     elif unit_k and blamed == "stiffness":
-        kind, detail = Kind.STIFFNESS_UNIT, unit_k
+        kind, detail = FindingKind.STIFFNESS_UNIT, unit_k
         says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
     elif unit_F and unit_k:
-        kind, detail = Kind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
+        kind, detail = FindingKind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
         says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
     else:
-        kind = Kind.GAIN
+        kind = FindingKind.GAIN
         unit = f" (as if in {unit_F})" if unit_F else ""
         says = (
             f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
@@ -284,7 +284,7 @@ def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: 
     there = len(one.pad.rest_mm)
     every = {2: "second", 3: "third", 4: "fourth"}[count]
     return Finding(
-        kind=Kind.MARKERS_MISSING,
+        kind=FindingKind.MARKERS_MISSING,
         rank=Rank.RELATION,
         pads=names,
         says=(
@@ -317,7 +317,7 @@ def _blamed(
 
 
 def _refused(
-    one: Pressing, kind: Kind, says: str, *, field: Field | None = None, detail: str = ""
+    one: Pressing, kind: FindingKind, says: str, *, field: Field | None = None, detail: str = ""
 ) -> Finding:
     return Finding(
         kind=kind,

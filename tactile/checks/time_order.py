@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, Kind, Rank
+from tactile.checks.finding import Finding, FindingKind, Rank
 from tactile.checks.pressing import FEWEST_PRESSED, PRESSED_SD, QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.io.recording import Recording
@@ -76,7 +76,7 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
     if back > TURNS:
         return [
             _refused(
-                Kind.FRAMES_SHUFFLED,
+                FindingKind.FRAMES_SHUFFLED,
                 "the frames are out of order (shuffled): the jaws turn back at "
                 f"{100 * back:.0f} % of their steps; "
                 "sort the frames by the time at which they were taken",
@@ -92,7 +92,7 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
             if not faint and roughness(signal, jaws) > ROUGH:
                 found.append(
                     _refused(
-                        Kind.GEL_FRAMES_SHUFFLED,
+                        FindingKind.GEL_FRAMES_SHUFFLED,
                         f"{name} jumps from frame to frame while the jaws move evenly: "
                         "its frames are out of order (shuffled) against the jaws' log",
                         pads=(one.pad.name,),
@@ -125,7 +125,7 @@ def _dropped(recording: Recording) -> list[Finding]:
         return []
     return [
         Finding(
-            kind=Kind.FRAMES_DROPPED,
+            kind=FindingKind.FRAMES_DROPPED,
             rank=Rank.FIELD,
             says=(
                 f"frames were dropped: {missing} of {steps} time steps are twice or more those beside them; "
@@ -143,7 +143,7 @@ def _end(pressings: Sequence[Pressing]) -> list[Finding]:
         return []
     return [
         Finding(
-            kind=Kind.ENDS_PRESSED,
+            kind=FindingKind.ENDS_PRESSED,
             rank=Rank.MACHINE,
             pads=tuple(one.pad.name for one in pressed),
             says=(
@@ -204,7 +204,7 @@ def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
         if abs(change) > max(DRIFT_SHARE * peak, DRIFT_SD * noise):
             found.append(
                 Finding(
-                    kind=Kind.FORCE_DRIFT,
+                    kind=FindingKind.FORCE_DRIFT,
                     rank=Rank.RELATION,
                     pads=(one.pad.name,),
                     says=(
@@ -229,7 +229,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
         if _pressed_in(one, 0):
             found.append(
                 Finding(
-                    kind=Kind.STARTS_IN_CONTACT,
+                    kind=FindingKind.STARTS_IN_CONTACT,
                     rank=Rank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
@@ -245,7 +245,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
         if abs(rest_F) > TARE_SHARE * F and abs(rest_u) < TARE_MOVED * TARE_SHARE * u:
             found.append(
                 Finding(
-                    kind=Kind.NO_TARE,
+                    kind=FindingKind.NO_TARE,
                     rank=Rank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
@@ -307,7 +307,7 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     late = "late" if apart > 0 else "early"
     return [
         Finding(
-            kind=Kind.CLOCKS_APART,
+            kind=FindingKind.CLOCKS_APART,
             rank=Rank.MACHINE,
             says=(
                 f"the gel's signals (displacement and force) are {late} against the jaws: "
@@ -344,7 +344,7 @@ def _clock(recording: Recording) -> list[Finding]:
     unit = "milliseconds" if fastest < low else "minutes or hours"
     return [
         Finding(
-            kind=Kind.TIME_UNIT,
+            kind=FindingKind.TIME_UNIT,
             rank=Rank.MACHINE,
             says=(
                 f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, "
@@ -355,5 +355,5 @@ def _clock(recording: Recording) -> list[Finding]:
     ]
 
 
-def _refused(kind: Kind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
+def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
     return Finding(kind=kind, rank=Rank.FIELD, says=says, pads=pads, refused=True)

@@ -14,7 +14,7 @@ from jaxtyping import Float, UInt8
 
 from tactile.gel.photometric import PhotometricDepth, SlopeLookup, fitted_lookup
 from tactile.gel_camera import on_face, project
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 INSIDE = 0.85
@@ -35,7 +35,7 @@ class BallPrint:
 
 
 def ball_print(
-    camera: Camera,
+    camera: GelCamera,
     reference: UInt8[np.ndarray, "h w 3"],
     image: UInt8[np.ndarray, "h w 3"],
     *,

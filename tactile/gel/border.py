@@ -13,7 +13,7 @@ from tactile.gel.grid import GelGrid, with_smooth
 from tactile.gel.poisson_equation import laplacian_eigenvalues, poisson
 from tactile.gel.slab import GelLayer, tent_compliance
 from tactile.gel_camera import on_face, project
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 CELLS = 48
 """Cells along the longer side of the image for the harmonic functions: they are smooth."""
@@ -21,7 +21,7 @@ PER_SIDE = 12
 
 
 def border_observation(
-    layer: GelLayer, grid: GelGrid, camera: Camera
+    layer: GelLayer, grid: GelGrid, camera: GelCamera
 ) -> tuple[Float[np.ndarray, "3n u"], Float[np.ndarray, "n 3m"]]:
     """What shading sees of nodal forces and smooth fields, and the border's share H B of depth (mm/N)."""
     width, height = camera.image_px
@@ -50,7 +50,7 @@ def _ring(width: int, height: int) -> Float[np.ndarray, "r 2"]:
 
 
 def _harmonic(
-    camera: Camera, at_mm: Float[np.ndarray, "n 2"], width: int, height: int
+    camera: GelCamera, at_mm: Float[np.ndarray, "n 2"], width: int, height: int
 ) -> Float[np.ndarray, "n r"]:
     """H: values at the ring's pixels (linear in between) to values at points of the face."""
     columns = CELLS + 1

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from tactile.gel.border import border_observation
-from tactile.gel.force_inverse import GelForce, Strength, chosen_strength
+from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, chosen_strength
 from tactile.gel.force_placing import ForcePlacing
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.photometric import PhotometricDepth
@@ -22,7 +22,7 @@ from tactile.gel.spring_force import SpringForce
 from tactile.gel.stereo import sight, triangulated
 from tactile.gel_camera import on_face
 from tactile.markers.tracking import TrackedMarkers
-from tactile.sensors import Camera, Sensor
+from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_NOISE_PX = 0.01
@@ -53,8 +53,8 @@ class GelFields:
     force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
     motion_mm: Float[np.ndarray, " t"]
-    strength: Strength | None
-    solver: GelForce | SpringForce
+    strength: PriorHyperparameters | None
+    solver: InvertedForce | SpringForce
 
     def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
         """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
@@ -164,7 +164,7 @@ def fields_of(
     second: TrackedMarkers | None = None,
     images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
     shape: PhotometricDepth | None = None,
-    strength: Strength | None = None,
+    strength: PriorHyperparameters | None = None,
 ) -> GelFields:
     """Displacement and force of a whole recording; `images` are read once, one at a time.
 
@@ -199,7 +199,7 @@ def fields_of(
         strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
         picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
         strength = chosen_strength(reader.grid, reader.information, seen[picks], observed=reader.observed)
-    solver = GelForce(reader.grid, reader.information, strength, observed=reader.observed)
+    solver = InvertedForce(reader.grid, reader.information, strength, observed=reader.observed)
     shape_of = seen.shape
     force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
     touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
@@ -258,7 +258,7 @@ def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:
 
 
 def _on_planes(
-    camera: Camera, pixels: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
+    camera: GelCamera, pixels: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
     face = on_face(camera, np.nan_to_num(pixels))
     centre = camera.gel_from_camera[:3, 3]
@@ -267,7 +267,7 @@ def _on_planes(
     return np.where(np.isfinite(pixels).all(axis=1)[:, None], points, np.nan)
 
 
-def _needed(sensor: Sensor, camera: Camera | None, name: str) -> Camera:
+def _needed(sensor: Sensor, camera: GelCamera | None, name: str) -> GelCamera:
     if camera is None:
         raise _refusal(sensor, f"its description has no {name}; add a table [{name}]")
     return camera

@@ -41,7 +41,7 @@ ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressur
 
 
 @dataclass(frozen=True, kw_only=True)
-class Strength:
+class PriorHyperparameters:
     """The prior: spread of pressure and of shear (MPa), roughness (pitches); noise over that in the air."""
 
     pressure_MPa: float
@@ -50,11 +50,11 @@ class Strength:
     noise: float
 
 
-FIRST_STRENGTH = Strength(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
+FIRST_STRENGTH = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Settled:
+class ActiveSet:
     """Which nodes touch, the unknowns (0 outside), and how much each node outside wants to push, in noise."""
 
     touching: Bool[np.ndarray, " m"]
@@ -63,7 +63,7 @@ class Settled:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact:
+class GelContact:
     """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it.
 
     `motion_mm` is the largest displacement, by which the smooth fields are scaled.
@@ -76,7 +76,7 @@ class Contact:
     displacement_mm: Float[np.ndarray, "n 3"]
 
 
-class GelForce:
+class InvertedForce:
     """The inverse of one gel, ready for frames: everything that frames share is computed here.
 
     `information_per_mm2` (n, 3, 3) is the inverse covariance of one frame's marker displacement as frames in
@@ -87,7 +87,7 @@ class GelForce:
         self,
         grid: GelGrid,
         information_per_mm2: Float[np.ndarray, "n 3 3"],
-        strength: Strength,
+        strength: PriorHyperparameters,
         *,
         observed: Float[np.ndarray, "3n u"] | None = None,
     ) -> None:
@@ -108,13 +108,13 @@ class GelForce:
 
     def solve(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
-    ) -> Contact:
+    ) -> GelContact:
         """One frame; markers that are not `seen` (or NaN) say nothing."""
         y, normal, right = self._observed(displacement_mm, seen)
         motion_mm = _motion(y)
         found = self._settled(normal, right, motion_mm)
         t = found.unknowns[: self._size].reshape(-1, 3)
-        return Contact(
+        return GelContact(
             node_force_N=t,
             touching=found.touching,
             motion_mm=motion_mm,
@@ -124,7 +124,7 @@ class GelForce:
 
     def settled(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
-    ) -> Settled:
+    ) -> ActiveSet:
         """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
         y, normal, right = self._observed(displacement_mm, seen)
         return self._settled(normal, right, _motion(y))
@@ -209,7 +209,7 @@ class GelForce:
             normal = normal - self._weighted[lost].T @ self._observed_by[lost]
         return y, normal, self._weighted.T @ y.ravel()
 
-    def _settled(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> Settled:
+    def _settled(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> ActiveSet:
         """The active set; after `MOST_ROUNDS` nodes only leave, so that it ends with none that pulls."""
         m = len(self.grid.nodes_mm)
         normal_rows = slice(2, 3 * m, 3)
@@ -244,7 +244,7 @@ class GelForce:
             dropped[pulls] = True
         unknowns = np.zeros(len(right))
         unknowns[at] = found
-        return Settled(touching=touching, unknowns=unknowns, push_sd=np.where(touching, 0.0, push))
+        return ActiveSet(touching=touching, unknowns=unknowns, push_sd=np.where(touching, 0.0, push))
 
     def _heard(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
         """What the markers in view say of each node's push, without prior (1/N^2)."""
@@ -271,9 +271,9 @@ def chosen_strength(
     frames_mm: Sequence[Float[np.ndarray, "n 3"]],
     *,
     observed: Float[np.ndarray, "3n u"] | None = None,
-    start: Strength = FIRST_STRENGTH,
+    start: PriorHyperparameters = FIRST_STRENGTH,
     rounds: int = 2,
-) -> Strength:
+) -> PriorHyperparameters:
     """The strength of greatest marginal likelihood over some loaded frames, by factors of two.
 
     The contact is found anew after every round of climbing.
@@ -284,7 +284,7 @@ def chosen_strength(
         everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
         touching = [everywhere for _ in frames_mm]
         if turn:
-            solver = GelForce(grid, information_per_mm2, best, observed=observed)
+            solver = InvertedForce(grid, information_per_mm2, best, observed=observed)
             touching = [solver.solve(y).touching for y in frames_mm]
         pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
         if not pairs:
@@ -302,7 +302,7 @@ def chosen_strength(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Told:
+class SufficientStatistics:
     """What one frame says of the forces on its touching nodes, before noise and prior are scaled."""
 
     touching: Bool[np.ndarray, " m"]
@@ -313,13 +313,15 @@ class _Told:
     motion_mm: float
 
 
-def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray) -> _Told:
+def _told(
+    seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray
+) -> SufficientStatistics:
     usable = np.isfinite(y).all(axis=1)
     at = np.concatenate([_dofs(touching), np.arange(3 * len(touching), seen.shape[1])])
     G = seen[:, at].reshape(len(y), 3, -1)[usable]
     W = information[usable]
     weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
-    return _Told(
+    return SufficientStatistics(
         touching=touching,
         normal=weighted.T @ flat,
         right=weighted.T @ y[usable].ravel(),
@@ -329,7 +331,7 @@ def _told(seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np
     )
 
 
-def _evidence(grid: GelGrid, strength: Strength, told: Sequence[_Told]) -> float:
+def _evidence(grid: GelGrid, strength: PriorHyperparameters, told: Sequence[SufficientStatistics]) -> float:
     """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
     total = 0.0
     prior = _prior(grid, strength)
@@ -354,7 +356,7 @@ def _evidence(grid: GelGrid, strength: Strength, told: Sequence[_Told]) -> float
     return total
 
 
-def _prior(grid: GelGrid, strength: Strength) -> Float[np.ndarray, "3m 3m"]:
+def _prior(grid: GelGrid, strength: PriorHyperparameters) -> Float[np.ndarray, "3m 3m"]:
     m = len(grid.nodes_mm)
     smooth = np.eye(m) + strength.roughness**2 * grid.laplacian
     area = grid.pitch_mm**2

@@ -20,7 +20,7 @@ from scipy.ndimage import map_coordinates
 
 from tactile.gel.poisson_equation import laplacian_eigenvalues, poisson
 from tactile.gel_camera import rays
-from tactile.sensors import Camera, Light
+from tactile.sensors import GelCamera, GelLight
 
 BLOCK_PX = 4
 DEGREE = 3
@@ -48,7 +48,7 @@ def fitted_lookup(change: Float[np.ndarray, "m 3"], slopes: Float[np.ndarray, "m
 
 
 def lambert_change(
-    lights: tuple[Light, ...], ambient: float, slopes: Float[np.ndarray, "m 2"]
+    lights: tuple[GelLight, ...], ambient: float, slopes: Float[np.ndarray, "m 2"]
 ) -> Float[np.ndarray, "m 3"]:
     """r - 1 of a matt face: ambient light plus each light's strength times its cosine with the face."""
 
@@ -63,7 +63,9 @@ def lambert_change(
     return np.asarray(brightness(slopes) / brightness(np.zeros((1, 2))) - 1.0)
 
 
-def lambert_lookup(lights: tuple[Light, ...], *, ambient: float = 0.0, steepest: float = 0.7) -> SlopeLookup:
+def lambert_lookup(
+    lights: tuple[GelLight, ...], *, ambient: float = 0.0, steepest: float = 0.7
+) -> SlopeLookup:
     """The look-up of lights of known direction, for slopes up to `steepest`."""
     side = np.linspace(-steepest, steepest, 61)
     slopes = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -76,7 +78,7 @@ class PhotometricDepth:
 
     def __init__(
         self,
-        camera: Camera,
+        camera: GelCamera,
         reference: UInt8[np.ndarray, "h w 3"],
         lookup: SlopeLookup,
         *,

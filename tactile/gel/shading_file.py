@@ -8,12 +8,12 @@ from jaxtyping import UInt8
 from tactile.gel.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
 from tactile.io.plain_file import NotReadable
 from tactile.io.plain_numpy import load_npz
-from tactile.sensors import Camera, Sensor
+from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def shading_of(
-    sensor: Sensor, camera: Camera, reference: UInt8[np.ndarray, "h w 3"]
+    sensor: Sensor, camera: GelCamera, reference: UInt8[np.ndarray, "h w 3"]
 ) -> PhotometricDepth | None:
     """The depth reader of a photometric sensor, by its look-up or else its lights; None for other kinds."""
     if sensor.kind != "photometric":

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.gel_camera import rays
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 
 def sight(
-    camera: Camera,
+    camera: GelCamera,
     pixels: Float[np.ndarray, "n 2"],
     *,
     noise_px: float,
@@ -29,7 +29,7 @@ def sight(
 
 
 def triangulated(
-    cameras: tuple[Camera, Camera],
+    cameras: tuple[GelCamera, GelCamera],
     pixels: tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]],
     *,
     noise_px: float = 1.0,

@@ -54,7 +54,7 @@ TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_apertu
 
 
 @dataclass(frozen=True, kw_only=True)
-class View:
+class RawCamera:
     """One camera's untouched gel and its frames."""
 
     reference: UInt8[np.ndarray, "h w 3"]
@@ -67,8 +67,8 @@ class RawPad:
 
     name: str
     sensor: Sensor
-    view: View
-    second: View | None
+    view: RawCamera
+    second: RawCamera | None
     time_s: Float[np.ndarray, " t"]
     pose: Float[np.ndarray, "t 4 4"]
 
@@ -153,7 +153,7 @@ def _pad(
             raise unusable(
                 f"{beside.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
             )
-        second = View(reference=read_picture(untouched), pictures=pictures_in(other))
+        second = RawCamera(reference=read_picture(untouched), pictures=pictures_in(other))
         if second.pictures.numbers != pictures.numbers:
             found = f"{len(second.pictures.numbers)} frames"
             raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
@@ -167,7 +167,7 @@ def _pad(
     return RawPad(
         name=name,
         sensor=described,
-        view=View(reference=reference, pictures=pictures),
+        view=RawCamera(reference=reference, pictures=pictures),
         second=second,
         time_s=time_s,
         pose=poses,

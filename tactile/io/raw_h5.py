@@ -6,7 +6,7 @@ from typing import Any, cast
 import numpy as np
 
 from tactile.io.pictures import pictures_of
-from tactile.io.raw_grasp import RawGrasp, RawPad, View
+from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import (
     APERTURE,
     FORMAT,
@@ -68,7 +68,7 @@ def raw_of(file: Any, path: Path, *, sensor: Path) -> RawGrasp:
             RawPad(
                 name=name,
                 sensor=read_sensor(sensor),
-                view=View(
+                view=RawCamera(
                     reference=pad.picture("images_reference"),
                     pictures=pictures_of(data, f"{path.name}: pads/{name}/images"),
                 ),

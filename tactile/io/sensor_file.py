@@ -46,7 +46,7 @@ from tactile.io.plain_numpy import MOST_BYTES
 from tactile.io.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
 from tactile.io.recording_fields import Limit
 from tactile.io.toml_table import Table, read_table
-from tactile.sensors import Camera, Light, Sensor, SensorKind, marker_grid
+from tactile.sensors import GelCamera, GelLight, Sensor, SensorKind, marker_grid
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
@@ -119,7 +119,7 @@ def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
     return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)
 
 
-def _camera(table: Table) -> Camera | None:
+def _camera(table: Table) -> GelCamera | None:
     if not table:
         return None
     table.refuse_unknown({"image_px", "focal_px", "centre_px", "distortion", "gel_from_camera"})
@@ -133,7 +133,7 @@ def _camera(table: Table) -> Camera | None:
     pose = table.numbers("gel_from_camera", (4, 4))
     if not is_rigid(pose):
         raise table.refusal("gel_from_camera", "a matrix that is no rotation and shift", "a rigid motion, mm")
-    return Camera(
+    return GelCamera(
         image_px=(int(width), int(height)),
         focal_px=(float(focal[0]), float(focal[1])),
         centre_px=_two(table.numbers("centre_px", (2,))),
@@ -163,7 +163,7 @@ def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
     )
 
 
-def _lights(top: Table) -> tuple[Light, ...]:
+def _lights(top: Table) -> tuple[GelLight, ...]:
     """The lights, which together must light every channel: a dark one has no brightness to compare."""
     lights = tuple(_light(table) for table in top.tables("lights"))
     if lights:
@@ -182,7 +182,7 @@ def _ambient(top: Table) -> float:
     return value or 0.0
 
 
-def _light(table: Table) -> Light:
+def _light(table: Table) -> GelLight:
     table.refuse_unknown({"direction", "colour"})
     direction = table.numbers("direction", (3,))
     length = float(np.linalg.norm(direction))
@@ -194,7 +194,7 @@ def _light(table: Table) -> Light:
     colour = table.numbers("colour", (3,))
     if (colour < 0.0).any():
         raise table.refusal("colour", str(colour.tolist()), "three numbers, none below 0")
-    return Light(direction=direction / length, colour=colour)
+    return GelLight(direction=direction / length, colour=colour)
 
 
 def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:

@@ -6,10 +6,10 @@ import numpy as np
 from jaxtyping import Bool
 
 from tactile.io.frame_checks import Watch, refuse_saturated
-from tactile.io.raw_grasp import RawPad, View
+from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.reference_places import Places, places_of
 from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, reference_of, settled
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_SEEN = 0.5
@@ -19,7 +19,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def tracked_markers(
-    pad: RawPad, view: View, camera: Camera, source: str, progress: Progress | None
+    pad: RawPad, view: RawCamera, camera: GelCamera, source: str, progress: Progress | None
 ) -> tuple[TrackedMarkers, Bool[np.ndarray, " t"], Places, list[str]]:
     """The markers that the description knows, followed through all frames; which frames are doubled."""
     refuse_saturated(view.reference, f"{source}: reference")
@@ -56,7 +56,7 @@ def tracked_markers(
     return tracked, np.array(watch.doubled, dtype=bool), places, notes
 
 
-def camera_of(pad: RawPad) -> Camera:
+def camera_of(pad: RawPad) -> GelCamera:
     """The pad's first camera; raises TactileFailure (wrong-sensor) where its description has none."""
     if pad.sensor.camera is None:
         raise TactileFailure(

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 
 from tactile.gel_camera import on_face, project
 from tactile.markers.marker_detection import spacing_of
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 REACH = 0.4
@@ -31,7 +31,7 @@ class Places:
 
 
 def places_of(
-    camera: Camera,
+    camera: GelCamera,
     reference_px: Float[np.ndarray, "n 2"],
     rest_mm: Float[np.ndarray, "m 3"] | None,
     *,

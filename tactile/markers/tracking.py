@@ -54,7 +54,7 @@ class TrackedMarkers:
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceMarkers:
     """The unloaded gel as a camera sees it; `disc_px` is the markers' own radius."""
 
     look: MarkerLook
@@ -76,7 +76,7 @@ class FrameMarkers:
     blobs_px: Float[np.ndarray, "m 2"]
 
 
-def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Reference:
+def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> ReferenceMarkers:
     """The markers of an unloaded gel; `source` is how a failure names the frame.
 
     Raises TactileFailure (no-markers) where fewer than nine are found.
@@ -94,10 +94,12 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
         )
     lattice = lattice_of(markers.centre_px, spacing_of(markers.centre_px))
     shape = (intensity.shape[0], intensity.shape[1])
-    return Reference(look, markers, lattice, shape, disc_radius_px(shown, markers))
+    return ReferenceMarkers(look, markers, lattice, shape, disc_radius_px(shown, markers))
 
 
-def follow(reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]) -> Iterator[FrameMarkers]:
+def follow(
+    reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
+) -> Iterator[FrameMarkers]:
     """Every frame's markers, in the frames' order.
 
     A frame's blobs are found anew, so that errors do not add up; what came before only says which blob is
@@ -115,7 +117,7 @@ def follow(reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]) 
 
 
 def track(
-    reference: Reference, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
+    reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
     """Positions (px, NaN where lost) and quality over all frames, names set right by hindsight."""
     rows = list(follow(reference, frames))
@@ -126,7 +128,7 @@ def track(
 
 
 def settled(
-    reference: Reference, rows: Sequence[FrameMarkers]
+    reference: ReferenceMarkers, rows: Sequence[FrameMarkers]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
     """Positions and quality of all frames followed so far, names set right by hindsight."""
     before = np.stack([row.position_px for row in rows])
@@ -137,7 +139,7 @@ def settled(
 
 
 def _markers_in(
-    reference: Reference,
+    reference: ReferenceMarkers,
     frame: UInt8[np.ndarray, "h w *c"],
     moved: Float[np.ndarray, "n 2"],
     speed: Float[np.ndarray, "n 2"],
@@ -166,7 +168,7 @@ def _markers_in(
 
 
 def _look_for_lost(
-    reference: Reference,
+    reference: ReferenceMarkers,
     shown: Float[np.ndarray, "h w"],
     position: Float[np.ndarray, "n 2"],
     peak: Float[np.ndarray, " n"],

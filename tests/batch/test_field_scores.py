@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.fruit.input_doubts import PitKind
-from tactile.checks.finding import Kind
+from tactile.checks.finding import FindingKind
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
@@ -20,7 +20,10 @@ def named_by(kind, how="named", **more):
     return {one.name for one in MISTAKES if naming(answer, one) == how}
 
 
-@pytest.mark.parametrize("kind", [Kind.GAIN, Kind.WIDTH, Kind.ASIDE, Kind.PRINT_ASIDE, Kind.TOO_DEEP])
+@pytest.mark.parametrize(
+    "kind",
+    [FindingKind.GAIN, FindingKind.WIDTH, FindingKind.ASIDE, FindingKind.PRINT_ASIDE, FindingKind.TOO_DEEP],
+)
 def test_a_finding_with_several_causes_names_no_mistake_and_counts_among_several(kind):
     assert named_by(kind) == set()
     assert len(named_by(kind, "among several")) > 1
@@ -33,17 +36,17 @@ def test_each_fault_of_a_pit_is_named_by_its_own_kind_alone():
 
 
 def test_a_unit_is_named_by_itself_and_not_by_another_and_one_of_two_is_among_several():
-    assert named_by(Kind.FORCE_UNIT, detail="pounds") == {"force in pounds"}
-    either = {"kind": Kind.FORCE_OR_STIFFNESS_UNIT, "detail": "kilonewtons or kPa/mm (or MPa/m)"}
+    assert named_by(FindingKind.FORCE_UNIT, detail="pounds") == {"force in pounds"}
+    either = {"kind": FindingKind.FORCE_OR_STIFFNESS_UNIT, "detail": "kilonewtons or kPa/mm (or MPa/m)"}
     assert named_by(**either) == set()
     assert named_by(how="among several", **either) == {"force in kN", "stiffness in kPa/mm"}
 
 
 def test_a_field_is_named_by_itself_and_not_by_the_other():
-    assert named_by(Kind.SIGN, field="force") == {"force sign"}
-    assert named_by(Kind.AXES, field="displacement") == {"displacement x and z exchanged"}
+    assert named_by(FindingKind.SIGN, field="force") == {"force sign"}
+    assert named_by(FindingKind.AXES, field="displacement") == {"displacement x and z exchanged"}
     axes = {"force x and z exchanged", "displacement x and z exchanged"}
-    assert named_by(Kind.AXES, "among several") == axes
+    assert named_by(FindingKind.AXES, "among several") == axes
 
 
 def test_a_fruit_of_which_nothing_is_said_is_not_named():

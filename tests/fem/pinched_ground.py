@@ -10,7 +10,7 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import Baseline, baseline
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 
 COMPLIANCE = 4.0
 FRAMES = 8
@@ -68,7 +68,7 @@ def pinched() -> Baseline:
     return baseline(as_case(long_pinch()))
 
 
-def ground_of(moved_mm: np.ndarray | None = None) -> Ground:
+def ground_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
     """The ground on which effects stand, where the markers have moved so beyond the plain model."""
     base = pinched()
     seen = base.grasps[0]
@@ -76,4 +76,4 @@ def ground_of(moved_mm: np.ndarray | None = None) -> Ground:
     beyond = np.zeros_like(response) if moved_mm is None else moved_mm
     position = seen.tracks.place_mm + response + beyond
     tracks = replace(seen.tracks, position_mm=position)
-    return Ground(base=replace(base, grasps=(replace(seen, tracks=tracks),)), compliance=COMPLIANCE)
+    return ForwardModel(base=replace(base, grasps=(replace(seen, tracks=tracks),)), compliance=COMPLIANCE)

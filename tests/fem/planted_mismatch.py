@@ -18,12 +18,12 @@ from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import plain_ground
 from fem.mismatch.selection.refinement import Refit, refit
-from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
 
@@ -160,7 +160,7 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
                     name=pad.name,
                     axes=pad_axes(grasp, side),
                     place_mm=pad.surface_mm,
-                    unit=link.seen(moved),
+                    unit=link.at_markers(moved),
                     force_N=pad.force_N,
                     gel_mm=pad.gel_displacement_mm,
                 )
@@ -263,11 +263,11 @@ def on_pad(name: str, change: Altered) -> Altered:
     return lambda pad: change(pad) if pad.name == name else pad
 
 
-def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[Ground, LinearRound, Refit]:
+def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
     ground, _ = plain_ground(case)
-    recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
-    linear = linear_round(ground, recorded, [effect])
+    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
+    linear = screened(ground, recorded, [effect])
     again = refit(ground, linear, [linear.best[0]])
     assert again is not None
     return ground, linear, again

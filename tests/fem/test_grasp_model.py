@@ -47,7 +47,7 @@ def test_the_markers_displacement_is_that_of_a_full_solve_of_their_nodal_loads(s
     links = linked(solid)
     nodal = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, pinch().pads, strict=True))
     moved = solid.displacement(all_nodes(nodal, solid))[:, solid.contact_nodes]
-    wanted = np.concatenate([link.seen(moved) for link in links], axis=1)
+    wanted = np.concatenate([link.at_markers(moved) for link in links], axis=1)
     model = grasp_model(pinch(), solid)
     force = np.concatenate([pad.force_N for pad in pinch().pads], axis=1)
     found = model.unit_displacement(force)
@@ -76,7 +76,7 @@ def test_a_rigid_motion_of_the_skin_is_read_as_it_is():
     moved = np.einsum("nxk,fk->fnx", rigid_modes(nodes, centre_mm=origin), motions)
     for link in linked(solid):
         wanted = np.einsum("nxk,fk->fnx", rigid_modes(link.place.point_mm, centre_mm=origin), motions)
-        assert np.abs(link.seen(moved) - wanted).max() < 1e-9 * np.abs(wanted).max()
+        assert np.abs(link.at_markers(moved) - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
 def test_reading_does_the_same_work_as_loading():
@@ -85,7 +85,9 @@ def test_reading_does_the_same_work_as_loading():
     moved = rng.normal(size=(1, len(solid.contact_nodes), 3))
     for link in linked(solid):
         force = rng.normal(size=(1, len(link.place.point_mm), 3))
-        assert np.vdot(link.nodal_force(force), moved) == pytest.approx(np.vdot(force, link.seen(moved)))
+        assert np.vdot(link.nodal_force(force), moved) == pytest.approx(
+            np.vdot(force, link.at_markers(moved))
+        )
 
 
 def test_contact_nodes_are_the_faces_under_the_pads_sorted_and_once():

@@ -46,7 +46,7 @@ def solved(mesh, parts, support, poisson_ratio):
     nodal = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, pinch().pads, strict=True))
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=poisson_ratio, support=support, parts=parts)
     moved = solid.displacement(all_nodes(nodal, of_prior))[:, of_prior.contact_nodes]
-    return np.concatenate([link.seen(moved) for link in links], axis=1)
+    return np.concatenate([link.at_markers(moved) for link in links], axis=1)
 
 
 def sensitivity(support):

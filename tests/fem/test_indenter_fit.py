@@ -14,7 +14,7 @@ from fem.indentation.heldout import foretell, future_frames
 from fem.indentation.rank import parameters_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_noise import AirNoise, Noise, model_clock
+from fem.indentation.trace_noise import AirNoise, TraceNoise, model_clock
 
 
 def trace_of(columns):
@@ -34,7 +34,7 @@ def test_banded_noise_is_the_dense_normal():
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(0.05, 0.2, 40))
     wander = rng.uniform(0.5, 2, 40)
-    noise = Noise(white_N=0.3, wander_N=wander, clock=3 * time)
+    noise = TraceNoise(white_N=0.3, wander_N=wander, clock=3 * time)
     dense = 0.09 * np.eye(40) + np.outer(wander, wander) * np.exp(-3 * np.abs(np.subtract.outer(time, time)))
     residual = rng.standard_normal(40)
     assert noise.solve(residual) == pytest.approx(np.linalg.solve(dense, residual), rel=1e-8)

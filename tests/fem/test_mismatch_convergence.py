@@ -9,11 +9,11 @@ from pinched_ground import ground_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model import slip_path, stress_history
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection import model_selection
-from fem.mismatch.selection.screening import linear_round
+from fem.mismatch.selection.screening import screened
 
 LAWS = [
     (damage.EFFECT, {"dmax": 0.35, "W0_over_E": 0.004}, {"dmax": 0.3, "W0_over_E": 0.003}),
@@ -65,10 +65,12 @@ def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
 
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
     ground = ground_of()
-    linear = linear_round(ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], [damage.EFFECT])
+    linear = screened(
+        ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], [damage.EFFECT]
+    )
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
-    sound = model_selection.Sound(chi2=1.0, most_chi2=1.0, softness=1.0)
+    sound = model_selection.NullCase(chi2=1.0, most_chi2=1.0, softness=1.0)
     found = model_selection.named(ground, linear, detected=True, sound=sound)
     assert "after 1 rounds" in found.without["damage"]
 
@@ -76,8 +78,8 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
 def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_that_is(monkeypatch):
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     ground = ground_of()
-    recorded = [Recorded.of(ground, seen) for seen in ground.base.grasps]
-    linear = linear_round(ground, recorded, [stiffening.EFFECT])
+    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
+    linear = screened(ground, recorded, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
     assert [one.signature.label for one in linear.shown] == [""]
 

@@ -10,9 +10,9 @@ from scipy.stats import multivariate_normal
 
 from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Response
-from fem.mismatch.evidence.linear_evidence import PLAIN_SD, Products, Recorded
+from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.procedure import plain_ground
 
 SHAPE = (3, 4, 3)
@@ -45,11 +45,13 @@ def small():
     rng = np.random.default_rng(0)
     recorded = [SmallRecording(rng) for _ in range(2)]
     columns = [
-        Column(name=f"{k}", sd=sd, fields=[Field(markers=rng.normal(size=SHAPE)) for _ in recorded])
+        Regressor(
+            name=f"{k}", sd=sd, fields=[ObservationDelta(markers=rng.normal(size=SHAPE)) for _ in recorded]
+        )
         for k, sd in enumerate(SDS)
     ]
-    columns[2] = Column(name="2", sd=SDS[2], fields=[columns[2].fields[0], None])
-    return recorded, columns, Products(SimpleNamespace(compliance=0.4, workers=1), recorded, columns)
+    columns[2] = Regressor(name="2", sd=SDS[2], fields=[columns[2].fields[0], None])
+    return recorded, columns, GramMatrix(SimpleNamespace(compliance=0.4, workers=1), recorded, columns)
 
 
 def dense_parts(small, chosen):
@@ -94,7 +96,7 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     recorded, columns, _ = small
     meant = [columns[0], replace(columns[1], mean=0.8), columns[2]]
     y, noise, rows, sds = dense_parts(small, (1, 2))
-    products = Products(SimpleNamespace(compliance=0.4, workers=1), recorded, meant)
+    products = GramMatrix(SimpleNamespace(compliance=0.4, workers=1), recorded, meant)
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
@@ -122,30 +124,30 @@ def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evid
 def planted():
     """A recording of the planted fruit, with a case's own nuisances eliminated."""
     ground, _ = plain_ground(only_grasp(planted_case(), 0))
-    return ground, [Recorded.of(ground, seen) for seen in ground.base.grasps]
+    return ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
 
 
 def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted):
     ground, recorded = planted
     known = common_nuisances(ground)
-    products = Products(ground, recorded, known)
+    products = GramMatrix(ground, recorded, known)
     chosen = tuple(range(1, len(known) + 1))
     fit = products.fit(chosen)
     none = (np.zeros((0, 0)),) * 3
-    bare = [Recorded(one.seen, one.markers, one.balance, one.rest, *none) for one in recorded]
+    bare = [GraspEquations(one.seen, one.markers, one.balance, one.rest, *none) for one in recorded]
     kept = list(known)
     for k, seen in enumerate(ground.base.grasps):
         for name, sd, field in own_nuisances(ground, seen):
             fields = [field if j == k else None for j in range(len(recorded))]
-            kept.append(Column(name=name, sd=sd, fields=fields))
-    whole = Products(ground, bare, kept).fit(tuple(range(1, len(kept) + 1)))
+            kept.append(Regressor(name=name, sd=sd, fields=fields))
+    whole = GramMatrix(ground, bare, kept).fit(tuple(range(1, len(kept) + 1)))
     assert fit.chi2 == pytest.approx(whole.chi2, rel=1e-9)
     size = len(chosen) + 1
     np.testing.assert_allclose(fit.amounts, whole.amounts[:size], atol=1e-7)
     np.testing.assert_allclose(fit.covariance, whole.covariance[:size, :size], rtol=1e-6, atol=1e-12)
     assert len(kept) - len(known) > 50
     # what they eliminate counts the same whatever the common columns
-    without = Products(ground, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
+    without = GramMatrix(ground, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
     expected = whole.log_evidence - without.log_evidence
     assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
 
@@ -153,7 +155,7 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted
 def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(planted):
     ground, recorded = planted
     known = common_nuisances(ground)
-    products = Products(ground, recorded, known)
+    products = GramMatrix(ground, recorded, known)
     fit = products.fit(tuple(range(1, len(known) + 1)))
     for k, one in enumerate(recorded):
         touching = one.seen.tracks.episode >= 0

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
 
-from fem.estimation.denoised_force import GelForce, gel_force
+from fem.estimation.denoised_force import DenoisedForce, denoised_force
 from fem.grasp_history import PadHistory
 
 FORCE = true_force()
@@ -34,14 +34,14 @@ def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray |
     )
 
 
-def off(found: GelForce, truth: np.ndarray) -> float:
+def off(found: DenoisedForce, truth: np.ndarray) -> float:
     """Root mean square error, N."""
     return float(np.sqrt(((found.force_N - (truth @ TURN.T)[USED]) ** 2).mean()))
 
 
 def test_springs_push_by_their_displacement_with_less_noise_than_the_recorded_forces():
     pad = recorded()
-    found = gel_force(pad, TURN, USED)
+    found = denoised_force(pad, TURN, USED)
     assert found.sd_N == pytest.approx(GEL_N_PER_MM[2] * NOISE_MM, rel=0.05)
     assert off(found, FORCE) < 0.5 * NOISE_N
     springs = -(pad.gel_displacement_mm[USED] @ TURN) * GEL_N_PER_MM @ TURN.T
@@ -49,40 +49,40 @@ def test_springs_push_by_their_displacement_with_less_noise_than_the_recorded_fo
 
 
 def test_noise_said_to_be_left_is_the_noise_that_is_left():
-    found = gel_force(recorded(1), TURN, USED)
+    found = denoised_force(recorded(1), TURN, USED)
     error = (found.force_N - (FORCE @ TURN.T)[USED]) @ TURN
     assert error[:, :, 2].std() == pytest.approx(found.sd_N, rel=0.2)
 
 
 def test_a_gain_stays_a_gain():
     pad = recorded(2)
-    greater = gel_force(replace(pad, force_N=1.3 * pad.force_N), TURN, USED)
-    assert greater.force_N == pytest.approx(1.3 * gel_force(pad, TURN, USED).force_N, abs=2e-3)
+    greater = denoised_force(replace(pad, force_N=1.3 * pad.force_N), TURN, USED)
+    assert greater.force_N == pytest.approx(1.3 * denoised_force(pad, TURN, USED).force_N, abs=2e-3)
 
 
 def test_a_drift_of_which_the_gel_knows_nothing_survives():
     drift = (TIME * 2e-3)[:, None, None] * [0.0, 0.0, 1.0]
-    found = gel_force(recorded(3, more=drift), TURN, USED)
-    more = ((found.force_N - gel_force(recorded(3), TURN, USED).force_N) @ TURN)[:, :, 2].mean(axis=1)
+    found = denoised_force(recorded(3, more=drift), TURN, USED)
+    more = ((found.force_N - denoised_force(recorded(3), TURN, USED).force_N) @ TURN)[:, :, 2].mean(axis=1)
     np.testing.assert_allclose(more, (TIME * 2e-3)[USED], atol=3e-3)
 
 
 def test_a_gel_that_is_no_bed_of_springs_keeps_its_recorded_patterns():
     gel = -np.sign(FORCE) * np.abs(FORCE / GEL_N_PER_MM) ** 0.6
-    found = gel_force(recorded(4, gel=gel), TURN, USED)
+    found = denoised_force(recorded(4, gel=gel), TURN, USED)
     assert off(found, FORCE) < NOISE_N
 
 
 def test_where_displacement_is_the_worse_sensor_the_forces_are_taken_as_they_are():
     pad = replace(recorded(5), displacement_sd_mm=2 * NOISE_N / GEL_N_PER_MM[2])
-    found = gel_force(pad, TURN, USED)
+    found = denoised_force(pad, TURN, USED)
     np.testing.assert_array_equal(found.force_N, pad.force_N[USED])
     assert found.sd_N == NOISE_N
 
 
 def test_a_gel_that_does_not_move_says_nothing_and_the_forces_keep_their_patterns():
     pad = recorded(6, gel=np.zeros_like(FORCE))
-    assert off(gel_force(pad, TURN, USED), FORCE) < NOISE_N
+    assert off(denoised_force(pad, TURN, USED), FORCE) < NOISE_N
 
 
 def test_forces_near_their_noise_come_out_as_strong_as_they_are():
@@ -96,6 +96,6 @@ def test_forces_near_their_noise_come_out_as_strong_as_they_are():
         force_N=force @ TURN.T,
         episode=np.where(force[:, :, 2] > 3 * NOISE_N, 0, -1),
     )
-    found = (gel_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
+    found = (denoised_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
     expected = truth[USED][:, :, 2].sum(axis=1)
     assert (found @ expected) / (expected @ expected) == pytest.approx(1.0, abs=0.03)

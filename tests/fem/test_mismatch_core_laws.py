@@ -14,8 +14,8 @@ from scipy.sparse import csr_array
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.membrane import membrane_stiffness
 from fem.solid.rigid_core import reduced, rigid_modes
@@ -26,19 +26,19 @@ MU, LAME = unit_lame_constants(NU)
 
 
 @cache
-def pinched_once() -> Ground:
+def pinched_once() -> ForwardModel:
     """One ground for all, which remembers what it has computed."""
     return ground_of()
 
 
-def changed_solid(ground: Ground, more: csr_array) -> UnitModulusSolid:
+def changed_solid(ground: ForwardModel, more: csr_array) -> UnitModulusSolid:
     """The plain solid with this added to its stiffness, factorised anew."""
     solid = ground.base.solid_of(ground.base.grasps[0])
     stiffness = csr_array(solid.stiffness + more)
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
 
 
-def in_full(ground: Ground, solid: UnitModulusSolid) -> np.ndarray:
+def in_full(ground: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
     """c(t) of the recording on a solid of any law."""
     seen = ground.base.grasps[0]
     skin_nodes = ground.base.solid_of(seen).contact_nodes
@@ -47,7 +47,7 @@ def in_full(ground: Ground, solid: UnitModulusSolid) -> np.ndarray:
     return seen.over_time(seen.at_markers(solid.displacement(loads)[:, skin_nodes]))
 
 
-def stiffness_of(ground: Ground, tangent: np.ndarray) -> csr_array:
+def stiffness_of(ground: ForwardModel, tangent: np.ndarray) -> csr_array:
     """Sum over points of volume B' C B, element by element; `tangent` (m 4 6 6) in six true components."""
     points = ground.points
     m = len(points.volume_mm3)
@@ -69,17 +69,17 @@ def isotropic() -> np.ndarray:
     return tangent
 
 
-def graded(ground: Ground) -> csr_array:
+def graded(ground: ForwardModel) -> csr_array:
     return stiffness_of(ground, (2 * ground.depth - 1)[..., None, None] * isotropic())
 
 
-def axial(ground: Ground) -> csr_array:
+def axial(ground: ForwardModel) -> csr_array:
     along = np.zeros((6, 6))
     along[2, 2] = MU
     return stiffness_of(ground, np.broadcast_to(along, (*ground.depth.shape, 6, 6)))
 
 
-def membrane(ground: Ground) -> csr_array:
+def membrane(ground: ForwardModel) -> csr_array:
     return membrane_stiffness(ground.base.mesh, poisson_ratio=NU)
 
 
@@ -92,7 +92,7 @@ def membrane(ground: Ground) -> csr_array:
     ],
 )
 def test_the_reduced_space_answers_as_the_law_factorised_in_full(
-    effect, matrix: Callable[[Ground], csr_array], value, off
+    effect, matrix: Callable[[ForwardModel], csr_array], value, off
 ):
     ground = pinched_once()
     plain = ground.base.grasps[0].tracks.unit_displacement
@@ -134,7 +134,7 @@ def test_each_signature_is_the_slope_of_its_own_model(effect, step):
 
 def test_stiffer_skin_side_and_skin_give_way_less_under_a_pad():
     ground = pinched_once()
-    seen: Seen = ground.base.grasps[0]
+    seen: GraspResponse = ground.base.grasps[0]
     work = lambda unit: float((unit * seen.over_time(seen.patterns)).sum())  # noqa: E731
     plain = work(seen.tracks.unit_displacement)
     assert work(skin.EFFECT.respond(ground, {"Et_over_E_mm": 3.0}, "").unit[0]) < plain

@@ -24,13 +24,13 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.evidence.linear_evidence import Recorded
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.procedure import plain_ground
-from fem.mismatch.selection.model_selection import Sound, named
+from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.screening import linear_round
+from fem.mismatch.selection.screening import screened
 
 AIR_S = TIME_S[:3].mean()
 
@@ -103,7 +103,7 @@ def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str
     return again.parameters[0], again.choices[0], modulus(ground, again)
 
 
-def modulus(ground: Ground, again) -> float:
+def modulus(ground: ForwardModel, again) -> float:
     """E as an answer gives it: by least squares with the effect's response in place."""
     return modulus_of(getattr(again, "ground", ground), again.response).value
 
@@ -145,11 +145,11 @@ class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
     """Starts three times too far, where it has no model, as a pit has none that pokes out of the fruit."""
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         return super().start(ground, signature, 3 * amounts)
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         if parameters["mm_per_N"] > 0.45:
             raise FemFailure(FemProblem.PIT_OUTSIDE_FRUIT, "no such fruit")
         return super().respond(ground, parameters, choice)
@@ -176,7 +176,7 @@ def rms(field: np.ndarray) -> float:
 
 
 def beyond_motions(
-    ground: Ground, unit: Float[np.ndarray, "f n 3"], shift_mm: Float[np.ndarray, "f n 3"] | float = 0.0
+    ground: ForwardModel, unit: Float[np.ndarray, "f n 3"], shift_mm: Float[np.ndarray, "f n 3"] | float = 0.0
 ) -> Float[np.ndarray, "f n 3"]:
     """What a model leaves of the first recording's markers where E is E_MPA, mm."""
     seen = ground.base.grasps[0]
@@ -185,7 +185,7 @@ def beyond_motions(
 
 
 @pytest.fixture(scope="module")
-def sound() -> Ground:
+def sound() -> ForwardModel:
     return plain_ground(planted_case(noise=0.0))[0]
 
 
@@ -216,11 +216,11 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
 
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
     ground, _ = plain_ground(planted_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
-    linear = linear_round(
-        ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], [pose_error.EFFECT]
+    linear = screened(
+        ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], [pose_error.EFFECT]
     )
     assert linear.best[0].signature.label == "right"
-    sound = Sound(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, softness=1.0)
+    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, softness=1.0)
     best = named(ground, linear, detected=True, sound=sound).ranking[0].refit
     assert best is not None
     assert best.choices == ("left",)

@@ -7,7 +7,7 @@ import pytest
 from planted_mismatch import only_grasp, planted_case
 
 from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
-from fem.mismatch.model.baseline import Seen, baseline
+from fem.mismatch.model.baseline import GraspResponse, baseline
 from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS, BalanceEquations, MarkerEquations
 from fem.mismatch.model.observation_delta import ARM_MM
 
@@ -15,7 +15,7 @@ COMPLIANCE, SCALE_SD = 4.0, 0.004
 
 
 @cache
-def seen() -> Seen:
+def seen() -> GraspResponse:
     """One recording, noise and all."""
     return baseline(only_grasp(planted_case(), 0)).grasps[0]
 

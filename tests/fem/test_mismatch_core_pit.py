@@ -10,7 +10,7 @@ from pinched_ground import COMPLIANCE, ground_of
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.quadratic_surrogate import anchored
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.solid.linear_solid import UnitModulusSolid
@@ -18,7 +18,7 @@ from fem.solid.moved_pit import with_pit_moved
 
 
 @cache
-def ground() -> Ground:
+def ground() -> ForwardModel:
     return ground_of()
 
 

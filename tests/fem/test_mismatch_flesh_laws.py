@@ -12,7 +12,7 @@ from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import damage, plastic_set, stiffening
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.baseline import baseline
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import path_frames
 from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
 from fem.mismatch.model.warm_start import WarmStarts
@@ -182,7 +182,7 @@ def test_only_the_last_runs_are_kept():
     assert first_guess(search, "law", np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
 
 
-def difference(module: object, ground: Ground, parameters: dict[str, float], base: dict[str, float]):
+def difference(module: object, ground: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
     effect = module.EFFECT
     one = effect.respond(ground, parameters, "").unit[0]
     return ground.compliance * (one - effect.respond(ground, base, "").unit[0])
@@ -245,10 +245,10 @@ def test_plastic_response_outgrows_its_signature_the_more_the_flesh_yields(monke
 
 
 @cache
-def twice_pinched() -> Ground:
+def twice_pinched() -> ForwardModel:
     case = as_case(long_pinch())
     twice = (case.grasps[0], replace(case.grasps[0], name="grasp-2"))
-    return Ground(base=baseline(replace(case, grasps=twice)), compliance=4.0)
+    return ForwardModel(base=baseline(replace(case, grasps=twice)), compliance=4.0)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,12 @@ from pinched_ground import ground_of
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import stiffening
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model import stress_history
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import Parameter
 from fem.mismatch.selection.refinement import refit
-from fem.mismatch.selection.screening import linear_round
+from fem.mismatch.selection.screening import screened
 from fem.solid.finite_strain import FiniteStrainSolid
 
 MU, LAME = unit_lame_constants(NU)
@@ -43,7 +43,7 @@ class BonetAndWood:
         )
 
 
-def by_newton(ground: Ground, *, share: float = 1.0) -> np.ndarray:
+def by_newton(ground: ForwardModel, *, share: float = 1.0) -> np.ndarray:
     """The markers' displacement, mm, of Bonet and Wood's flesh under this share of the loads, all frames."""
     seen = ground.base.grasps[0]
     solid = ground.base.solid_of(seen)
@@ -55,7 +55,7 @@ def by_newton(ground: Ground, *, share: float = 1.0) -> np.ndarray:
     return seen.at_markers(moved[:, solid.contact_nodes])
 
 
-def neo_hookean_signature(ground: Ground) -> np.ndarray:
+def neo_hookean_signature(ground: ForwardModel) -> np.ndarray:
     found = next(one for one in stiffening.EFFECT.signatures(ground) if one.label == "neo-hookean")
     return found.columns[0].fields[0].markers
 
@@ -75,8 +75,8 @@ def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
     seen = softer.base.grasps[0]
     tracks = replace(seen.tracks, position_mm=seen.tracks.place_mm + by_newton(softer))
     planted = replace(softer, base=replace(softer.base, grasps=(replace(seen, tracks=tracks),)))
-    recorded = [Recorded.of(planted, one) for one in planted.base.grasps]
-    linear = linear_round(planted, recorded, [stiffening.EFFECT])
+    recorded = [GraspEquations.of(planted, one) for one in planted.base.grasps]
+    linear = screened(planted, recorded, [stiffening.EFFECT])
     shown = linear.best[0]
     assert shown.kind == "stiffening neo-hookean"
     assert shown.gain > 3

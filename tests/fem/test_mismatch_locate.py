@@ -10,19 +10,19 @@ from fem.mismatch.effects.soft_spot import CENTRE, EFFECT
 from fem.mismatch.localisation.adjoint_maps import fruit_map
 from fem.mismatch.localisation.anova import Cells, analysis_of_variance, explained, modulus_cells
 from fem.mismatch.localisation.residual_places import located
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS
 
 SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
 NOISE_MM = 0.004
 
 
-def left_by_plain(ground: Ground) -> list[np.ndarray]:
+def left_by_plain(ground: ForwardModel) -> list[np.ndarray]:
     tracks = ground.base.grasps[0].tracks
     return [tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement]
 
 
-def planted_spot(rng: np.random.Generator) -> Ground:
+def planted_spot(rng: np.random.Generator) -> ForwardModel:
     plain = ground_of()
     place = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}
     more = EFFECT.respond(plain, place, "").unit[0] - plain.base.grasps[0].tracks.unit_displacement
@@ -62,7 +62,7 @@ def test_noise_alone_has_standard_scores_and_no_place():
     rng = np.random.default_rng(3)
     ground = ground_of()
     shape = ground.base.grasps[0].tracks.position_mm.shape
-    maps = [fruit_map(ground, ground.sight.seen([NOISE_MM * rng.normal(size=shape)])) for _ in range(20)]
+    maps = [fruit_map(ground, ground.sight.observed([NOISE_MM * rng.normal(size=shape)])) for _ in range(20)]
     # Recordings leave ALIKE numbers for each independent one; these draws are independent all.
     thinned = np.sqrt(ALIKE * MARKER_EXCESS)
     scores = thinned * np.array([one.modulus_score for one in maps])
@@ -74,7 +74,7 @@ def test_noise_alone_has_standard_scores_and_no_place():
 
 
 def test_a_soft_spot_far_from_every_pad_is_not_visible():
-    maps = fruit_map(ground := ground_of(), ground.sight.seen(left_by_plain(ground)))
+    maps = fruit_map(ground := ground_of(), ground.sight.observed(left_by_plain(ground)))
     under_pad = np.linalg.norm(maps.vertices_mm - [HALF_AXES_MM[0], 0, 0], axis=1).argmin()
     on_top = maps.vertices_mm[:, 2].argmax()
     assert maps.visible[under_pad] > 10 * maps.visible[on_top]

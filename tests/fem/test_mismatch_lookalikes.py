@@ -7,9 +7,9 @@ import pytest
 
 from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Signature
-from fem.mismatch.evidence.discrepancy_prior import SEEMING, beside, lookalikes, seeming_spread
-from fem.mismatch.evidence.linear_evidence import Products
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY, beside, discrepancy_columns, seeming_spread
+from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 SHAPE = (4, 12, 3)
 NOISE_MM = 0.01
@@ -41,16 +41,16 @@ def gain_of(name: str, *, amount: float, softness: float = 1.0, compliance: floa
     unit, field = rng.normal(size=SHAPE), rng.normal(size=SHAPE)
     position = compliance * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
     ground = SimpleNamespace(compliance=compliance, softness=softness, workers=1)
-    own = Column(name="own", sd=4.0, fields=[Field(markers=field)], positive=True)
-    columns = lookalikes(ground, [(effect(name), Signature(label="", columns=(own,)))])
-    products = Products(ground, [Recording(position, unit)], [*columns, own])
+    own = Regressor(name="own", sd=4.0, fields=[ObservationDelta(markers=field)], positive=True)
+    columns = discrepancy_columns(ground, [(effect(name), Signature(label="", columns=(own,)))])
+    products = GramMatrix(ground, [Recording(position, unit)], [*columns, own])
     nuisances = tuple(range(1, len(columns) + 1))
     return products.fit((*nuisances, len(columns) + 1)).log_evidence - products.fit(nuisances).log_evidence
 
 
 @pytest.mark.parametrize("name", ["skin", "poisson_ratio"])
 def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
-    mean, sd = SEEMING[name]
+    mean, sd = DISCREPANCY[name]
     assert gain_of(name, amount=mean) < 0
     assert gain_of(name, amount=mean + sd) < 0
     assert gain_of(name, amount=mean + 10 * sd) > 30
@@ -58,7 +58,7 @@ def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
 
 
 def test_jaws_seem_to_give_way_the_more_the_softer_the_flesh():
-    soft = SEEMING["gripper_compliance"][0] * 4.0 * 3.0
+    soft = DISCREPANCY["gripper_compliance"][0] * 4.0 * 3.0
     assert gain_of("gripper_compliance", amount=soft, softness=3.0, compliance=4.0) < 0
     assert gain_of("gripper_compliance", amount=10 * soft, softness=3.0, compliance=4.0) > 30
 
@@ -68,8 +68,10 @@ def test_an_effect_without_a_seeming_amount_counts_from_nothing():
 
 
 def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
-    columns = [Column(name=name, sd=1.0, fields=[]) for name in ("1/E", "as if skin", "as if poisson_ratio")]
+    columns = [
+        Regressor(name=name, sd=1.0, fields=[]) for name in ("1/E", "as if skin", "as if poisson_ratio")
+    ]
     assert beside([effect("skin")], columns, (1, 2)) == (2,)
     assert beside([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
-    assert seeming_spread(effect("skin")) > SEEMING["skin"][0]
+    assert seeming_spread(effect("skin")) > DISCREPANCY["skin"][0]
     assert seeming_spread(effect("poisson_ratio")) == 0

@@ -16,7 +16,7 @@ from fem.mesh.surface_points import skin_quadrature
 from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import baseline
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
@@ -112,7 +112,7 @@ def test_the_contact_problem_agrees_with_least_squares_under_bounds():
         assert ((compliance @ own + q) > -1e-9).all()
 
 
-def grounded(history: GraspHistory) -> Ground:
+def grounded(history: GraspHistory) -> ForwardModel:
     """The coarse fruit under a recording of the pinch."""
     pads = tuple(
         PadMotion(
@@ -127,16 +127,16 @@ def grounded(history: GraspHistory) -> Ground:
     case = MismatchCase(
         mesh=coarse_fruit.fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget()
     )
-    return Ground(base=baseline(case), compliance=COMPLIANCE)
+    return ForwardModel(base=baseline(case), compliance=COMPLIANCE)
 
 
 @cache
-def pinched() -> Ground:
+def pinched() -> ForwardModel:
     """Nothing but forces."""
     return grounded(coarse_fruit.pinch())
 
 
-def moved_by(unit: np.ndarray) -> Ground:
+def moved_by(unit: np.ndarray) -> ForwardModel:
     """A recording in which the markers have moved so, times 1/E."""
     history = coarse_fruit.pinch()
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
@@ -147,7 +147,7 @@ def moved_by(unit: np.ndarray) -> Ground:
     return grounded(replace(history, pads=pads))
 
 
-def work(ground: Ground, unit: np.ndarray) -> float:
+def work(ground: ForwardModel, unit: np.ndarray) -> float:
     """Of the forces of the second frame, a symmetric pinch."""
     seen = ground.base.grasps[0]
     return float((seen.over_time(seen.patterns)[1] * unit[1]).sum())

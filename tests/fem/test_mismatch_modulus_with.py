@@ -8,11 +8,11 @@ from test_mismatch_core_measurement import given_way
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.reported_values import _ninety
 from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit
-from fem.mismatch.selection.screening import linear_round
+from fem.mismatch.selection.screening import screened
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,9 @@ def thick_skin() -> Refit:
     ground = ground_of()
     unit = skin.EFFECT.respond(ground, {"Et_over_E_mm": 6.0}, "").unit[0]
     planted = ground_of(ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement))
-    linear = linear_round(planted, [Recorded.of(planted, one) for one in planted.base.grasps], [skin.EFFECT])
+    linear = screened(
+        planted, [GraspEquations.of(planted, one) for one in planted.base.grasps], [skin.EFFECT]
+    )
     return refit(planted, linear, (linear.best[0],))
 
 

@@ -9,9 +9,9 @@ from pinched_ground import COMPLIANCE, ground_of
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
-from fem.mismatch.evidence.linear_evidence import Recorded
+from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
-from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.mismatch.selection.screening import LinearRound, screened
 
 SOFTER = 1.25
 TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
@@ -28,7 +28,7 @@ def planted():
 
 def rounds(effects, *, workers: int = 1) -> LinearRound:
     ground = replace(planted(), workers=workers)
-    return linear_round(ground, [Recorded.of(ground, seen) for seen in ground.base.grasps], effects)
+    return screened(ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], effects)
 
 
 @cache

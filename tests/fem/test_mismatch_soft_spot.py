@@ -110,7 +110,7 @@ def test_without_a_spot_nothing_stands_out():
     rng = np.random.default_rng(4)
     ground = ground_of(0.004 * rng.normal(size=pinched().grasps[0].tracks.unit_displacement.shape))
     left = [0.004 * rng.normal(size=seen.tracks.position_mm.shape) for seen in ground.base.grasps]
-    numbers = np.array([ground.sight.seen([field * 1.0]) for field in left])
+    numbers = np.array([ground.sight.observed([field * 1.0]) for field in left])
     assert np.sqrt((numbers**2).mean()) < 1.2
 
 

@@ -9,7 +9,7 @@ import pytest
 from coarse_fruit import fruit_mesh
 
 from fem.mismatch.model.forward_model import Memory
-from fem.parallel_map import side_by_side
+from fem.parallel_map import parallel_map
 from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.strain_field import FleshStrain
 
@@ -22,14 +22,14 @@ def test_items_are_worked_on_at_once_and_come_back_in_order():
         time.sleep(0.02 * (item % 2 == 0))
         return item**2
 
-    assert side_by_side(call, range(4), workers=2) == [0, 1, 4, 9]
+    assert parallel_map(call, range(4), workers=2) == [0, 1, 4, 9]
 
 
 def test_one_worker_stays_in_the_thread_that_asks():
     here = threading.get_ident()
-    assert side_by_side(lambda _: threading.get_ident(), range(3), workers=1) == [here] * 3
-    assert side_by_side(lambda _: threading.get_ident(), [0], workers=4) == [here]
-    assert side_by_side(str, [], workers=4) == []
+    assert parallel_map(lambda _: threading.get_ident(), range(3), workers=1) == [here] * 3
+    assert parallel_map(lambda _: threading.get_ident(), [0], workers=4) == [here]
+    assert parallel_map(str, [], workers=4) == []
 
 
 def test_the_first_items_exception_is_raised_and_what_has_not_begun_is_left():
@@ -42,7 +42,7 @@ def test_the_first_items_exception_is_raised_and_what_has_not_begun_is_left():
         time.sleep(0.05)
 
     with pytest.raises(ValueError, match=r"^0$"):
-        side_by_side(call, range(50), workers=2)
+        parallel_map(call, range(50), workers=2)
     assert len(begun) < 10
 
 

@@ -11,7 +11,7 @@ from pipeline.batch.problem import BatchRefused
 from pipeline.batch.settings import read_settings
 from pipeline.diagnosis.apply_to_settings import confirmed_effects, why_not, with_effects
 from pipeline.diagnosis.confirmed_effects import effects_on, faults, keyed
-from tactile.correction import SensorGain
+from tactile.correction import GainFault
 
 TEXT = """# a batch of our own
 category = "nectarine"   # what else
@@ -121,7 +121,7 @@ def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_pat
     held = settings(tmp_path, text).mismatch
     assert [e.effect for e in effects_on(held, "N01")] == ["sensor_gain", "soft_spot"]
     assert [e.effect for e in effects_on(held, "N02")] == ["sensor_gain"]
-    assert faults(held) == (SensorGain(pad="left", gain=1.138),)
+    assert faults(held) == (GainFault(pad="left", gain=1.138),)
     assert "found_in" not in keyed(held)[0]
 
 

@@ -17,7 +17,7 @@ from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.press_modulus import GelGain
 from tactile.gel.shading_file import read_lookup
 from tactile.io.sensor_file import read_sensor
-from tactile.sensors import Light, marker_grid
+from tactile.sensors import GelLight, marker_grid
 from tactile.tactile_failure import TactileFailure
 
 DRAFT = """
@@ -44,7 +44,7 @@ pitch_mm = [1.2, 1.2]
 """
 DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)
 LIGHTS = tuple(
-    Light(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
+    GelLight(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
     for k, a in enumerate(2 * np.pi * np.arange(3) / 3)
 )
 KN = 0.25

@@ -11,7 +11,7 @@ from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from pipeline.batch.layout import FruitResults
-from pipeline.batch.settings import Pit, Settings
+from pipeline.batch.settings import PitSettings, Settings
 from pipeline.diagnosis.confirmed_effects import PARAMETERS, ConfirmedEffect, PitFound, pit_found
 from pipeline.fruit.effect_spread import _shifted
 from pipeline.fruit.flesh_effects import (
@@ -62,7 +62,7 @@ def test_a_ratio_that_was_found_comes_before_the_settings():
 
 def test_a_pit_that_was_found_narrows_the_error_budget():
     task = SimpleNamespace(
-        settings=settings(OFFSET, SIZE, pit=Pit(offset_sd_mm=0.5, size_sd=0.03)), prior=None
+        settings=settings(OFFSET, SIZE, pit=PitSettings(offset_sd_mm=0.5, size_sd=0.03)), prior=None
     )
     shape = SimpleNamespace(record=SimpleNamespace(surface_sd_mm=None))
     budget = error_budget(task, shape)

@@ -70,7 +70,7 @@ def pressed(mesh, axis):
     flat = nodal.reshape(len(LOAD), -1) @ solid.contact_compliance
     moved = flat.reshape(nodal.shape) / E_MPA
     seen = tuple(
-        replace(pad, position_mm=pad.position_mm + link.seen(moved))
+        replace(pad, position_mm=pad.position_mm + link.at_markers(moved))
         for pad, link in zip(pads, links, strict=True)
     )
     return replace(history, pads=seen)

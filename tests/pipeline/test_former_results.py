@@ -11,7 +11,7 @@ from rich.console import Console
 from pipeline.batch import grading as grading
 from pipeline.batch.problem import BatchRefused
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
-from pipeline.diagnosis.explaining import Wanted, explain
+from pipeline.diagnosis.explaining import ExplainOutputs, explain
 
 IDS = ("01", "02", "03", "04", "05")
 
@@ -153,5 +153,5 @@ def test_an_answer_is_not_put_among_another_batchs_results(grade, tmp_path):
     grade(make_batch(tmp_path / "monday", "Monday"), out)
     tuesday, before = make_batch(tmp_path / "tuesday", "Tuesday"), contents(out)
     with pytest.raises(BatchRefused, match="another batch"):
-        explain(tuesday, fruit_id="01", wanted=Wanted(out=out), report=lambda _: None)
+        explain(tuesday, fruit_id="01", wanted=ExplainOutputs(out=out), report=lambda _: None)
     assert contents(out) == before

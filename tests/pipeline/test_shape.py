@@ -6,7 +6,7 @@ import trimesh
 
 from pipeline.batch.layout import FruitResults
 from pipeline.batch.records import MeshRecord, PitRecord
-from pipeline.fruit.fruit_shape import Pit, Shape, write_meshes
+from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape, write_meshes
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import read_mesh
 
@@ -19,7 +19,7 @@ def pit():
         source="pit.ply", volume_mm3=1.0, centre_mm=(0, 0, 0), box_mm=BOX, thinnest_flesh_mm=1.0,
         flesh_volume_mm3=1.0,
     )  # fmt: skip
-    return Pit(vertices=10 * DIRECTIONS, faces=FACES, skin=(30 * DIRECTIONS, FACES), record=record)
+    return EmbeddedPit(vertices=10 * DIRECTIONS, faces=FACES, skin=(30 * DIRECTIONS, FACES), record=record)
 
 
 def shape(views):
@@ -33,7 +33,7 @@ def shape(views):
     )
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], [1.0, 2.0, 3.0]
-    return Shape(
+    return FruitShape(
         vertices=30 * DIRECTIONS, faces=FACES, mesh_from_fruit=pose, record=record, warnings=(), views=views
     )
 

@@ -22,7 +22,7 @@ from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings
-from pipeline.fruit.stage_log import Diary
+from pipeline.fruit.stage_log import StageLog
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -70,7 +70,7 @@ def checked(batch):
 
 def prepared(batch, fruit="N02"):
     """The fruit up to its elements, and the diary."""
-    diary = Diary(lambda stage: None)
+    diary = StageLog(lambda stage: None)
     task = fruit_task(open_batch(batch), fruit, Results(batch / "results"))
     task.results.claim()
     return grasped_fruit(task, diary), diary

@@ -12,7 +12,7 @@ from recon.cameras.photos import Photo, read_photos
 from recon.checks.quality import NOTHING_KNOWN
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.flipped import Side, both_sides
+from recon.surface.flipped import ScannedSide, both_sides
 from recon.triangle_mesh import vertex_normals
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
@@ -28,7 +28,7 @@ def around(height_mm: float) -> np.ndarray:
     return 300.0 * way + [0.0, 0.0, height_mm / 2]
 
 
-def photographed(vertices: np.ndarray, faces: np.ndarray, rng: np.random.Generator) -> Side:
+def photographed(vertices: np.ndarray, faces: np.ndarray, rng: np.random.Generator) -> ScannedSide:
     """As a reconstruction leaves it: smooth errors of 0.05 mm, 0.6 mm too thick where no camera looked."""
     normals = vertex_normals(vertices, faces)
     i = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
@@ -38,7 +38,7 @@ def photographed(vertices: np.ndarray, faces: np.ndarray, rng: np.random.Generat
             i[:, 0], minlength=len(vertices)
         )
         error = (error + mean) / 2
-    side = Side.of(vertices, faces, around(float(np.ptp(vertices[:, 2]))))
+    side = ScannedSide.of(vertices, faces, around(float(np.ptp(vertices[:, 2]))))
     off = NOISE_MM * error / error.std() + GUESS_MM * (1 - side.seen)
     return replace(side, vertices=vertices + off[:, None] * normals)
 

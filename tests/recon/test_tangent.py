@@ -9,7 +9,7 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.hull import Silhouette, ball, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
-from recon.silhouettes.tangent import Settled, settled
+from recon.silhouettes.tangent import SettledHull, settled
 from recon.triangle_mesh import rim_crossings, volume_mm3
 
 EGG = Egg()
@@ -44,7 +44,7 @@ def outline_seen(camera: Camera, wave_px: np.ndarray, shadow_px: float = 0.0) ->
 
 def hull_and_settled(
     count: int, *, noise_px: float, shadow_px: float = 0.0
-) -> tuple[np.ndarray, Settled, np.ndarray]:
+) -> tuple[np.ndarray, SettledHull, np.ndarray]:
     rng = np.random.default_rng(3)
     silhouettes = []
     for camera in ring(count):

@@ -13,7 +13,7 @@ from reports.charts_batch import ranking_chart, shore_chart, shortened
 from reports.charts_fruit import force_chart, grasps_chart
 from reports.entries import BatchEntry, ForceCurve, FruitEntry
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import Scale, padded, ticks
+from reports.svg import AxisScale, padded, ticks
 
 
 def parsed(chart: Markup) -> ET.Element:
@@ -119,7 +119,7 @@ def test_axis_limits_hold_the_values_and_are_never_empty(values: list[float], fr
 
 
 def test_scale_maps_its_ends_onto_its_ends() -> None:
-    scale = Scale(lowest=2.0, highest=4.0, start_px=100.0, end_px=0.0)
+    scale = AxisScale(lowest=2.0, highest=4.0, start_px=100.0, end_px=0.0)
     assert [scale(value) for value in (2.0, 3.0, 4.0)] == [100.0, 50.0, 0.0]
 
 

@@ -21,8 +21,8 @@ from reports.explain_entries import (
 )
 from reports.explain_page import explain_html
 from reports.parameter_words import PARAMETERS, parameter_words
-from reports.raycast import Surface, View
-from reports.skin_map import BLIND_BELOW, MapStyle, Side, map_picture, sides_of
+from reports.raycast import TracedSurface, Viewing
+from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
 
 VOCABULARY = [
     "none",
@@ -218,8 +218,8 @@ def test_parameters_of_further_arms_and_of_pairs_have_words():
 
 def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     fruit = bumpy_map()
-    surface = Surface.of(fruit.vertices_mm, fruit.triangles)
-    view = View(
+    surface = TracedSurface.of(fruit.vertices_mm, fruit.triangles)
+    view = Viewing(
         centre_mm=np.zeros(3), azimuth_deg=20.0, elevation_deg=10.0, half_width_mm=30.0, half_height_mm=30.0
     )
     sight = surface.seen_from(view, width_px=40, height_px=40)
@@ -229,7 +229,7 @@ def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     assert np.isnan(seen[~sight.hit]).all()
 
 
-def sides(fruit: MapEntry, *, view_px: int) -> tuple[Side, ...]:
+def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
     places = (fruit.vertices_mm, fruit.triangles, fruit.visible)
     return sides_of(*places, hatched_below=BLIND_BELOW, view_px=view_px, samples=1)
 

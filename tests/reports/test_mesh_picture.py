@@ -5,7 +5,7 @@ from jaxtyping import Float, Int, UInt8
 
 from reports.mesh_picture import mesh_picture
 from reports.photo import thumbnail_jpeg
-from reports.raycast import Surface, View
+from reports.raycast import TracedSurface, Viewing
 
 RADIUS_MM = 30.0
 Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
@@ -41,8 +41,8 @@ def picture(fruit: Mesh, **more: object) -> UInt8[np.ndarray, "h w 3"]:
     return np.asarray(image)[..., ::-1].astype(int)
 
 
-def front_view(azimuth_deg: float, elevation_deg: float = 0.0) -> View:
-    return View(
+def front_view(azimuth_deg: float, elevation_deg: float = 0.0) -> Viewing:
+    return Viewing(
         centre_mm=np.zeros(3),
         azimuth_deg=azimuth_deg,
         elevation_deg=elevation_deg,
@@ -54,7 +54,7 @@ def front_view(azimuth_deg: float, elevation_deg: float = 0.0) -> View:
 @pytest.mark.parametrize(("azimuth_deg", "elevation_deg"), [(0.0, 0.0), (35.0, 24.0), (215.0, 80.0)])
 def test_rays_see_the_sphere_where_it_is(fruit: Mesh, azimuth_deg: float, elevation_deg: float) -> None:
     view = front_view(azimuth_deg, elevation_deg)
-    sight = Surface.of(*fruit).seen_from(view, width_px=200, height_px=200)
+    sight = TracedSurface.of(*fruit).seen_from(view, width_px=200, height_px=200)
     assert sight.hit.mean() * 80.0**2 == pytest.approx(np.pi * RADIUS_MM**2, rel=0.01)
     points = sight.points_mm[sight.hit]
     assert np.linalg.norm(points, axis=1) == pytest.approx(RADIUS_MM, abs=0.1)
@@ -73,13 +73,13 @@ def test_view_axes_are_right_handed_and_up_is_up() -> None:
 
 def test_shadow_falls_under_the_fruit_and_not_far_from_it(fruit: Mesh) -> None:
     below, far = np.array([0.0, 0.0, -RADIUS_MM - 0.5]), np.array([500.0, 0.0, -RADIUS_MM])
-    dark = Surface.of(*fruit).shaded(np.stack([below, far]))
+    dark = TracedSurface.of(*fruit).shaded(np.stack([below, far]))
     assert dark[0] > 0.95
     assert dark[1] < 0.05
 
 
 def test_nearest_point_of_a_sphere_is_along_the_radius(fruit: Mesh) -> None:
-    found = Surface.of(*fruit).nearest(np.array([[50.0, 0.0, 0.0], [0.0, -45.0, 0.0]]))
+    found = TracedSurface.of(*fruit).nearest(np.array([[50.0, 0.0, 0.0], [0.0, -45.0, 0.0]]))
     assert np.allclose(found, [[RADIUS_MM, 0, 0], [0, -RADIUS_MM, 0]], atol=0.2)
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 from ball_fruit import ball
 
-from samples.fruit import Pit, SampleFruit
+from samples.fruit import SampleFruit, SamplePit
 from samples.gel_contact import Gel
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import Body
+from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp, through_centre
 from samples.mismatch.grip import InnerContact
-from samples.mismatch.meshed_fruit import Standing, standing
+from samples.mismatch.meshed_fruit import MeshedFruit, standing
 from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
@@ -21,7 +21,7 @@ def drawn_ball(
     *, E_MPa: float = 0.5, nu: float = 0.45, radius_mm: float = 25.0, core_mm: float = 10.0
 ) -> DrawnFruit:
     fruit: SampleFruit = ball(radius_mm, core_mm, E_MPa, nu)
-    prior = Pit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=(core_mm,) * 3)
+    prior = SamplePit(centre_mm=(0.0, 0.0, 0.0), semi_axes_mm=(core_mm,) * 3)
     return DrawnFruit(category="pdms_ball", fruit=fruit, prior=prior, depth_mm=1.5)
 
 
@@ -40,15 +40,15 @@ def grasp_along_x(drawn: DrawnFruit, way: Motion, *, turned: bool = False) -> Ca
     return CaseGrasp(name="grasp-1", hold=hold, motion=way, mesh=0, turned=turned)
 
 
-def rough(drawn: DrawnFruit, way: Motion, fineness: Fineness = ROUGH) -> tuple[CaseGrasp, Standing]:
+def rough(drawn: DrawnFruit, way: Motion, fineness: Fineness = ROUGH) -> tuple[CaseGrasp, MeshedFruit]:
     grasp = grasp_along_x(drawn, way)
     return grasp, standing(drawn, grasp, fineness=fineness)
 
 
 def squeezed(
     grasp: CaseGrasp,
-    stands: Standing,
-    body: Body,
+    stands: MeshedFruit,
+    body: GrippedBody,
     *,
     gel: Gel | None = None,
     inner: InnerContact | None = None,

@@ -2,13 +2,13 @@ import cv2
 import numpy as np
 
 from samples.gel_images import GelLook, gel_image, seen_at, seen_material, smooth_field
-from tactile.sensors import Camera, Light, marker_grid
+from tactile.sensors import GelCamera, GelLight, marker_grid
 
 
-def eye(lens: tuple[float, float, float, float, float] = (-0.12, 0.03, 0.001, -0.001, 0.0)) -> Camera:
+def eye(lens: tuple[float, float, float, float, float] = (-0.12, 0.03, 0.001, -0.001, 0.0)) -> GelCamera:
     pose = np.eye(4)
     pose[:3, 3] = 0.2, -0.1, -22.0
-    return Camera(
+    return GelCamera(
         image_px=(320, 240),
         focal_px=(390.0, 392.0),
         centre_px=(161.0, 118.0),
@@ -52,7 +52,7 @@ def test_dots_are_drawn_where_their_markers_project() -> None:
 
 def test_a_tilted_face_is_lit_by_lamberts_cosine() -> None:
     slope = 0.2
-    light = Light(direction=np.array([0.6, 0.0, -0.8]), colour=np.array([1.0, 0.5, 0.25]))
+    light = GelLight(direction=np.array([0.6, 0.0, -0.8]), colour=np.array([1.0, 0.5, 0.25]))
     look = GelLook(
         rest_mm=np.full((1, 3), 50.0), gel=(0.5, 0.5, 0.5), ambient=0.1, vignette=0.0, noise=0.0, blur_px=0.1
     )

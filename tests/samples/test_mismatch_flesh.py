@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mismatch_ball import ROUGH, drawn_ball, motion, rough, squeezed, total_N
 
-from samples.brick_flesh import Flesh, flesh_of, rigid_tie
+from samples.brick_flesh import BrickFlesh, flesh_of, rigid_tie
 from samples.gel_contact import Gel
 from samples.hexahedra import flesh_bricks
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, uneven, with_skin, with_soft_spot
@@ -12,7 +12,7 @@ from samples.mismatch.bodies import ElasticBody, RelaxingBody
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.cell_places import integration_points_mm, relative_depths
 from samples.mismatch.draining import Draining
-from samples.mismatch.flesh_laws import Damaged, Lame, Stiffening, Yielding
+from samples.mismatch.flesh_laws import Damaged, Lame, StiffeningFlesh, Yielding
 from samples.mismatch.grip import before_touch
 from samples.mismatch.injected import Planted
 from samples.mismatch.nonlinear_body import NonlinearBody
@@ -25,17 +25,17 @@ LAME = Lame(mu=0.2, lam=1.1)
 
 
 @pytest.fixture(scope="module")
-def flesh() -> Flesh:
+def flesh() -> BrickFlesh:
     bricks = flesh_bricks(drawn_ball().fruit, np.array([1.0, 0.0, 0.0]), ROUGH)
     return flesh_of(bricks, E_MPa=0.5, poisson_ratio=0.45, law="linear")
 
 
-def field(flesh: Flesh, u_mm: np.ndarray) -> np.ndarray:
+def field(flesh: BrickFlesh, u_mm: np.ndarray) -> np.ndarray:
     """The unknowns that give the free nodes this displacement, the pit none."""
     return np.concatenate([u_mm[flesh.free_nodes].ravel(), np.zeros(6)])
 
 
-def test_no_amplitude_adds_nothing(flesh: Flesh) -> None:
+def test_no_amplitude_adds_nothing(flesh: BrickFlesh) -> None:
     here = np.array([20.0, 0.0, 0.0])
     for extra in (
         graded(flesh, gamma=0.0),
@@ -46,26 +46,26 @@ def test_no_amplitude_adds_nothing(flesh: Flesh) -> None:
         assert abs(extra).max() == 0.0
 
 
-def test_an_even_change_of_modulus_scales_the_stiffness(flesh: Flesh) -> None:
+def test_an_even_change_of_modulus_scales_the_stiffness(flesh: BrickFlesh) -> None:
     extra = uneven(flesh, np.full(flesh.volumes.shape, 1.5))
     inner = slice(None, -6)  # the pit's own unknowns carry its holding spring too
     miss = abs(extra - 0.5 * flesh.stiffness)[inner, inner]
     assert miss.max() < 1e-9 * abs(extra).max()
 
 
-def test_depth_runs_from_skin_to_pit_on_straight_rays(flesh: Flesh) -> None:
+def test_depth_runs_from_skin_to_pit_on_straight_rays(flesh: BrickFlesh) -> None:
     radius = np.linalg.norm(integration_points_mm(flesh.bricks), axis=-1)
     assert relative_depths(flesh.bricks) == pytest.approx((25.0 - radius) / 15.0, abs=0.02)
 
 
-def test_a_soft_spot_is_seen_where_it_is(flesh: Flesh) -> None:
+def test_a_soft_spot_is_seen_where_it_is(flesh: BrickFlesh) -> None:
     extra = with_soft_spot(flesh, centre_mm=np.array([21.0, 0.0, 0.0]), radius_mm=4.0, ratio=0.3)
     touched = np.unique(extra.tocoo().coords[0])
     nodes = flesh.free_nodes[np.unique(touched[touched < flesh.unknowns - 6] // 3)]
     assert np.linalg.norm(flesh.bricks.nodes_mm[nodes] - [21.0, 0.0, 0.0], axis=1).max() < 14.0
 
 
-def test_a_swelling_skin_stores_what_a_spherical_membrane_stores(flesh: Flesh) -> None:
+def test_a_swelling_skin_stores_what_a_spherical_membrane_stores(flesh: BrickFlesh) -> None:
     # even strain w / R both ways: energy 4 pi w^2 Et / (1 - nu)
     out = 0.1 * flesh.bricks.nodes_mm / np.linalg.norm(flesh.bricks.nodes_mm, axis=1, keepdims=True)
     q = field(flesh, out)
@@ -73,7 +73,7 @@ def test_a_swelling_skin_stores_what_a_spherical_membrane_stores(flesh: Flesh) -
     assert found == pytest.approx(4 * np.pi * 0.1**2 * 2.0 / 0.7, rel=0.01)
 
 
-def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: Flesh) -> None:
+def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: BrickFlesh) -> None:
     e = 0.01
     u = np.zeros_like(flesh.bricks.nodes_mm)
     u[:, 2] = e * flesh.bricks.nodes_mm[:, 2]
@@ -110,7 +110,7 @@ def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
         return float(LAME.mu / b * np.exp(b * W / LAME.mu))
 
     H = 0.05 * np.random.default_rng(0).normal(size=(3, 3))
-    excess, _ = Stiffening(lame=LAME, b=b).excess(H[None], (), 1.0)
+    excess, _ = StiffeningFlesh(lame=LAME, b=b).excess(H[None], (), 1.0)
     found = excess[0] + LAME.linear((H + H.T) / 2)
     step = 1e-6
     slope = np.zeros((3, 3))

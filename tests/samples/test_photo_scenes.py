@@ -23,7 +23,7 @@ from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import COLOURS, GLOSSES, skin_attributes
 from samples.scenes.write import cameras_mapping, complete, metered_gain, write_scene
-from samples.viewpoints import View
+from samples.viewpoints import Viewpoint
 
 SKETCH = RenderOptions(frame_samples=4, print_samples=4, crop_samples=1, skin_cells=24)
 
@@ -241,7 +241,7 @@ def test_a_turned_photo_reads_back_upright(orientation: int, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("k1", [-0.05, 0.03])
 def test_distortion_moves_a_dot_to_where_the_formula_puts_it_and_can_be_undone(k1: float) -> None:
-    view = View(cam_from_world=np.eye(4), focal_px=400.0, width_px=480, height_px=360)
+    view = Viewpoint(cam_from_world=np.eye(4), focal_px=400.0, width_px=480, height_px=360)
     points = np.array([[30.0, 40.0], [239.5, 179.5], [400.0, 300.0]])
     moved = distorted_pixels(points, view, k1=k1)
     assert pinhole_pixels(moved, view, k1=k1) == pytest.approx(points, abs=1e-6)

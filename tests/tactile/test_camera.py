@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from tactile.gel_camera import on_face, project, rays
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 TILT = 0.1
 TURN = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
 
 
-def camera(distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)) -> Camera:
+def camera(distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)) -> GelCamera:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = TURN, (0.3, -0.2, -16.0)
-    return Camera(
+    return GelCamera(
         image_px=(640, 480),
         focal_px=(520.0, 510.0),
         centre_px=(320.0, 238.0),

@@ -15,7 +15,7 @@ from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.channels import noise_findings
-from tactile.checks.finding import Finding, Kind, Rank, shared
+from tactile.checks.finding import Finding, FindingKind, Rank, shared
 from tactile.checks.footprint import Footprint, better_otherwise
 from tactile.checks.gel_law import MOST_FOR_SLAB, displacement_of
 from tactile.checks.lattice import is_thinned, missing_sites
@@ -25,7 +25,7 @@ from tactile.checks.relation import relation_of
 from tactile.checks.relation_findings import relation_findings
 from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
-from tactile.gel.force_inverse import FIRST_STRENGTH, GelForce
+from tactile.gel.force_inverse import FIRST_STRENGTH, InvertedForce
 from tactile.gel.grid import gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad, read_recording
@@ -282,7 +282,7 @@ def test_half_of_the_gel_missing_is_refused_without_a_mesh_too(sound, side):
     recording, _ = sound
     assert findings(recording, (None, None)) == []
     first, *_ = findings(without(side)(recording), (None, None))
-    assert (first.kind, first.refused) == (Kind.OVER_EDGE, True)
+    assert (first.kind, first.refused) == (FindingKind.OVER_EDGE, True)
     assert "the force beyond them is missing; markers are missing" in first.sentence
 
 
@@ -296,7 +296,7 @@ def test_a_cut_gel_of_both_pads_is_said_once(sound):
 def test_a_gain_of_a_half_on_a_whole_grid_is_a_gain_and_missing_markers_are_one_cause_named(sound):
     recording, mesh = sound
     first, *_ = findings(force(0.5)(recording), mesh)
-    assert first.kind is Kind.GAIN
+    assert first.kind is FindingKind.GAIN
     assert first.sentence.endswith("or only one of every 2 markers is in the arrays")
 
 
@@ -318,18 +318,18 @@ def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(sound):
     left, right = (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1]), n) for n in ("left", "right"))
     (one,) = findings(left(recording), mesh)
     (both,) = findings(right(left(recording)), mesh)
-    assert (one.kind, one.field, one.pads) == (Kind.AXES, "force", ("left",))
-    assert (both.kind, both.field, both.pads) == (Kind.AXES, "force", ("left", "right"))
+    assert (one.kind, one.field, one.pads) == (FindingKind.AXES, "force", ("left",))
+    assert (both.kind, both.field, both.pads) == (FindingKind.AXES, "force", ("left", "right"))
     assert both.sentence.startswith("both pads' force has its axes")
 
 
 def test_findings_are_told_apart_by_kind_field_and_detail_and_not_by_words():
-    def found(pad, kind=Kind.DELAY, field=None, detail="5", says="as it is"):
+    def found(pad, kind=FindingKind.DELAY, field=None, detail="5", says="as it is"):
         return Finding(kind=kind, rank=Rank.RELATION, says=says, pads=(pad,), field=field, detail=detail)
 
     (one,) = shared([found("left"), found("right", says="in other words")])
     assert one.sentence == "both pads' as it is"
-    for other in ({"kind": Kind.SIGN}, {"field": "force"}, {"detail": "6"}):
+    for other in ({"kind": FindingKind.SIGN}, {"field": "force"}, {"detail": "6"}):
         two = [found("left"), found("right", **other)]
         assert shared(two) == two
 
@@ -378,7 +378,7 @@ def test_a_recording_that_ends_pressed_is_remarked_and_nothing_is_put_in_doubt(s
     recording, mesh = sound
     peak = int(np.argmax(recording.pads[0].force_N[:, :, 2].sum(axis=1)))
     (found,) = findings(kept(slice(peak + 1))(recording), mesh)
-    assert found.kind is Kind.ENDS_PRESSED
+    assert found.kind is FindingKind.ENDS_PRESSED
     assert found.remark
     assert found.relative_sd == 0.0
     assert not found.refused
@@ -406,12 +406,12 @@ def test_a_clock_in_another_unit_is_remarked_of_jaws_alone_and_puts_nothing_in_d
     recording, mesh = sound
     strange = closing_at(mm_per_s)(recording)
     (found,) = findings(strange, mesh)
-    assert found.kind is Kind.TIME_UNIT
+    assert found.kind is FindingKind.TIME_UNIT
     assert f"time_s looks like {unit}" in found.sentence
     assert found.remark
     assert found.relative_sd == 0.0
     pressed = replace(strange, loading="press", aperture_mm=-strange.aperture_mm)
-    assert Kind.TIME_UNIT not in {one.kind for one in findings(pressed, mesh)}
+    assert FindingKind.TIME_UNIT not in {one.kind for one in findings(pressed, mesh)}
 
 
 def said_of_noise(share):
@@ -424,7 +424,7 @@ def said_of_noise(share):
 def test_noise_as_of_the_softest_gel_share_is_sound_and_a_little_more_is_said():
     assert said_of_noise(0.0545) == []
     (found,) = said_of_noise(0.066)
-    assert found.kind is Kind.NOISE
+    assert found.kind is FindingKind.NOISE
     assert not found.refused
     assert found.relative_sd == pytest.approx(6.0 * 0.066)
     assert said_of_noise(0.11)[0].refused
@@ -443,17 +443,23 @@ def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit
 
     level, leaning = [0.004, -0.006], [0.03, 0.02]
     off, fits = prints(leaning, leaning), prints(level, level)
-    found = better_otherwise(off, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
+    found = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
     assert found is not None
-    assert found.kind is Kind.PADS_EXCHANGED
+    assert found.kind is FindingKind.PADS_EXCHANGED
     assert "exchanged (left and right)" in found.sentence
-    turned = better_otherwise(off, [(Kind.PADS_EXCHANGED, off), (Kind.MESH_TURNED, fits)], surface_sd_mm=0.0)
+    turned = better_otherwise(
+        off, [(FindingKind.PADS_EXCHANGED, off), (FindingKind.MESH_TURNED, fits)], surface_sd_mm=0.0
+    )
     assert turned is not None
-    assert turned.kind is Kind.MESH_TURNED
-    for others in ([], [(Kind.PADS_EXCHANGED, off)], [(Kind.PADS_EXCHANGED, prints(level, [np.nan] * 2))]):
+    assert turned.kind is FindingKind.MESH_TURNED
+    for others in (
+        [],
+        [(FindingKind.PADS_EXCHANGED, off)],
+        [(FindingKind.PADS_EXCHANGED, prints(level, [np.nan] * 2))],
+    ):
         assert better_otherwise(off, others, surface_sd_mm=0.0) is None
-    assert better_otherwise(fits, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0) is None
-    assert better_otherwise(off, [(Kind.PADS_EXCHANGED, fits)], surface_sd_mm=0.5) is None
+    assert better_otherwise(fits, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0) is None
+    assert better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.5) is None
 
 
 @pytest.mark.parametrize("turn", QUARTERS[:4])
@@ -461,7 +467,7 @@ def test_a_mesh_that_lies_on_its_side_is_named(sound, turn):
     recording, (vertices, faces) = sound
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     (found,) = findings(recording, (middle + (vertices - middle) @ turn, faces))
-    assert found.kind is Kind.MESH_TURNED
+    assert found.kind is FindingKind.MESH_TURNED
     assert "turned by a quarter" in found.sentence
 
 
@@ -517,7 +523,7 @@ def slab_pad():
     nodes = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
     compliance = -tent_compliance(slab, rest[:, :2], nodes, pitch_mm=0.5)
     rng = np.random.default_rng(0)
-    inverse = GelForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), FIRST_STRENGTH)
+    inverse = InvertedForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), FIRST_STRENGTH)
     moved, pushed = [], []
     for depth in (*np.zeros(4), *np.linspace(0.2, 1, 4), 0.6, 0.0, 0.0):
         within = 1 - (nodes**2).sum(axis=1) / (20.0 * depth + 1e-9)

@@ -7,11 +7,11 @@ import pytest
 from planted_grasp import planted_grasp
 
 from tactile.correction import (
-    ClockLag,
-    GripperCompliance,
-    PoseError,
-    SensorDrift,
-    SensorGain,
+    ComplianceFault,
+    DriftFault,
+    GainFault,
+    LagFault,
+    PoseFault,
     corrected,
     misplacement,
 )
@@ -37,7 +37,7 @@ def same(found, expected, atol=1e-9):
 
 def test_a_gain_is_taken_out_of_its_own_pad_alone(true):
     recorded = with_pad(true, "left", lambda pad: replace(pad, force_N=1.14 * pad.force_N))
-    same(corrected(recorded, [SensorGain(pad="left", gain=1.14)]), true)
+    same(corrected(recorded, [GainFault(pad="left", gain=1.14)]), true)
 
 
 def test_a_drift_is_taken_out_of_the_total_and_leaves_shear_alone(true):
@@ -49,7 +49,7 @@ def test_a_drift_is_taken_out_of_the_total_and_leaves_shear_alone(true):
     recorded = with_pad(true, "right", drifting)
     total = [r.pads[1].force_N[:, :, 2].sum(axis=1) for r in (recorded, true)]
     assert np.polyfit(true.time_s, total[0] - total[1], 1)[0] == pytest.approx(0.05)
-    same(corrected(recorded, [SensorDrift(pad="right", newton_per_s=0.05)]), true)
+    same(corrected(recorded, [DriftFault(pad="right", newton_per_s=0.05)]), true)
 
 
 def test_a_jaw_that_gives_way_is_put_back_by_its_own_force(true):
@@ -60,7 +60,7 @@ def test_a_jaw_that_gives_way_is_put_back_by_its_own_force(true):
         pose[:, :3, 3] += 0.02 * push[:, None] * pose[:, :3, 2]
         pads.append(replace(pad, pose=pose))
     recorded = replace(true, pads=tuple(pads), aperture_mm=true.aperture_mm - 0.02 * sum(force))
-    found = corrected(recorded, [GripperCompliance(mm_per_N=0.02)])
+    found = corrected(recorded, [ComplianceFault(mm_per_N=0.02)])
     same(found, true)
     gap = np.linalg.norm(found.pads[0].pose[:, :3, 3] - found.pads[1].pose[:, :3, 3], axis=1)
     assert gap == pytest.approx(found.aperture_mm, abs=1e-9)
@@ -76,7 +76,7 @@ def test_a_lag_of_whole_frames_is_undone_exactly_up_to_the_origin_of_time(true, 
         )
 
     recorded = replace(true, pads=tuple(map(late, true.pads)))
-    found = corrected(recorded, [ClockLag(lag_s=frames * 0.1)])
+    found = corrected(recorded, [LagFault(lag_s=frames * 0.1)])
     now, then = slice(8, -8), slice(8 - frames, len(true.time_s) - 8 - frames)
     assert found.aperture_mm[now] == pytest.approx(true.aperture_mm[then], abs=1e-9)
     for one, other in zip(found.pads, true.pads, strict=True):
@@ -85,7 +85,7 @@ def test_a_lag_of_whole_frames_is_undone_exactly_up_to_the_origin_of_time(true, 
 
 
 def test_a_misplaced_pad_is_put_back(true):
-    fault = PoseError(pad="left", shift_mm=(1.5, -0.7), tilt_deg=4.0)
+    fault = PoseFault(pad="left", shift_mm=(1.5, -0.7), tilt_deg=4.0)
     moved = misplacement(fault)
     assert moved[:3, 3] == pytest.approx([1.5, -0.7, 0.0])
     assert moved[:3, 0] == pytest.approx([1.0, 0.0, 0.0])
@@ -95,15 +95,15 @@ def test_a_misplaced_pad_is_put_back(true):
 
 def test_order_of_faults_does_not_matter_and_none_changes_nothing(true):
     faults = [
-        GripperCompliance(mm_per_N=0.01),
-        ClockLag(lag_s=0.05),
-        SensorDrift(pad="left", newton_per_s=0.01),
-        PoseError(pad="right", shift_mm=(1.0, 0.0), tilt_deg=1.0),
-        SensorGain(pad="left", gain=0.9),
+        ComplianceFault(mm_per_N=0.01),
+        LagFault(lag_s=0.05),
+        DriftFault(pad="left", newton_per_s=0.01),
+        PoseFault(pad="right", shift_mm=(1.0, 0.0), tilt_deg=1.0),
+        GainFault(pad="left", gain=0.9),
     ]
     same(corrected(true, faults), corrected(true, faults[::-1]), atol=0.0)
     assert corrected(true, []) is true
-    same(corrected(true, [SensorGain(pad="tip", gain=2.0)]), true, atol=0.0)
+    same(corrected(true, [GainFault(pad="tip", gain=2.0)]), true, atol=0.0)
 
 
 def test_a_bare_indenter_is_corrected_too():
@@ -127,10 +127,10 @@ def test_a_bare_indenter_is_corrected_too():
         wrench_N=np.ones((5, 6)),
     )
     faults = [
-        SensorGain(pad="tip", gain=1.2),
-        SensorDrift(pad="tip", newton_per_s=0.1),
-        GripperCompliance(mm_per_N=0.5),
-        ClockLag(lag_s=0.0),
+        GainFault(pad="tip", gain=1.2),
+        DriftFault(pad="tip", newton_per_s=0.1),
+        ComplianceFault(mm_per_N=0.5),
+        LagFault(lag_s=0.0),
     ]
     found = corrected(recorded, faults)
     assert found.pads[0].force_z_N == pytest.approx(2.0 * time_s)

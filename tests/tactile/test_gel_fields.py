@@ -7,7 +7,7 @@ from samples.gel_images import seen_at
 from tactile.gel.fields import GelFields, fields_of, frame_noise, layer_of
 from tactile.gel.slab import GelSlab, SpringBed
 from tactile.markers.tracking import TrackedMarkers
-from tactile.sensors import Camera, Sensor, marker_grid
+from tactile.sensors import GelCamera, Sensor, marker_grid
 from tactile.tactile_failure import TactileFailure
 
 REST = marker_grid(11, 13, pitch_mm=(1.0, 1.0), first_mm=None)
@@ -15,12 +15,12 @@ KN, KT = 0.2, 0.06
 DEPTHS = np.concatenate([np.zeros(6), np.linspace(0.05, 0.6, 8)])
 
 
-def eye(turn_rad: float) -> Camera:
+def eye(turn_rad: float) -> GelCamera:
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     pose = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -24.0 * pose[:3, 2]
-    return Camera(
+    return GelCamera(
         image_px=(640, 480),
         focal_px=(740.0, 742.0),
         centre_px=(320.0, 238.0),
@@ -48,7 +48,7 @@ def motion(depth_mm: float) -> np.ndarray:
     return np.outer(1 - r**2, [0.3 * depth_mm, 0.0, -depth_mm])
 
 
-def tracked(camera: Camera, seed: int) -> TrackedMarkers:
+def tracked(camera: GelCamera, seed: int) -> TrackedMarkers:
     rng = np.random.default_rng(seed)
     pixels = np.stack([seen_at(camera, REST + motion(d)) for d in DEPTHS])
     return TrackedMarkers(

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel.force_inverse import GelForce, Strength, chosen_strength
+from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, chosen_strength
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid
@@ -11,7 +11,7 @@ SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
 MARKERS = marker_grid(13, 13, pitch_mm=(0.6, 0.6), first_mm=None)
 NOISE_MM = np.array([0.001, 0.001, 0.004])
 INFORMATION = np.tile(np.diag(1 / NOISE_MM**2), (len(MARKERS), 1, 1))
-STRENGTH = Strength(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
+STRENGTH = PriorHyperparameters(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
 SIDES = (-8, -5, -3.4, -2.4, -1.6, -0.8, 0, 0.8, 1.6, 2.4, 3.4, 5, 8)
 
 
@@ -28,8 +28,8 @@ def grid() -> GelGrid:
 
 
 @pytest.fixture(scope="module")
-def solver(grid: GelGrid) -> GelForce:
-    return GelForce(grid, INFORMATION, STRENGTH)
+def solver(grid: GelGrid) -> InvertedForce:
+    return InvertedForce(grid, INFORMATION, STRENGTH)
 
 
 def bump(at_mm: np.ndarray) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_forces_are_recovered_from_finite_elements_and_noise(block: GelBlock, gr
     displacement, force, total = elements_say(block)
     seen = displacement + noise(np.random.default_rng(1))
     strength = chosen_strength(grid, INFORMATION, [seen])
-    found = GelForce(grid, INFORMATION, strength).solve(seen)
+    found = InvertedForce(grid, INFORMATION, strength).solve(seen)
     assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.03 * np.linalg.norm(total)
     assert np.corrcoef(found.force_N.ravel(), force.ravel())[0, 1] > 0.97
     outside = np.linalg.norm(MARKERS[:, :2], axis=1) > 2.7
@@ -66,8 +66,8 @@ def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, 
     flat[:, 2, 2] = 0.0
     seen = displacement + noise(np.random.default_rng(1))
     seen[:, 2] = 0.0
-    strength = Strength(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
-    blind, full = GelForce(grid, flat, strength), GelForce(grid, INFORMATION, strength)
+    strength = PriorHyperparameters(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
+    blind, full = InvertedForce(grid, flat, strength), InvertedForce(grid, INFORMATION, strength)
     found = blind.solve(seen)
     assert found.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
     unsure, sure = (
@@ -77,12 +77,12 @@ def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, 
     assert unsure[:, 2].max() > 1.5 * sure[:, 2].max()
 
 
-def test_a_gel_that_touches_nothing_has_no_force(solver: GelForce) -> None:
+def test_a_gel_that_touches_nothing_has_no_force(solver: InvertedForce) -> None:
     rng = np.random.default_rng(2)
     assert not any(solver.solve(noise(rng)).touching.any() for _ in range(200))
 
 
-def test_nothing_pulls(block: GelBlock, solver: GelForce) -> None:
+def test_nothing_pulls(block: GelBlock, solver: InvertedForce) -> None:
     displacement, _, _ = elements_say(block)
     rng = np.random.default_rng(4)
     for scale in (0.1, 0.5, 1.0):
@@ -91,7 +91,7 @@ def test_nothing_pulls(block: GelBlock, solver: GelForce) -> None:
         assert (found.node_force_N[~found.touching] == 0).all()
 
 
-def test_lost_markers_change_little(block: GelBlock, solver: GelForce) -> None:
+def test_lost_markers_change_little(block: GelBlock, solver: InvertedForce) -> None:
     displacement, _, total = elements_say(block)
     seen = displacement + noise(np.random.default_rng(5))
     seen[[3, 50, 60, 61, 90]] = np.nan
@@ -102,14 +102,14 @@ def test_lost_markers_change_little(block: GelBlock, solver: GelForce) -> None:
 def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock, grid: GelGrid) -> None:
     """Half of the markers gone, in the press too: as if their information had been zero from the start."""
     displacement, _, total = elements_say(block)
-    solver = GelForce(grid, INFORMATION, STRENGTH)
+    solver = InvertedForce(grid, INFORMATION, STRENGTH)
     for seed, share in enumerate((0.1, 0.3, 0.5)):
         rng = np.random.default_rng(seed)
         seen = displacement + noise(rng)
         lost = rng.random(len(MARKERS)) < share
         told = INFORMATION.copy()
         told[lost] = 0.0
-        expected = GelForce(grid, told, STRENGTH).settled(np.where(lost[:, None], 0.0, seen))
+        expected = InvertedForce(grid, told, STRENGTH).settled(np.where(lost[:, None], 0.0, seen))
         found = solver.settled(np.where(lost[:, None], np.nan, seen))
         assert (found.touching == expected.touching).all()
         np.testing.assert_allclose(found.unknowns, expected.unknowns, atol=1e-7)
@@ -117,7 +117,9 @@ def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock,
         assert np.linalg.norm(force - total) < 0.06 * np.linalg.norm(total)
 
 
-def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(block: GelBlock, solver: GelForce) -> None:
+def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(
+    block: GelBlock, solver: InvertedForce
+) -> None:
     """Complementarity, before anything could hide that the contact did not settle."""
     displacement, _, _ = elements_say(block)
     rng = np.random.default_rng(9)
@@ -132,7 +134,7 @@ def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(block: GelBlock,
             assert found.push_sd.max() < 6
 
 
-def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: GelForce) -> None:
+def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: InvertedForce) -> None:
     """Forces drawn from the prior on a known contact, seen with the stated noise, on no perfect slab."""
     rng = np.random.default_rng(6)
     touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.7
@@ -155,7 +157,7 @@ def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: Gel
     assert np.mean(scores) == pytest.approx(1.0, abs=0.05)
 
 
-def test_force_and_displacement_share_their_noise(grid: GelGrid, solver: GelForce) -> None:
+def test_force_and_displacement_share_their_noise(grid: GelGrid, solver: InvertedForce) -> None:
     rng = np.random.default_rng(7)
     touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.2
     K = solver.linear_map(touching, 0.5)

@@ -5,12 +5,12 @@ import pytest
 
 from tactile.gel_camera import project
 from tactile.markers.reference_places import places_of
-from tactile.sensors import Camera, marker_grid
+from tactile.sensors import GelCamera, marker_grid
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 POSE = np.eye(4)
 POSE[2, 3] = -16.0
-CAMERA = Camera(
+CAMERA = GelCamera(
     image_px=(320, 240),
     focal_px=(260.0, 260.0),
     centre_px=(159.5, 119.5),

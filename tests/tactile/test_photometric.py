@@ -8,24 +8,24 @@ from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
 from tactile.gel.shading_file import shading_of, write_lookup
 from tactile.io.sensor_file import read_sensor
-from tactile.sensors import Camera, Light, marker_grid
+from tactile.sensors import GelCamera, GelLight, marker_grid
 from tactile.tactile_failure import TactileFailure
 
 AMBIENT = 0.35
 DOTS = marker_grid(7, 10, pitch_mm=(1.2, 1.2), first_mm=None)
 LOOK = GelLook(rest_mm=DOTS, dot_mm=0.35, ambient=AMBIENT)
 LIGHTS = tuple(
-    Light(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
+    GelLight(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
     for k, a in enumerate(2 * np.pi * np.arange(3) / 3)
 )
 
 
-def eye(turn_rad: float = 0.0) -> Camera:
+def eye(turn_rad: float = 0.0) -> GelCamera:
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     pose = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -22.0 * pose[:3, 2]
-    return Camera(
+    return GelCamera(
         image_px=(480, 360),
         focal_px=(720.0, 721.0),
         centre_px=(241.0, 178.0),
@@ -60,11 +60,11 @@ def ball(radius_mm: float, contact_mm: float) -> Field:
     return field
 
 
-def image(camera: Camera, shape: Field, seed: int) -> np.ndarray:
+def image(camera: GelCamera, shape: Field, seed: int) -> np.ndarray:
     return gel_image(camera, LIGHTS, LOOK, shape, np.random.default_rng(seed))
 
 
-def depth_error_um(camera: Camera, lookup: SlopeLookup) -> np.ndarray:
+def depth_error_um(camera: GelCamera, lookup: SlopeLookup) -> np.ndarray:
     shading = PhotometricDepth(camera, image(camera, flat, 0), lookup)
     places = DOTS + dent(DOTS[:, :2])
     return 1e3 * (shading.at(image(camera, dent, 1), seen_at(camera, places)) - places)

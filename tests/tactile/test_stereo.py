@@ -3,15 +3,15 @@ import pytest
 
 from tactile.gel.stereo import triangulated
 from tactile.gel_camera import project
-from tactile.sensors import Camera
+from tactile.sensors import GelCamera
 
 
-def eye(turn_rad: float) -> Camera:
+def eye(turn_rad: float) -> GelCamera:
     c, s = np.cos(turn_rad), np.sin(turn_rad)
     pose = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]
     pose[:3, 3] = -24.0 * pose[:3, 2]
-    return Camera(
+    return GelCamera(
         image_px=(640, 480),
         focal_px=(740.0, 742.0),
         centre_px=(320.0, 238.0),

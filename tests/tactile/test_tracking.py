@@ -8,7 +8,7 @@ from drawn_gel import PITCH_PX, drawn, grid
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from tactile.markers.tracking import Reference, follow, reference_of, track
+from tactile.markers.tracking import ReferenceMarkers, follow, reference_of, track
 
 FRAMES = 12
 
@@ -20,7 +20,7 @@ def press(strength_px: float, centre: tuple[float, float] = (160.0, 120.0)) -> F
     return grid() + strength_px * fade * ([0.8, 0.4] + 0.01 * away)
 
 
-def names(reference: Reference) -> np.ndarray:
+def names(reference: ReferenceMarkers) -> np.ndarray:
     """Which marker of the grid each marker of the reference is."""
     away, which = cKDTree(grid()).query(reference.lattice.rest_px)
     assert away.max() < 1.0

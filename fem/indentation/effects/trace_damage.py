@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
 
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.energy_share import half_space, hertz_energy_density
 from fem.indentation.unknowns import Unknown
 
 NAME = "damage"
-EFFECT = Effect(
+EFFECT = TraceEffect(
     name=NAME,
     unknowns=(
         Unknown(name="dmax", unit="1", scale="logit", mean=-0.4, sd=1.0),

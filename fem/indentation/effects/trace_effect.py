@@ -6,7 +6,7 @@ from fem.indentation.unknowns import Unknown
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect:
+class TraceEffect:
     """One missing physics, in one of its forms (the number of relaxing arms is a form, not an effect).
 
     `error`: share of the force by which its law is off once its parameters, E and the nuisances have taken up

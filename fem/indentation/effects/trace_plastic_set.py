@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.unknowns import Unknown
 
 NAME = "plastic_set"
-EFFECT = Effect(
+EFFECT = TraceEffect(
     name=NAME,
     unknowns=(Unknown(name="yield_over_E", unit="1", scale="log", mean=float(np.log(0.08)), sd=1.0),),
     error=0.005,

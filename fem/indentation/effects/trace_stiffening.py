@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.energy_share import energy_classes, force_share
 from fem.indentation.unknowns import Unknown
 
 NAME = "stiffening"
-EFFECT = Effect(
+EFFECT = TraceEffect(
     name=NAME, unknowns=(Unknown(name="b", unit="1", scale="log", mean=float(np.log(3.0)), sd=1.2),)
 )
 #: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements

@@ -3,7 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.effects.trace_effect import Effect
+from fem.indentation.effects.trace_effect import TraceEffect
 from fem.indentation.unknowns import Unknown
 from fem.mismatch.result import Parameter
 
@@ -12,7 +12,7 @@ NAME = "viscoelastic"
 ARMS = 3
 
 
-def viscoelastic(arms: int) -> Effect:
+def viscoelastic(arms: int) -> TraceEffect:
     """Relaxation R(t) = 1 - sum g + sum g exp(-t/tau): shares g, times tau rising from arm to arm.
 
     Unknowns: weight of each arm over the spring that never relaxes (log), the first tau (log) and the ratio
@@ -32,7 +32,7 @@ def viscoelastic(arms: int) -> Effect:
             for k in range(1, arms)
         ),
     )
-    return Effect(name=NAME, unknowns=weights + times, arms=arms)
+    return TraceEffect(name=NAME, unknowns=weights + times, arms=arms)
 
 
 def arms_of(

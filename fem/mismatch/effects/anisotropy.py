@@ -7,13 +7,13 @@ import numpy as np
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     mu, _ = unit_lame_constants(ground.poisson_ratio)
     axial = stress_operator(ground, lambda strain: mu * strain * ALONG_STEM)
     return axial, (plain_stiffness(ground), axial)

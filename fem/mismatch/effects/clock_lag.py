@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 STEP_S = 0.05
 
@@ -28,18 +28,18 @@ class ClockLag:
         ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0, model_sd=0.001, model_share=0.01),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """The pads' velocity."""
-        fields = [Field(markers=_gone(seen, STEP_S) / STEP_S) for seen in ground.base.grasps]
-        return [Signature(label="", columns=(Column(name="lag_s", sd=0.15, fields=fields),))]
+        fields = [ObservationDelta(markers=_gone(seen, STEP_S) / STEP_S) for seen in ground.base.grasps]
+        return [Signature(label="", columns=(Regressor(name="lag_s", sd=0.15, fields=fields),))]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the lag."""
         return {"lag_s": float(np.clip(amounts[0], -0.8, 0.8))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Positions as recorded less those of the earlier pose."""
         return Response(
             unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
@@ -47,7 +47,7 @@ class ClockLag:
         )
 
 
-def _gone(seen: Seen, lag_s: float) -> Float[np.ndarray, "f n 3"]:
+def _gone(seen: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
     """How far each marker's pad has moved in the last lag_s."""
     gone = np.empty_like(seen.tracks.position_mm)
     time = seen.case.history.time_s

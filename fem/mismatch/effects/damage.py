@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
 from fem.solid.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.solid.small_strain import linear_stress, strain_energy
@@ -45,7 +45,7 @@ class Damage:
         ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1, strain_power=2.0),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
         state = path_state(ground, frames=FRAMES, remembers=True)
         nu, s = ground.poisson_ratio, ground.compliance
@@ -54,18 +54,18 @@ class Damage:
         found = []
         for relative in RELATIVE:
             more = -state.response(pieces.forces(s * state.linear, _lost(1.0, relative * level, nu)))
-            fields = [Field(markers=own) for own in state.at_markers(more)]
+            fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
             found.append(
                 Signature(
                     label=f"W0 {relative * level:.3g}",
-                    columns=(Column(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
+                    columns=(Regressor(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
                 )
             )
         return found
 
     def start(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -73,7 +73,7 @@ class Damage:
         amount = max(float(amounts[0]), 0.0)
         return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: float(signature.label.split()[1])}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
         state = path_state(ground, frames=FRAMES, remembers=True)
         pieces = FleshPieces.whole(ground.points, workers=ground.workers)

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
 
 
-def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     grade = (2 * ground.depth - 1)[..., None]
     graded = stress_operator(
         ground, lambda strain: grade * elastic_stress(strain, poisson_ratio=ground.poisson_ratio)

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pad_force
 
 
@@ -26,20 +26,20 @@ class GripperCompliance:
         ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5, model_share=0.1),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """Each pad's force along its own normal."""
-        fields = [Field(markers=_ahead(seen)) for seen in ground.base.grasps]
+        fields = [ObservationDelta(markers=_ahead(seen)) for seen in ground.base.grasps]
         return [
-            Signature(label="", columns=(Column(name="mm_per_N", sd=0.03, positive=True, fields=fields),))
+            Signature(label="", columns=(Regressor(name="mm_per_N", sd=0.03, positive=True, fields=fields),))
         ]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the compliance."""
         return {"mm_per_N": float(np.clip(amounts[0], 0.0, 0.4))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Positions too far ahead by the jaw's own giving way."""
         return Response(
             unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
@@ -47,7 +47,7 @@ class GripperCompliance:
         )
 
 
-def _ahead(seen: Seen) -> Float[np.ndarray, "f n 3"]:
+def _ahead(seen: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     """Normal force of each marker's pad along the pad's normal, N."""
     ahead = np.empty_like(seen.tracks.position_mm)
     for k in range(len(seen.links)):

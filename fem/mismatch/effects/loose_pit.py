@@ -20,10 +20,10 @@ from jaxtyping import Float, Int
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import loose_flesh
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
@@ -50,7 +50,7 @@ class LoosePit:
         ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True, model_share=0.2),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """One for each gap; none where the flesh has no pit."""
         if not len(ground.base.mesh.pit_nodes):
             return []
@@ -67,15 +67,18 @@ class LoosePit:
                 for seen, loose in zip(ground.base.grasps, unit, strict=True)
             ]
             if _amount(ground, more) > LEAST_AMOUNT:
-                column = Column(
-                    name="loose", sd=1.0, fields=[Field(markers=own) for own in more], positive=True
+                column = Regressor(
+                    name="loose",
+                    sd=1.0,
+                    fields=[ObservationDelta(markers=own) for own in more],
+                    positive=True,
                 )
                 found.append(Signature(label=label, columns=(column,)))
         return found
 
     def start(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -84,7 +87,7 @@ class LoosePit:
 
     def respond(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         parameters: Mapping[str, float],
         choice: str,
     ) -> Response:
@@ -92,7 +95,7 @@ class LoosePit:
         return Response(unit=self._settled(ground, parameters[GAP]))
 
     @staticmethod
-    def _settled(ground: Ground, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
+    def _settled(ground: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
         def unit(compliance: float) -> list[Float[np.ndarray, "f n 3"]]:
             return ground.each(lambda seen: loose_response(ground, seen, gap_mm / compliance))
 
@@ -112,7 +115,7 @@ class LoosePit:
 EFFECT = LoosePit()
 
 
-def loose_response(ground: Ground, seen: Seen, gap: float) -> Float[np.ndarray, "f n 3"]:
+def loose_response(ground: ForwardModel, seen: GraspResponse, gap: float) -> Float[np.ndarray, "f n 3"]:
     """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
     flesh = loose_flesh(ground, seen)
     key = ("loose answer", seen.case.name)
@@ -137,7 +140,7 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _fitted(ground: ForwardModel, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
     """1/E where the markers move so under the forces."""
     normal = right = 0.0
     for seen, own in zip(ground.base.grasps, unit, strict=True):
@@ -147,7 +150,7 @@ def _fitted(ground: Ground, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float
     return max(right / normal, ground.compliance / 10)
 
 
-def _amount(ground: Ground, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _amount(ground: ForwardModel, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
     """Of this beside the plain response, by least squares."""
     normal, right = np.zeros((2, 2)), np.zeros(2)
     for seen, own in zip(ground.base.grasps, more, strict=True):

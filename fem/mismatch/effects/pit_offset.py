@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT_OFFSET
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 NAMES = ("offset_mm.0", "offset_mm.1", "offset_mm.2")
 
@@ -27,26 +27,28 @@ class PitOffset:
         for name in NAMES
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """The first order in x, y and z; none for a fruit without a pit."""
         changes = [inner_changes(ground, seen) for seen in ground.base.grasps]
         if any(PIT_OFFSET[0] not in change for change in changes):
             return []
         columns = tuple(
-            Column(
-                name=cause, sd=2.0, fields=[Field(markers=ground.compliance * own[cause]) for own in changes]
+            Regressor(
+                name=cause,
+                sd=2.0,
+                fields=[ObservationDelta(markers=ground.compliance * own[cause]) for own in changes],
             )
             for cause in PIT_OFFSET
         )
         return [Signature(label="", columns=columns)]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amounts are the offset."""
         return dict(zip(NAMES, np.clip(amounts, -5.0, 5.0).tolist(), strict=True))
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The fruit meshed with the pit there."""
         pit = np.array([*(parameters[name] for name in NAMES), 0.0])
         return Response(unit=pit_responses(ground, self.name, pit))

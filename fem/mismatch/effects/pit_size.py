@@ -8,10 +8,10 @@ from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT_SIZE
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 
 @dataclass(frozen=True)
@@ -22,21 +22,21 @@ class PitSize:
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="scale", unit="1", low=0.5, high=1.5),)
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """The first order in ln scale; none for a fruit without a pit."""
         changes = [inner_changes(ground, seen) for seen in ground.base.grasps]
         if any(PIT_SIZE not in change for change in changes):
             return []
-        fields = [Field(markers=ground.compliance * change[PIT_SIZE]) for change in changes]
-        return [Signature(label="", columns=(Column(name="ln scale", sd=0.2, fields=fields),))]
+        fields = [ObservationDelta(markers=ground.compliance * change[PIT_SIZE]) for change in changes]
+        return [Signature(label="", columns=(Regressor(name="ln scale", sd=0.2, fields=fields),))]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is ln scale."""
         return {"scale": float(np.exp(np.clip(amounts[0], -0.5, 0.35)))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The fruit meshed with that pit."""
         pit = np.array([0.0, 0.0, 0.0, np.log(parameters["scale"])])
         return Response(unit=pit_responses(ground, self.name, pit))

@@ -18,8 +18,8 @@ from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import (
     Departure,
     PathState,
@@ -55,7 +55,7 @@ class PlasticSet:
         ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05, strain_power=1.0),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """One for each Y, its amount 1 to 3 where the law holds."""
         state = path_state(ground, frames=FRAMES, remembers=True)
         stress, level = _stress_seen(ground, state)
@@ -64,25 +64,25 @@ class PlasticSet:
             Y = relative * level
             pieces = FleshPieces.of(ground.points, stress > MARGIN * Y, workers=ground.workers)
             more = first_round(state, _set(ground, pieces, Y), compliance=ground.compliance)
-            fields = [Field(markers=ground.compliance * own) for own in state.at_markers(more)]
+            fields = [ObservationDelta(markers=ground.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(
                     label=f"Y {Y:.4g}",
-                    columns=(Column(name="set", sd=PRIOR_SD, positive=True, fields=fields),),
+                    columns=(Regressor(name="set", sd=PRIOR_SD, positive=True, fields=fields),),
                 )
             )
         return found
 
     def start(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's Y."""
         return {YIELD: float(signature.label.split()[1])}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
         state = path_state(ground, frames=FRAMES, remembers=True)
         Y = parameters[YIELD]
@@ -123,7 +123,7 @@ def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: flo
     return shear
 
 
-def _set(ground: Ground, pieces: FleshPieces, yield_over_E: float) -> Departure:
+def _set(ground: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> Departure:
     """Forces of -C eps_p."""
     nu = ground.poisson_ratio
     mu = unit_lame_constants(nu)[0]
@@ -134,7 +134,7 @@ def _set(ground: Ground, pieces: FleshPieces, yield_over_E: float) -> Departure:
     return lambda moved: pieces.forces(moved, law)
 
 
-def _stress_seen(ground: Ground, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
+def _stress_seen(ground: ForwardModel, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
     """Largest von Mises stress over E in each element in the plain model; what LARGE of the flesh exceeds."""
     nu = ground.poisson_ratio
     pieces = FleshPieces.whole(ground.points, workers=ground.workers)

@@ -8,11 +8,11 @@ from jaxtyping import Float
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.linear_law import LinearLaw, matrix_operator
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
 
-def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     parts = next(iter(ground.base.solids.values())).parts
 
     def derivative(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:

@@ -17,9 +17,9 @@ from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import ARM_MM, Column, Field, wrench
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to, slid_response, turn_of
 from fem.mismatch.model.quadratic_surrogate import anchored
 from fem.solid.pad_link import pad_link
@@ -44,17 +44,17 @@ class PoseError:
         ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0, model_sd=0.1, model_share=0.05),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """The pad slid along its x and y, and tilted by a degree."""
         found = []
         for pad in pads_of(ground):
             own = [_first_order(ground, seen, pad) for seen in ground.base.grasps]
             columns = tuple(
-                Column(
+                Regressor(
                     name=f"{pad} {name}",
                     sd=PRIOR_SD,
                     fields=[
-                        Field(
+                        ObservationDelta(
                             markers=shift[k] - ground.compliance * -unit[k],
                             balance=balance[k],
                         )
@@ -67,12 +67,12 @@ class PoseError:
         return found
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amounts are the parameters."""
         return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
 
-    def other_start(self, ground: Ground, choice: str) -> dict[str, float] | None:
+    def other_start(self, ground: ForwardModel, choice: str) -> dict[str, float] | None:
         """What best balances forces and moments of all recordings, to first order.
 
         Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
@@ -90,7 +90,7 @@ class PoseError:
         theta = np.clip(np.linalg.solve(normal, right), -6.0, 6.0)
         return dict(zip(NAMES, theta.tolist(), strict=True)) if free else None
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The pad linked to the skin where it truly was."""
         theta = np.array([parameters[name] for name in NAMES])
         grasps = ground.base.grasps
@@ -124,7 +124,7 @@ class PoseError:
 
 
 def _first_order(
-    ground: Ground, seen: Seen, pad: str
+    ground: ForwardModel, seen: GraspResponse, pad: str
 ) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
     """d(unit displacement), d(shift of positions), d(imbalance) per mm, mm and degree."""
 
@@ -159,7 +159,9 @@ def _first_order(
     return ground.kept(("pose", seen.case.name, pad, ground.compliance), compute)
 
 
-def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) -> list[np.ndarray]:
+def _exact(
+    ground: ForwardModel, seen: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
+) -> list[np.ndarray]:
     """Unit displacement, shift of positions and imbalance with the pad where it truly was."""
     position, force = seen.tracks.position_mm, seen.force_N
     zero = [seen.tracks.unit_displacement, np.zeros_like(position), np.zeros((len(position), 6))]
@@ -197,8 +199,8 @@ def _exact(ground: Ground, seen: Seen, pad: str, theta: Float[np.ndarray, "3"]) 
 
 
 def _turns(
-    ground: Ground,
-    seen: Seen,
+    ground: ForwardModel,
+    seen: GraspResponse,
     place_mm: Float[np.ndarray, "n 3"],
     position_mm: Float[np.ndarray, "f n 3"],
     unit: Float[np.ndarray, "f n 3"],

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field, wrench
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
 
 
@@ -29,25 +29,27 @@ class SensorDrift:
         ParameterSpec(name="newton_per_s", unit="N/s", low=-3.0, high=3.0, model_share=0.01),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """Minus the response to a growing pressure, and the imbalance that it brings."""
         found = []
         for pad in pads_of(ground):
             fields = [
-                Field(markers=-ground.compliance * alone, balance=balance, rest=_at_rest(seen, pad))
+                ObservationDelta(
+                    markers=-ground.compliance * alone, balance=balance, rest=_at_rest(seen, pad)
+                )
                 for seen, (alone, balance) in zip(ground.base.grasps, _of_pad(ground, pad), strict=True)
             ]
-            columns = (Column(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
+            columns = (Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
             found.append(Signature(label=pad, columns=columns))
         return found
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the drift."""
         return {"newton_per_s": float(np.clip(amounts[0], -2.5, 2.5))}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The forces of that pad less the drift: exact and linear."""
         rate = parameters["newton_per_s"]
         parts = _of_pad(ground, choice)
@@ -61,7 +63,7 @@ class SensorDrift:
         )
 
 
-def _at_rest(seen: Seen, pad: str) -> Float[np.ndarray, " p"]:
+def _at_rest(seen: GraspResponse, pad: str) -> Float[np.ndarray, " p"]:
     """Growth of each pad's force per N/s of drift: those of its markers that the fit leaves out lack."""
     found = np.zeros(len(seen.pad_names))
     if pad in seen.pad_names:
@@ -70,7 +72,9 @@ def _at_rest(seen: Seen, pad: str) -> Float[np.ndarray, " p"]:
     return found
 
 
-def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+def _of_pad(
+    ground: ForwardModel, pad: str
+) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
     """Response (mm MPa) and imbalance (N) per N/s of drift; zero where the pad takes no part."""
     found = []
     for seen in ground.base.grasps:

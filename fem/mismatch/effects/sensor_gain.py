@@ -15,9 +15,9 @@ from jaxtyping import Bool, Float
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field, wrench
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
@@ -36,25 +36,25 @@ class SensorGain:
         ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_share=0.003),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """Minus the response to that pad's forces, and the imbalance that they leave."""
         found = []
         for pad in pads_of(ground):
             fields = [
-                Field(markers=-ground.compliance * alone, balance=balance)
+                ObservationDelta(markers=-ground.compliance * alone, balance=balance)
                 for alone, balance in _of_pad(ground, pad)
             ]
-            columns = (Column(name=f"{pad} gain", sd=0.15, fields=fields),)
+            columns = (Regressor(name=f"{pad} gain", sd=0.15, fields=fields),)
             found.append(Signature(label=pad, columns=columns))
         return found
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the gain less one, as 1 - 1/gain."""
         return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
 
-    def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
         """ln of the pads' stiffness being as said with this gain, over that without."""
         stiffer = [(pad, _stiffer(ground, pad)) for pad in pads_of(ground)]
         known = [(pad, z) for pad, z in stiffer if z is not None]
@@ -66,7 +66,7 @@ class SensorGain:
         found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
         return float(np.clip(found, -MOST_BESIDE, MOST_BESIDE))
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The forces of that pad divided by the gain."""
         share = 1 - 1 / parameters["gain"]
         parts = _of_pad(ground, choice)
@@ -79,7 +79,7 @@ class SensorGain:
         )
 
 
-def _stiffer(ground: Ground, pad: str) -> float | None:
+def _stiffer(ground: ForwardModel, pad: str) -> float | None:
     """ln of a pad's normal force per displacement over what is said of its gel; None where nothing is."""
     said = [
         motion.gel_N_per_mm
@@ -91,7 +91,9 @@ def _stiffer(ground: Ground, pad: str) -> float | None:
     return float(np.log(felt / np.mean(said))) if said and felt > NO_SPRING else None
 
 
-def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+def _of_pad(
+    ground: ForwardModel, pad: str
+) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
     found = []
     for seen in ground.base.grasps:
@@ -109,7 +111,9 @@ def _of_pad(ground: Ground, pad: str) -> list[tuple[Float[np.ndarray, "f n 3"], 
     return found
 
 
-def _alone(ground: Ground, seen: Seen, own: Bool[np.ndarray, "1 n 1"]) -> Float[np.ndarray, "f n 3"]:
+def _alone(
+    ground: ForwardModel, seen: GraspResponse, own: Bool[np.ndarray, "1 n 1"]
+) -> Float[np.ndarray, "f n 3"]:
     return seen.over_time(response_to(ground, seen, np.where(own, seen.patterns, 0.0)))
 
 

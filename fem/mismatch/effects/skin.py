@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.linear_law import LinearLaw, matrix_operator, plain_stiffness
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
 
 
-def _operators(ground: Ground) -> tuple[Operator, Sequence[Operator]]:
+def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     matrix = ground.kept(
         "membrane", lambda: membrane_stiffness(ground.base.mesh, poisson_ratio=ground.poisson_ratio)
     )

@@ -20,8 +20,8 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.model.slip_path import slip_path
 
@@ -43,7 +43,7 @@ class Slip:
         ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True, model_share=0.2),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
         least = least_mu(_ratios(ground))
         found = []
@@ -55,27 +55,27 @@ class Slip:
                 found.append(Signature(label=label, columns=(), untried=failure.detail))
                 continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
-                fields = [Field(markers=-path) for path in paths]
-                column = Column(name="path", sd=1.0, fields=fields, positive=True)
+                fields = [ObservationDelta(markers=-path) for path in paths]
+                column = Regressor(name="path", sd=1.0, fields=fields, positive=True)
                 found.append(Signature(label=label, columns=(column,)))
         return found
 
     def start(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
         return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
 
-    def beside(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
         """Markers piled up on this cone."""
         return max(_ratios(ground).log_ratio(parameters[MU]), 0.0)
 
     def respond(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         parameters: Mapping[str, float],
         choice: str,
     ) -> Response:
@@ -89,11 +89,11 @@ class Slip:
 EFFECT = Slip()
 
 
-def _ratios(ground: Ground) -> ShearRatios:
+def _ratios(ground: ForwardModel) -> ShearRatios:
     return ground.kept("shear ratios", lambda: shear_ratios(ground))
 
 
-def _paths(ground: Ground, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
+def _paths(ground: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
     stiffness = {name: spring_ratio(ground, name) for name in pads_of(ground)}
     return [
         slip_path(

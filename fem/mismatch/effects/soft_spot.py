@@ -15,8 +15,8 @@ from scipy.sparse import csr_array
 
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
 from fem.mismatch.localisation.spot_search import Spot, best_spots
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.spot_response import softened, to_first_order
 from fem.solid.inclusion import ball_stiffness, drop_of
 
@@ -43,20 +43,20 @@ class SoftSpot:
         ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95, model_share=0.12),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
-        spots = best_spots(ground, ground.sight.seen(_left(ground)))
+        spots = best_spots(ground, ground.sight.observed(_left(ground)))
         sd = drop_of(MIDDLE_RATIO, ground.poisson_ratio)
         return [
             Signature(
                 label=label_of(spot),
-                columns=(Column(name="drop", sd=sd, fields=_fields(ground, spot), positive=True),),
+                columns=(Regressor(name="drop", sd=sd, fields=_fields(ground, spot), positive=True),),
             )
             for spot in spots
         ]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The signature's own ball, with whichever of a few ratios explains most of what is left.
 
@@ -66,18 +66,18 @@ class SoftSpot:
         largest = drop_of(RATIOS[0], ground.poisson_ratio)
         radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
         inside = _inside(ground, centre_mm, radius_mm)
-        left = ground.sight.seen(_left(ground))
+        left = ground.sight.observed(_left(ground))
         grasps = ground.base.grasps
         moved = softened(ground.base, inside, RATIOS)
         lost = []
         for units in zip(*moved, strict=True):
             more = [unit - seen.tracks.unit_displacement for unit, seen in zip(units, grasps, strict=True)]
-            beyond = left - ground.compliance * ground.sight.seen(more)
+            beyond = left - ground.compliance * ground.sight.observed(more)
             lost.append(float(beyond @ beyond))
         place = dict(zip(CENTRE, map(float, centre_mm), strict=True))
         return {**place, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
         inside = _inside(ground, centre_mm, parameters[RADIUS])
@@ -99,19 +99,19 @@ def place_of(label: str) -> tuple[Float[np.ndarray, "3"], float]:
     return np.array([float(word) for word in words[:3]]), float(words[4])
 
 
-def _inside(ground: Ground, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
+def _inside(ground: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
     mesh, nu = ground.base.mesh, ground.poisson_ratio
     return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
 
 
-def _left(ground: Ground) -> list[Float[np.ndarray, "f n 3"]]:
+def _left(ground: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
     tracks = [seen.tracks for seen in ground.base.grasps]
     return [own.position_mm - own.place_mm - ground.compliance * own.unit_displacement for own in tracks]
 
 
-def _fields(ground: Ground, spot: Spot) -> list[Field | None]:
+def _fields(ground: ForwardModel, spot: Spot) -> list[ObservationDelta | None]:
     """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
     inside = _inside(ground, spot.centre_mm, spot.radius_mm)
     moved = to_first_order(ground.base, inside)
-    return [None if own is None else Field(markers=ground.compliance * own) for own in moved]
+    return [None if own is None else ObservationDelta(markers=ground.compliance * own) for own in moved]

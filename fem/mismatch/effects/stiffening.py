@@ -23,8 +23,8 @@ from jaxtyping import Float
 from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
 from fem.mismatch.result import Parameter
 from fem.solid.flesh_pieces import FleshPieces, Tensors
@@ -65,7 +65,7 @@ class Stiffening:
         ),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
         state = path_state(ground, frames=FRAMES, remembers=False)
         nu, s = ground.poisson_ratio, ground.compliance
@@ -78,20 +78,20 @@ class Stiffening:
         more = -state.response(
             FleshPieces.whole(ground.points, workers=ground.workers).forces(s * state.linear, law)
         )
-        fields = [Field(markers=own) for own in state.at_markers(more)]
-        found = [Signature(label="", columns=(Column(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
+        fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
+        found = [Signature(label="", columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
         try:
             moved = _beyond_linear(ground, self.parameters[0].low, guess=None)
         except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
             return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(), untried=failure.detail)]
         large = state.at_markers(moved)
-        beyond = [Field(markers=s * own) for own in large]
-        column = Column(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
+        beyond = [ObservationDelta(markers=s * own) for own in large]
+        column = Regressor(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
         return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(column,))]
 
     def start(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -110,7 +110,7 @@ class Stiffening:
             "deformation by itself, which no soft fruit is without."
         )
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, s = parameters[B], ground.compliance
         state = path_state(ground, frames=FRAMES, remembers=False)
@@ -126,7 +126,7 @@ class Stiffening:
 
 
 def _beyond_linear(
-    ground: Ground, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
+    ground: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0 (fem.mismatch.model.stress_history), from a guess of it."""
     nu, s = ground.poisson_ratio, ground.compliance

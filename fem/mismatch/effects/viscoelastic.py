@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
-from fem.mismatch.model.forward_model import Ground, over_all_frames
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 
@@ -33,17 +33,20 @@ class Viscoelastic:
         ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True, model_share=0.05),
     )
 
-    def signatures(self, ground: Ground) -> Sequence[Signature]:
+    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
         """g / (1 - g) h, one for each tau."""
         return [
             Signature(
                 label=f"tau {tau:g} s",
                 columns=(
-                    Column(
+                    Regressor(
                         name=f"g, tau {tau:g} s",
                         sd=0.5,
                         positive=True,
-                        fields=[Field(markers=ground.compliance * crept) for crept in _crept(ground, tau)],
+                        fields=[
+                            ObservationDelta(markers=ground.compliance * crept)
+                            for crept in _crept(ground, tau)
+                        ],
                     ),
                 ),
             )
@@ -51,14 +54,14 @@ class Viscoelastic:
         ]
 
     def start(
-        self, ground: Ground, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """From the retarded share and time to those of relaxation."""
         ratio = float(np.clip(amounts[0], 0.02, 5.0))
         g = ratio / (1 + ratio)
         return {"g": g, "tau_s": float(signature.label.split()[1]) * (1 - g)}
 
-    def respond(self, ground: Ground, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Exact for force histories that run straight between frames."""
         g, tau_s = parameters["g"], parameters["tau_s"]
         crept = _crept(ground, tau_s / (1 - g))
@@ -71,7 +74,7 @@ class Viscoelastic:
         )
 
 
-def _crept(ground: Ground, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
+def _crept(ground: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
     """h: nothing at once, in time all of c."""
     found = []
     for seen in ground.base.grasps:

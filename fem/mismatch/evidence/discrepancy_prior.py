@@ -14,10 +14,10 @@ from dataclasses import replace
 import numpy as np
 
 from fem.mismatch.effect import Effect, Signature
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import Regressor
 
-SEEMING: Mapping[str, tuple[float, float]] = {
+DISCREPANCY: Mapping[str, tuple[float, float]] = {
     "skin": (0.42, 0.09),  # mm, membrane stiffness over E
     "poisson_ratio": (0.03, 0.015),
     "gripper_compliance": (0.001, 0.0007),  # 1/mm, mm/N times E over softness
@@ -34,11 +34,11 @@ BEND_OVER = ("skin",)
 Their own refit goes without it, and the whole of it counts as error of the parameter."""
 
 
-def lookalikes(
-    ground: Ground,
+def discrepancy_columns(
+    ground: ForwardModel,
     found: Iterable[tuple[Effect, Signature]],
-    seeming: Mapping[str, tuple[float, float]] = SEEMING,
-) -> list[Column]:
+    seeming: Mapping[str, tuple[float, float]] = DISCREPANCY,
+) -> list[Regressor]:
     """Columns of the effects in `seeming`, one for each alternative of theirs.
 
     What pads feel in the air is no error of the model, and not among it.
@@ -58,7 +58,7 @@ def lookalikes(
     return columns
 
 
-def beside(effects: Iterable[Effect], columns: Sequence[Column], chosen: Sequence[int]) -> tuple[int, ...]:
+def beside(effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]) -> tuple[int, ...]:
     """Of the chosen columns those that stand beside these effects' own refits."""
     left_out = {f"as if {effect.name}" for effect in effects if effect.name in BEND_OVER}
     return tuple(j for j in chosen if columns[j].name not in left_out)
@@ -66,4 +66,4 @@ def beside(effects: Iterable[Effect], columns: Sequence[Column], chosen: Sequenc
 
 def seeming_spread(effect: Effect) -> float:
     """What BEND_OVER adds to the standard deviation of an effect's parameter."""
-    return float(np.hypot(*SEEMING[effect.name])) if effect.name in BEND_OVER else 0.0
+    return float(np.hypot(*DISCREPANCY[effect.name])) if effect.name in BEND_OVER else 0.0

@@ -1,14 +1,14 @@
 """A recording's equations at the ground's compliance, made once for all that fit with them."""
 
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
 
 
-def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
+def marker_equations(ground: ForwardModel, seen: GraspResponse) -> MarkerEquations:
     """Those of its markers, with the case's own spread of marker scales."""
 
     def compute() -> MarkerEquations:
@@ -18,7 +18,7 @@ def marker_equations(ground: Ground, seen: Seen) -> MarkerEquations:
     return ground.kept(("marker equations", seen.case.name, ground.compliance), compute)
 
 
-def balance_equations(ground: Ground, seen: Seen) -> BalanceEquations | None:
+def balance_equations(ground: ForwardModel, seen: GraspResponse) -> BalanceEquations | None:
     """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
 
     def compute() -> BalanceEquations | None:

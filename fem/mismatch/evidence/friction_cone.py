@@ -20,8 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 
 FIRM = 4.0
 """A marker's pressure counts from so many standard deviations of its noise."""
@@ -70,7 +70,7 @@ class ShearRatios:
         return self.pile_up(mu) - self.loss(mu) - float(np.log(len(TRIED)))
 
 
-def shear_ratios(ground: Ground) -> ShearRatios:
+def shear_ratios(ground: ForwardModel) -> ShearRatios:
     """Of all markers of all recordings."""
     scale = np.sqrt(2) * ground.base.case.budget.force_scale_sd
     names = {name for seen in ground.base.grasps for name in seen.pad_names}
@@ -94,24 +94,26 @@ def least_mu(ratios: ShearRatios) -> float:
     return next(allowed, float(TRIED[-1])) if len(ratios.ratio) else float(TRIED[-1])
 
 
-def in_pad_frame(seen: Seen, pad: int, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 3"]:
+def in_pad_frame(
+    seen: GraspResponse, pad: int, values: Float[np.ndarray, "f n 3"]
+) -> Float[np.ndarray, "f m 3"]:
     """Vectors of the fruit frame, of one pad's markers, in that pad's axes."""
     turn = seen.pose[pad][:, :3, :3]
     return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, seen.pad_of_marker == pad]))
 
 
-def spring_ratio(ground: Ground, pad_name: str) -> float:
+def spring_ratio(ground: ForwardModel, pad_name: str) -> float:
     """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
     normal, shear, _ = _springs(ground, pad_name)
     return shear / normal
 
 
-def normal_stiffness(ground: Ground, pad_name: str) -> float:
+def normal_stiffness(ground: ForwardModel, pad_name: str) -> float:
     """k_n of one marker of a pad's gel, N/mm, all recordings together."""
     return _springs(ground, pad_name)[0]
 
 
-def _springs(ground: Ground, pad_name: str) -> tuple[float, float, bool]:
+def _springs(ground: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
     found, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
@@ -134,17 +136,17 @@ def _springs(ground: Ground, pad_name: str) -> tuple[float, float, bool]:
     return found[0], found[1], local
 
 
-def _gel(seen: Seen, pad: int) -> Float[np.ndarray, "f m 3"]:
+def _gel(seen: GraspResponse, pad: int) -> Float[np.ndarray, "f m 3"]:
     return in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
 
 
-def _noise(seen: Seen, pad: int) -> tuple[float, float]:
+def _noise(seen: GraspResponse, pad: int) -> tuple[float, float]:
     """Standard deviations of one component of displacement, mm, and force, N."""
     return float(seen.tracks.sd_mm[seen.pad_of_marker == pad][0]), seen.case.history.pads[pad].force_sd_N
 
 
 def _pressed(
-    seen: Seen, pad: int, springs: tuple[float, float, bool]
+    seen: GraspResponse, pad: int, springs: tuple[float, float, bool]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m 2"], float, float]:
     """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such."""
     normal, shear, local = springs

@@ -21,25 +21,25 @@ from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.evidence.nuisances import own_nuisances
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
-from fem.mismatch.model.observation_delta import Column, Field
-from fem.parallel_map import side_by_side
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.parallel_map import parallel_map
 
 PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
 
 
 @dataclass(frozen=True)
-class Recorded:
+class GraspEquations:
     """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
 
     What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `own` and
     `own_weighed` are its rows, `inverse` is (own . W own + L)^-1.
     """
 
-    seen: Seen
+    seen: GraspResponse
     markers: MarkerEquations
     balance: BalanceEquations | None
     rest: RestingForces
@@ -48,7 +48,7 @@ class Recorded:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, ground: Ground, seen: Seen) -> "Recorded":
+    def of(cls, ground: ForwardModel, seen: GraspResponse) -> "GraspEquations":
         """The recording's equations, with the case's own spreads of marker scales."""
         markers = marker_equations(ground, seen)
         none = np.zeros((0, 0))
@@ -67,7 +67,7 @@ class Recorded:
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
         return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
 
-    def rows(self, fields: Sequence[Field | None]) -> tuple[np.ndarray, np.ndarray]:
+    def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
         """The fields and their W-images, laid out flat: markers in contact, sums of force, pads at rest."""
         touching = self.seen.tracks.episode >= 0
         cut = 3 * int(touching.sum())
@@ -90,8 +90,12 @@ class Recorded:
 
 
 def plain_data(
-    ground: Ground, recorded: Recorded, *, unit: np.ndarray | None = None, shift_mm: np.ndarray | None = None
-) -> Field:
+    ground: ForwardModel,
+    recorded: GraspEquations,
+    *,
+    unit: np.ndarray | None = None,
+    shift_mm: np.ndarray | None = None,
+) -> ObservationDelta:
     """What a recording shows beyond s c: positions of markers, mm, and the imbalance of forces, N.
 
     `unit` stands for c, `shift_mm` is taken out of the positions: an effect's nonlinear model.
@@ -99,7 +103,7 @@ def plain_data(
     tracks = recorded.seen.tracks
     response = tracks.unit_displacement if unit is None else unit
     beyond = tracks.position_mm - tracks.place_mm - ground.compliance * response
-    return Field(
+    return ObservationDelta(
         markers=beyond if shift_mm is None else beyond - shift_mm,
         balance=None if recorded.balance is None else recorded.balance.measured,
         rest=recorded.rest.measured,
@@ -122,7 +126,7 @@ class Fit:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
 
-class Products:
+class GramMatrix:
     """Products of all columns with each other and the data, recording by recording.
 
     Row 0 is the data (less all columns' prior means), row 1 the plain model (its response s c), then the
@@ -130,9 +134,11 @@ class Products:
     given, counted from one.
     """
 
-    def __init__(self, ground: Ground, recorded: Sequence[Recorded], columns: Sequence[Column]) -> None:
+    def __init__(
+        self, ground: ForwardModel, recorded: Sequence[GraspEquations], columns: Sequence[Regressor]
+    ) -> None:
         self.columns = [
-            Column(name="1/E", sd=PLAIN_SD, fields=[_plain(ground, one) for one in recorded]),
+            Regressor(name="1/E", sd=PLAIN_SD, fields=[_plain(ground, one) for one in recorded]),
             *columns,
         ]
         self.rows: list[np.ndarray] = []
@@ -146,7 +152,7 @@ class Products:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
             return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
 
-        for known, plain, heavy in side_by_side(rows, range(len(recorded)), workers=ground.workers):
+        for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=ground.workers):
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)
@@ -154,16 +160,16 @@ class Products:
 
     def about(
         self,
-        ground: Ground,
+        ground: ForwardModel,
         response: Response,
         chosen: Sequence[int],
-        more: Sequence[Column] = (),
-    ) -> tuple["Products", tuple[int, ...]]:
+        more: Sequence[Regressor] = (),
+    ) -> tuple["GramMatrix", tuple[int, ...]]:
         """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
         other = copy(self)
         old = [self.columns[j] for j in chosen]
-        plain_fields = [Field(markers=ground.compliance * unit) for unit in response.unit]
-        plain_column = Column(name="1/E", sd=PLAIN_SD, fields=plain_fields)
+        plain_fields = [ObservationDelta(markers=ground.compliance * unit) for unit in response.unit]
+        plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
         for k, one in enumerate(self._recorded):
@@ -231,7 +237,7 @@ class Products:
         )
 
 
-def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
+def _beyond_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
     """What the columns' prior means leave of recording k's data."""
     for column in columns:
         field = column.fields[k]
@@ -246,5 +252,5 @@ def _beyond_means(data: Field, columns: Sequence[Column], k: int) -> Field:
     return data
 
 
-def _plain(ground: Ground, one: Recorded) -> Field:
-    return Field(markers=ground.compliance * one.seen.tracks.unit_displacement)
+def _plain(ground: ForwardModel, one: GraspEquations) -> ObservationDelta:
+    return ObservationDelta(markers=ground.compliance * one.seen.tracks.unit_displacement)

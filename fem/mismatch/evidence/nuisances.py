@@ -13,10 +13,10 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import own_markers, slid_response
 
 DEPARTURE, ALONG = 0.005, 0.003
@@ -34,19 +34,19 @@ LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 FEWEST = 8
 
 
-def common_nuisances(ground: Ground) -> list[Column]:
+def common_nuisances(ground: ForwardModel) -> list[Regressor]:
     """Those that all recordings share."""
     budget = ground.base.case.budget
     inner = [_inner(ground, seen) for seen in ground.base.grasps]
     names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
     columns = [
-        Column(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
+        Regressor(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
     ]
-    dents = [Field(markers=ground.compliance * _dent(seen)) for seen in ground.base.grasps]
-    return [*columns, Column(name="dent", sd=DENT, fields=dents)]
+    dents = [ObservationDelta(markers=ground.compliance * _dent(seen)) for seen in ground.base.grasps]
+    return [*columns, Regressor(name="dent", sd=DENT, fields=dents)]
 
 
-def own_nuisances(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+def own_nuisances(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Those of one recording: name, prior standard deviation, field."""
     budget = ground.base.case.budget
     found = [
@@ -63,23 +63,23 @@ def _sd(name: str, budget: ErrorBudget) -> float:
     return max(sd, SMALLEST_POISSON_SD) if name == POISSON_RATIO else sd
 
 
-def _inner(ground: Ground, seen: Seen) -> dict[str, Field]:
+def _inner(ground: ForwardModel, seen: GraspResponse) -> dict[str, ObservationDelta]:
     return {
-        cause: Field(markers=ground.compliance * change)
+        cause: ObservationDelta(markers=ground.compliance * change)
         for cause, change in inner_changes(ground, seen).items()
     }
 
 
-def _places(ground: Ground, seen: Seen) -> list[tuple[str, Field]]:
+def _places(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, ObservationDelta]]:
     """Each pad along its own x and y over the skin."""
     return [
-        (f"{name} {axis}", Field(markers=ground.compliance * moved))
+        (f"{name} {axis}", ObservationDelta(markers=ground.compliance * moved))
         for pad, name in enumerate(seen.pad_names)
         for axis, moved in zip("xy", slid_response(ground, seen, pad), strict=True)
     ]
 
 
-def _dent(seen: Seen) -> Float[np.ndarray, "f n 3"]:
+def _dent(seen: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
     response, touching = seen.tracks.unit_displacement, seen.tracks.episode >= 0
     dent = np.zeros_like(response)
@@ -97,7 +97,7 @@ def _dent(seen: Seen) -> Float[np.ndarray, "f n 3"]:
     return dent
 
 
-def _departures(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+def _departures(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
     found = []
     for pad, name in enumerate(seen.pad_names):
@@ -113,18 +113,18 @@ def _departures(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
             for k, shape in enumerate(shapes):
                 for power in (1, 2):
                     field = (seen.load**power)[:, None, None] * (shape[:, None] * axis)
-                    found.append((f"{name} departure {way}{k}{power}", sd, Field(markers=field)))
+                    found.append((f"{name} departure {way}{k}{power}", sd, ObservationDelta(markers=field)))
     return found
 
 
-def _greatest_response(ground: Ground, seen: Seen, pad: int) -> float:
+def _greatest_response(ground: ForwardModel, seen: GraspResponse, pad: int) -> float:
     """Root mean square over a pad's markers of their response at the greatest load, mm."""
     mine = own_markers(seen, pad)[0, :, 0]
     response = ground.compliance * seen.tracks.unit_displacement[int(np.argmax(seen.load)), mine]
     return float(np.sqrt((response**2).sum(axis=1).mean()))
 
 
-def _approaches(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
+def _approaches(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Each pad along its normal, near each of LOADS, loading and unloading alike."""
     found = []
     near = [np.interp(seen.load, LOADS, own) for own in np.eye(len(LOADS))]
@@ -134,5 +134,5 @@ def _approaches(ground: Ground, seen: Seen) -> list[tuple[str, float, Field]]:
         sd = APPROACH * _greatest_response(ground, seen, pad)
         for k, share in enumerate(near):
             field = share[:, None, None] * (mine[:, None] * normal)
-            found.append((f"{name} approach {k}", sd, Field(markers=field)))
+            found.append((f"{name} approach {k}", sd, ObservationDelta(markers=field)))
     return found

@@ -28,7 +28,7 @@ from scipy.spatial import cKDTree
 
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.localisation.spot_search import bounded_score
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS
 from fem.mismatch.result import FruitMap
 from fem.solid.inclusion import drop_of, fading
@@ -39,8 +39,9 @@ STANDARD_RATIO = 0.4
 SIX = 6
 
 
-def fruit_map(ground: Ground, numbers: Float[np.ndarray, " k"]) -> FruitMap:
-    """All four maps at the skin's corner nodes; `numbers` as Sight.seen gives them of what a fit leaves."""
+def fruit_map(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
+    """All four maps at the skin's corner nodes; `numbers` as Sight.observed gives them of what a fit
+    leaves."""
     mesh, points, sight = ground.base.mesh, ground.points, ground.sight
     vertices, triangles = skin_triangles(mesh)
     inward = -_normals(vertices, triangles)
@@ -92,7 +93,7 @@ def _within(centres: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "m 3"])
 
 
 def _adjoint_fields(
-    ground: Ground, numbers: Float[np.ndarray, " k"]
+    ground: ForwardModel, numbers: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, "m 6 k"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Of every element: D eps(Lambda_k); the density of lambda's law error; its mean in noise."""
     slope = _mean_slope(ground.points)

@@ -16,7 +16,7 @@ from scipy.stats import f as f_distribution
 
 from fem.estimation.compliance_fit import CompliantFit
 from fem.estimation.modulus_by_frame import BOTH, FrameModulus, modulus_per_frame
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import ModulusCell, Variance
 
 LEAST_SHARE_OF_FORCE = 0.2
@@ -36,7 +36,7 @@ class Cells:
     neighbour: Bool[np.ndarray, " n"]
 
 
-def modulus_cells(ground: Ground, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
+def modulus_cells(ground: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
     """E per frame, pad (and all pads together) and grasp; `fits`: the plain fit of each recording."""
     return tuple(
         ModulusCell(
@@ -53,7 +53,7 @@ def modulus_cells(ground: Ground, fits: Sequence[CompliantFit]) -> tuple[Modulus
     )
 
 
-def analysis_of_variance(ground: Ground, fits: Sequence[CompliantFit]) -> tuple[Variance, ...]:
+def analysis_of_variance(ground: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[Variance, ...]:
     """Load, time, rate, grasp, pad, cycle and phase, the largest share first; what never varies left out."""
     cells = _cells(ground, _tables(ground, fits))
     return explained(cells) if len(cells.ln_modulus) > 2 else ()
@@ -99,14 +99,14 @@ def _left(
     return y - columns @ amounts, int(rank)
 
 
-def _tables(ground: Ground, fits: Sequence[CompliantFit]) -> list[tuple[FrameModulus, ...]]:
+def _tables(ground: ForwardModel, fits: Sequence[CompliantFit]) -> list[tuple[FrameModulus, ...]]:
     return [
         modulus_per_frame(seen.case.history, seen.tracks, fit, seen.used)
         for seen, fit in zip(ground.base.grasps, fits, strict=True)
     ]
 
 
-def _cells(ground: Ground, tables: Sequence[tuple[FrameModulus, ...]]) -> Cells:
+def _cells(ground: ForwardModel, tables: Sequence[tuple[FrameModulus, ...]]) -> Cells:
     """Rows of single pads with enough force."""
     rows: list[tuple[float, ...]] = []
     kinds: list[tuple[str, str, str, str]] = []

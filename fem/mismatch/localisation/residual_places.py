@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.localisation.adjoint_maps import fruit_map
 from fem.mismatch.localisation.spot_search import best_spots
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import MARKER_EXCESS
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import FruitMap, Where
@@ -41,7 +41,7 @@ class Located:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Excess:
+class ExcessVariance:
     """What is left beyond noise, in units of its variance: (recordings, pads, phases, normal and shear).
 
     `count`: over how many numbers each is the sum.
@@ -57,10 +57,10 @@ class Excess:
         return int(share.argmax()) if enough and share.max() > MOST * total and len(share) > 1 else None
 
 
-def located(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
+def located(ground: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
     """`residual`: what a fit leaves of the markers' positions per recording, mm; motions may be in it."""
     excess = excess_of(ground, residual)
-    numbers = ground.sight.seen(residual)
+    numbers = ground.sight.observed(residual)
     return Located(
         where=_where(ground, excess, numbers),
         when=_when(excess),
@@ -69,7 +69,7 @@ def located(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> L
     )
 
 
-def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Excess:
+def excess_of(ground: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> ExcessVariance:
     """The sums that where, when and component are read from."""
     grasps = ground.base.grasps
     names = pads_of(ground)
@@ -95,7 +95,7 @@ def excess_of(ground: Ground, residual: Sequence[Float[np.ndarray, "f n 3"]]) ->
                     amount[k, place, at, component] = (
                         float(squares[chosen].sum()) - MARKER_EXCESS * each * samples
                     )
-    return Excess(amount=np.maximum(amount, 0.0), count=count)
+    return ExcessVariance(amount=np.maximum(amount, 0.0), count=count)
 
 
 def _rigid(
@@ -110,7 +110,7 @@ def _rigid(
     return np.asarray(np.einsum("nxk,fk->fnx", modes, motion) * weight[..., None])
 
 
-def _where(ground: Ground, excess: Excess, numbers: Float[np.ndarray, " k"]) -> Where:
+def _where(ground: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:
     spots = best_spots(ground, numbers)
     best = max(spots, key=lambda spot: spot.score, default=None)
     if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
@@ -123,13 +123,13 @@ def _where(ground: Ground, excess: Excess, numbers: Float[np.ndarray, " k"]) -> 
     return Where(region="both" if pad is None else f"pad {names[pad]}")
 
 
-def _when(excess: Excess) -> str:
+def _when(excess: ExcessVariance) -> str:
     """The phase that has most of the excess, all of them standing equally long."""
     count = excess.count.sum(axis=(0, 1, 3))
     phase = excess.most(excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0))
     return "all" if phase is None else PHASES[phase]
 
 
-def _component(excess: Excess) -> str:
+def _component(excess: ExcessVariance) -> str:
     part = excess.most(excess.amount.sum(axis=(0, 1, 2)))
     return "both" if part is None else ("normal", "shear")[part]

@@ -14,8 +14,8 @@ from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.inclusion import fading
 
 GRID_MM = 3.0
@@ -40,15 +40,15 @@ class Spot:
     drop: float
 
 
-def best_spots(ground: Ground, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
+def best_spots(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
     """The best ball of softer flesh in RADII_MM each, then the best at up to OTHERS other places.
 
     Depth and radius stand for each other to first order, hence the several radii at one place. `numbers` as
-    Sight.seen gives them.
+    Sight.observed gives them.
     """
     centres = candidate_centres(ground)
-    seen = ground.sight.without_modulus(balls(ground, centres, RADIUS_MM) @ ground.sight.cells)
-    score, _ = bounded_score(seen, numbers)
+    balls_seen = ground.sight.without_modulus(balls(ground, centres, RADIUS_MM) @ ground.sight.cells)
+    score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
     found = [polished(ground, numbers, best, radius_mm=radius) for radius in RADII_MM]
     places = [best]
@@ -61,7 +61,7 @@ def best_spots(ground: Ground, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, 
     return tuple(spot for spot in found if spot.score > 0)
 
 
-def candidate_centres(ground: Ground) -> Float[np.ndarray, "c 3"]:
+def candidate_centres(ground: ForwardModel) -> Float[np.ndarray, "c 3"]:
     """A grid of places in the flesh within CONE_DEG of some patch, seen from the fruit's middle."""
     points = ground.points.point_mm.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -75,14 +75,14 @@ def candidate_centres(ground: Ground) -> Float[np.ndarray, "c 3"]:
     return np.asarray(grid[(way @ patches.T).max(axis=1) > np.cos(np.deg2rad(CONE_DEG))])
 
 
-def patch_centres(seen: Seen) -> Float[np.ndarray, "p 3"]:
+def patch_centres(seen: GraspResponse) -> Float[np.ndarray, "p 3"]:
     """The middle of each pad's load on the fruit."""
     load = np.linalg.norm(seen.force_N, axis=2).sum(axis=0)
     own = [load * (seen.pad_of_marker == pad) for pad in range(len(seen.links))]
     return np.stack([weight @ seen.tracks.place_mm / weight.sum() for weight in own])
 
 
-def balls(ground: Ground, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
+def balls(ground: ForwardModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
     """How much of each of the flesh's points lies in each ball: (c, points)."""
     points = ground.points.point_mm.reshape(-1, 3)
     near = cKDTree(centres).sparse_distance_matrix(cKDTree(points), radius_mm + 0.5, output_type="coo_matrix")
@@ -91,18 +91,22 @@ def balls(ground: Ground, centres: Float[np.ndarray, "c 3"], radius_mm: float) -
 
 
 def polished(
-    ground: Ground, numbers: Float[np.ndarray, " k"], centre_mm: Float[np.ndarray, "3"], *, radius_mm: float
+    ground: ForwardModel,
+    numbers: Float[np.ndarray, " k"],
+    centre_mm: Float[np.ndarray, "3"],
+    *,
+    radius_mm: float,
 ) -> Spot:
     """The ball of this radius that explains most among those within APART_MM / 2 of this place."""
     points = ground.points.point_mm.reshape(-1, 3)
     near = np.linalg.norm(points - centre_mm, axis=1) < radius_mm + 1.5 * APART_MM
     points, cells = points[near], ground.sight.without_modulus(ground.sight.cells[near])
 
-    def seen(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
+    def observed_at(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
         return np.asarray(fading(np.linalg.norm(points - place, axis=1), radius_mm) @ cells)
 
     def lost(place: Float[np.ndarray, "3"]) -> float:
-        shown = seen(place)
+        shown = observed_at(place)
         away = max(0.0, float(np.linalg.norm(place - centre_mm)) - APART_MM / 2)
         return -float(bounded_score(shown, numbers)[0]) * float(np.exp(-away))
 
@@ -113,7 +117,7 @@ def polished(
         method="Nelder-Mead",
         options={"initial_simplex": corners, "maxfev": 80, "xatol": 0.05, "fatol": 0.01},
     ).x
-    shown = seen(found)
+    shown = observed_at(found)
     score, drop = bounded_score(shown, numbers)
     return Spot(centre_mm=found, radius_mm=radius_mm, score=float(score), drop=float(drop))
 

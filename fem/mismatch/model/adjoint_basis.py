@@ -23,9 +23,9 @@ from jaxtyping import Float
 from numpy.polynomial.legendre import legvander2d
 from scipy.sparse import csr_array
 
-from fem.mismatch.model.baseline import Baseline, Seen
+from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.marker_equations import MarkerEquations
-from fem.parallel_map import side_by_side
+from fem.parallel_map import parallel_map
 from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
 
 DEGREE = 2
@@ -49,14 +49,14 @@ class GraspSight:
     cells: Float[np.ndarray, "q k"]
     plain: Float[np.ndarray, " k"]
 
-    def seen(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
+    def observed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
         """The whitened numbers of a field of displacement at the markers, mm."""
         weighed = self.equations.weighed(field)
         return np.asarray(self.whitening.T @ np.tensordot(self.waves, weighed, axes=3))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sight:
+class AdjointBasis:
     """All recordings' numbers side by side; the modulus of the whole flesh is free.
 
     `cells`: of four points in every element, per unit drop of modulus there. `plain`: of one and the same
@@ -68,10 +68,12 @@ class Sight:
     plain: Float[np.ndarray, " k"]
 
     @classmethod
-    def of(cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1) -> "Sight":
+    def of(
+        cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1
+    ) -> "AdjointBasis":
         """`compliance`: s = 1/E of the plain model."""
         grasps = tuple(
-            side_by_side(
+            parallel_map(
                 lambda seen: _grasp_sight(base, seen, points, compliance), base.grasps, workers=workers
             )
         )
@@ -82,9 +84,9 @@ class Sight:
             plain=plain / np.linalg.norm(plain),
         )
 
-    def seen(self, fields: Sequence[Float[np.ndarray, "f n 3"]]) -> Float[np.ndarray, " k"]:
+    def observed(self, fields: Sequence[Float[np.ndarray, "f n 3"]]) -> Float[np.ndarray, " k"]:
         """The numbers of one field per recording, E taken out."""
-        together = [sight.seen(field) for sight, field in zip(self.grasps, fields, strict=True)]
+        together = [sight.observed(field) for sight, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))
 
     def without_modulus(self, numbers: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]:
@@ -92,7 +94,7 @@ class Sight:
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-def _grasp_sight(base: Baseline, seen: Seen, points: FleshStrain, compliance: float) -> GraspSight:
+def _grasp_sight(base: Baseline, seen: GraspResponse, points: FleshStrain, compliance: float) -> GraspSight:
     budget, solid = base.case.budget, base.solid_of(seen)
     equations = MarkerEquations.of(
         seen,
@@ -126,7 +128,7 @@ def _grasp_sight(base: Baseline, seen: Seen, points: FleshStrain, compliance: fl
     )
 
 
-def _polynomials(seen: Seen) -> Float[np.ndarray, "v n 3"]:
+def _polynomials(seen: GraspResponse) -> Float[np.ndarray, "v n 3"]:
     """Legendre polynomials up to DEGREE over each pad's markers, in each of three directions."""
     orders = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     shapes = []

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 from fem.elements.assembly import assemble
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import MarkerTracks
-from fem.estimation.denoised_force import ABOVE_NOISE, gel_force
+from fem.estimation.denoised_force import ABOVE_NOISE, denoised_force
 from fem.estimation.frame_thinning import loaded_frames, spacing
 from fem.estimation.unit_response import SMALLEST_SD_MM
 from fem.estimation.zero_drift import resting_force
@@ -25,7 +25,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
-from fem.parallel_map import side_by_side
+from fem.parallel_map import parallel_map
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
@@ -35,7 +35,7 @@ PROBES = 8
 
 
 @dataclass(frozen=True, kw_only=True)
-class Seen:
+class GraspResponse:
     """One recording seen by the plain model, frames `used` of it.
 
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
@@ -82,7 +82,7 @@ class Seen:
 
     def at_markers(self, moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers where the skin's nodes move so."""
-        return np.concatenate([link.seen(moved) for link in self.links], axis=1)
+        return np.concatenate([link.at_markers(moved) for link in self.links], axis=1)
 
     def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
         """What answers the patterns, as the recording's frames combine them."""
@@ -95,14 +95,14 @@ class Baseline:
 
     case: MismatchCase
     solids: dict[Support, UnitModulusSolid]
-    grasps: tuple[Seen, ...]
+    grasps: tuple[GraspResponse, ...]
 
     @property
     def mesh(self) -> FleshMesh:
         """The flesh round the prior's pit."""
         return self.case.mesh
 
-    def solid_of(self, seen: Seen) -> UnitModulusSolid:
+    def solid_of(self, seen: GraspResponse) -> UnitModulusSolid:
         """The solid held as this recording's fruit was."""
         return self.solids[seen.case.support]
 
@@ -122,7 +122,7 @@ class Baseline:
                 found[k] = part
         return found
 
-    def answer(self, seen: Seen, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+    def answer(self, seen: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
         """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
         solid = self.solid_of(seen)
         return seen.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
@@ -143,8 +143,8 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
         case=case,
         solids=solids,
         grasps=tuple(
-            side_by_side(
-                lambda grasp: seen_through(
+            parallel_map(
+                lambda grasp: project_recording(
                     grasp, solids[grasp.support], force_scale_sd=case.budget.force_scale_sd
                 ),
                 case.grasps,
@@ -154,7 +154,7 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
     )
 
 
-def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> Seen:
+def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> GraspResponse:
     """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces."""
     history = case.history
     used = loaded_frames(history)
@@ -178,7 +178,7 @@ def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: fl
             pairs, np.split(np.tensordot(grown, drift, axes=1), whose, axis=1), strict=True
         )
     ]
-    felt = [gel_force(own, turn, used) for own, (_, turn) in zip(steady, pairs, strict=True)]
+    felt = [denoised_force(own, turn, used) for own, (_, turn) in zip(steady, pairs, strict=True)]
     force = np.concatenate([pad.force_N for pad in felt], axis=1)
     sd_N = max(pad.sd_N for pad in felt)
     noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
@@ -195,11 +195,11 @@ def seen_through(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: fl
     loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
     on_skin = moved[:, solid.contact_nodes]
-    response = np.concatenate([link.seen(on_skin) for link in links], axis=1)
+    response = np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
     counts = [len(pad.rest_mm) for pad in history.pads]
     sd = [max(pad.displacement_sd_mm, SMALLEST_SD_MM) for pad in history.pads]
     lag1 = [pad.lag1 ** spacing(used) for pad in history.pads]
-    return Seen(
+    return GraspResponse(
         case=case,
         used=used,
         links=links,
@@ -288,7 +288,7 @@ def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Floa
     """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
     found = []
     for link in links:
-        seen = link.seen(moved)
+        seen = link.at_markers(moved)
         own = seen - seen.mean(axis=1, keepdims=True)
         found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
     return np.concatenate(found)

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from fem.mismatch.model.adjoint_basis import Sight
-from fem.mismatch.model.baseline import Baseline, Seen
+from fem.mismatch.model.adjoint_basis import AdjointBasis
+from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.warm_start import WarmStarts
-from fem.parallel_map import side_by_side
+from fem.parallel_map import parallel_map
 from fem.solid.strain_field import FleshStrain
 
 T = TypeVar("T")
@@ -42,7 +42,7 @@ class Memory:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ground:
+class ForwardModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once.
 
     `workers`: how many threads may work on it at once. `warm_starts`: of the search that this ground is used
@@ -68,9 +68,9 @@ class Ground:
         """What `compute` gives, computed once for each key, whichever thread asks first."""
         return self.memory.kept(key, compute)
 
-    def each(self, call: Callable[[Seen], T]) -> list[T]:
+    def each(self, call: Callable[[GraspResponse], T]) -> list[T]:
         """`call` of every recording, in their order, side by side."""
-        return side_by_side(call, self.base.grasps, workers=self.workers)
+        return parallel_map(call, self.base.grasps, workers=self.workers)
 
     @property
     def stiffness(self) -> csr_array:
@@ -101,11 +101,11 @@ class Ground:
         return np.asarray(to_skin / (to_skin + to_pit))
 
     @property
-    def sight(self) -> Sight:
+    def sight(self) -> AdjointBasis:
         """What the recordings see of every piece of flesh."""
         return self.kept(
             ("sight", self.compliance),
-            lambda: Sight.of(self.base, self.points, compliance=self.compliance, workers=self.workers),
+            lambda: AdjointBasis.of(self.base, self.points, compliance=self.compliance, workers=self.workers),
         )
 
     @cached_property
@@ -124,12 +124,14 @@ class Ground:
             ratio.append(flesh / gel)
         return max(1.0, float(np.median(ratio)) / SOFT)
 
-    def moved_by_stress(self, seen: Seen, stress: Float[np.ndarray, "r m 4 6"]) -> Float[np.ndarray, "r n 3"]:
+    def moved_by_stress(
+        self, seen: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
+    ) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""
         return -self.base.answer(seen, self.points.forces(stress))
 
 
-def over_all_frames(seen: Seen, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "t n 3"]:
+def over_all_frames(seen: GraspResponse, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "t n 3"]:
     """Values of the frames used, in all frames of the recording: zero in the air, in a line between.
 
     For what depends on the past.

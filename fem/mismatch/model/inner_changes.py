@@ -4,14 +4,14 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.sensitivity import inner_forces
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 
 LEADING = 4
 """Force patterns whose response is followed: the others are hundredths of the first."""
 
 
-def inner_changes(ground: Ground, seen: Seen) -> dict[str, Float[np.ndarray, "f n 3"]]:
+def inner_changes(ground: ForwardModel, seen: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
     """dc/dp, mm MPa, for what moves no pad in fem.estimation.sensitivity: pit, surface, Poisson's ratio."""
 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:

@@ -20,8 +20,8 @@ from scipy.spatial import cKDTree
 from fem.elements.shape_functions import TET_FACES, t6_gradient, t6_shape, tri_quadrature
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.tetrahedra import boundary_faces
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import rigid_modes
 
@@ -70,7 +70,7 @@ class LooseFlesh:
         )
 
     def answer(
-        self, seen: Seen
+        self, seen: GraspResponse
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
         """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
         the markers under each patch's pressure."""
@@ -82,7 +82,7 @@ class LooseFlesh:
         return at_markers[: len(moved)], opening, at_markers[len(moved) :]
 
 
-def loose_flesh(ground: Ground, seen: Seen) -> LooseFlesh:
+def loose_flesh(ground: ForwardModel, seen: GraspResponse) -> LooseFlesh:
     """The flesh of this recording's support, made once."""
     support = seen.case.support
     return ground.kept(("loose flesh", support), lambda: LooseFlesh.of(ground.base.solid_of(seen)))

@@ -25,7 +25,7 @@ from fem.estimation.compliance_fit import (
     motion_equations,
     rigid_motion,
 )
-from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.observation_delta import ARM_MM, wrench
 
 MARKER_EXCESS = 1.15
@@ -59,7 +59,7 @@ class MarkerEquations:
 
     @classmethod
     def of(
-        cls, seen: Seen, *, compliance: float, gel_scale_sd: float, alike: float = ALIKE
+        cls, seen: GraspResponse, *, compliance: float, gel_scale_sd: float, alike: float = ALIKE
     ) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
 
@@ -150,7 +150,7 @@ class BalanceEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, seen: Seen, *, weight_N: float = 0.0) -> "BalanceEquations":
+    def of(cls, seen: GraspResponse, *, weight_N: float = 0.0) -> "BalanceEquations":
         """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
         position, force = seen.tracks.position_mm, seen.force_N
         centre = position.mean(axis=(0, 1))

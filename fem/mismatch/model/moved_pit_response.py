@@ -4,8 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.quadratic_surrogate import anchored
 from fem.solid.linear_solid import UnitModulusSolid
@@ -15,7 +15,9 @@ SPREAD = np.array([1.0, 1.0, 1.0, 0.15])
 """Units in which pits are far or near: mm, mm, mm, ln size."""
 
 
-def pit_responses(ground: Ground, key: str, pit: Float[np.ndarray, "4"]) -> list[Float[np.ndarray, "f n 3"]]:
+def pit_responses(
+    ground: ForwardModel, key: str, pit: Float[np.ndarray, "4"]
+) -> list[Float[np.ndarray, "f n 3"]]:
     """c(t) of every recording, the pit moved by x, y, z (mm) and scaled by exp of the fourth.
 
     Raises FemFailure where the pit would leave the flesh.
@@ -37,7 +39,7 @@ def pit_responses(ground: Ground, key: str, pit: Float[np.ndarray, "4"]) -> list
             for support in ground.base.solids
         }
 
-        def moved_under(seen: Seen) -> list[np.ndarray]:
+        def moved_under(seen: GraspResponse) -> list[np.ndarray]:
             skin = ground.base.solid_of(seen).contact_nodes
             loads = np.zeros((len(seen.patterns), len(mesh.nodes_mm), 3))
             loads[:, skin] = seen.nodal_of(seen.patterns)

@@ -16,7 +16,7 @@ ARM_MM = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Field:
+class ObservationDelta:
     """One cause's mark on one recording, per unit of the cause; a channel that it leaves alone is None."""
 
     markers: Float[np.ndarray, "f n 3"] | None = None
@@ -25,7 +25,7 @@ class Field:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class Regressor:
     """One unknown amount: its name, prior mean (zero) and standard deviation, its field in every recording.
 
     None: this recording does not show it. `positive`: an amount below zero makes no sense.
@@ -33,7 +33,7 @@ class Column:
 
     name: str
     sd: float
-    fields: Sequence[Field | None]
+    fields: Sequence[ObservationDelta | None]
     positive: bool = False
     mean: float = 0.0
 

@@ -6,35 +6,35 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.sensitivity import SLIDE_MM
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.pad_link import slid
 
 
-def pads_of(ground: Ground) -> list[str]:
+def pads_of(ground: ForwardModel) -> list[str]:
     """Names of all pads of a case's recordings."""
     return list(dict.fromkeys(pad for seen in ground.base.grasps for pad in seen.pad_names))
 
 
-def own_markers(seen: Seen, pad: int) -> Bool[np.ndarray, "1 n 1"]:
+def own_markers(seen: GraspResponse, pad: int) -> Bool[np.ndarray, "1 n 1"]:
     """Which markers are this pad's, ready to mask fields."""
     return np.asarray(seen.pad_of_marker == pad)[None, :, None]
 
 
-def turn_of(seen: Seen, pad: int) -> Float[np.ndarray, "3 3"]:
+def turn_of(seen: GraspResponse, pad: int) -> Float[np.ndarray, "3 3"]:
     """Pad axes in the fruit frame, as columns, at the greatest force."""
     return np.asarray(
         seen.pose[pad, int(np.argmax(np.linalg.norm(seen.force_N, axis=2).sum(axis=1))), :3, :3]
     )
 
 
-def pad_force(seen: Seen, pad: int) -> Float[np.ndarray, "f 3"]:
+def pad_force(seen: GraspResponse, pad: int) -> Float[np.ndarray, "f 3"]:
     """Total force of one pad on the fruit, N."""
     return np.asarray(seen.force_N[:, seen.pad_of_marker == pad].sum(axis=1))
 
 
 def response_to(
-    ground: Ground, seen: Seen, force_N: Float[np.ndarray, "r n 3"]
+    ground: ForwardModel, seen: GraspResponse, force_N: Float[np.ndarray, "r n 3"]
 ) -> Float[np.ndarray, "r n 3"]:
     """Displacement (times E) of all markers under any forces on the markers."""
     solid = ground.base.solid_of(seen)
@@ -43,7 +43,7 @@ def response_to(
     return ground.base.answer(seen, loads)
 
 
-def slid_response(ground: Ground, seen: Seen, pad: int) -> Float[np.ndarray, "2 f n 3"]:
+def slid_response(ground: ForwardModel, seen: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
     """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
 
     By central differences; of all pads at once, kept.
@@ -52,7 +52,7 @@ def slid_response(ground: Ground, seen: Seen, pad: int) -> Float[np.ndarray, "2 
     return np.asarray(kept[pad])
 
 
-def _slid_responses(ground: Ground, seen: Seen) -> Float[np.ndarray, "p 2 f n 3"]:
+def _slid_responses(ground: ForwardModel, seen: GraspResponse) -> Float[np.ndarray, "p 2 f n 3"]:
     solid, pads = ground.base.solid_of(seen), range(len(seen.links))
     split = np.cumsum([len(other.rest_mm) for other in seen.case.history.pads])[:-1]
     patterns = np.split(seen.patterns, split, axis=1)
@@ -69,7 +69,7 @@ def _slid_responses(ground: Ground, seen: Seen) -> Float[np.ndarray, "p 2 f n 3"
                 loads.append(whole)
     moved = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
     ends = [
-        np.concatenate([link.seen(own) for link in several], axis=1)
+        np.concatenate([link.at_markers(own) for link in several], axis=1)
         for several, own in zip(links, np.split(moved, len(links)), strict=True)
     ]
     found = [

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
-from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.baseline import GraspResponse
 
 REACH = 2.0
 """Length of the kernel, in a recording's greatest load."""
@@ -30,7 +30,7 @@ class PathFrames:
     mix: Float[np.ndarray, "f k"]
 
 
-def path_frames(grasps: Sequence[Seen], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
+def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
     """About `count` frames in all, of every recording as many as its path asks for.
 
     A law that does not remember is known without load: nothing.

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 
 NEAR, FAR = 0.1, 0.4
 """Parameters this near to none, in units of the spreads, add nothing to J."""
@@ -31,7 +31,7 @@ class Anchored:
 
 
 def anchored(
-    ground: Ground,
+    ground: ForwardModel,
     key: object,
     theta: Float[np.ndarray, " p"],
     *,

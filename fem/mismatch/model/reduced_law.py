@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.model.baseline import Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 
 CORRECTIONS = 3
 Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
@@ -42,7 +42,9 @@ class ReducedLaw:
         return np.asarray(np.tensordot(self.shares @ moved.T, self.seen, axes=(1, 0)))
 
 
-def reduced_laws(ground: Ground, *, derivative: Operator, parts: Sequence[Operator]) -> list[ReducedLaw]:
+def reduced_laws(
+    ground: ForwardModel, *, derivative: Operator, parts: Sequence[Operator]
+) -> list[ReducedLaw]:
     """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
     grasps = ground.base.grasps
     first = np.cumsum([0, *(len(seen.moved) for seen in grasps)])
@@ -63,7 +65,7 @@ def reduced_laws(ground: Ground, *, derivative: Operator, parts: Sequence[Operat
 
 
 def _of_recording(
-    ground: Ground, seen: Seen, space: Float[np.ndarray, "q m 3"], pulled: Sequence[np.ndarray]
+    ground: ForwardModel, seen: GraspResponse, space: Float[np.ndarray, "q m 3"], pulled: Sequence[np.ndarray]
 ) -> ReducedLaw:
     """`pulled`: what each part's law costs of each field of the space."""
     solid, count = ground.base.solid_of(seen), len(seen.moved)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.marker_equations import MarkerEquations
 
 LEVEL_MM = 0.016
@@ -34,7 +34,7 @@ FARTHEST_BACK = 1.2
 
 
 def slip_path(
-    seen: Seen,
+    seen: GraspResponse,
     equations: MarkerEquations,
     *,
     compliance: float,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.sparse import csr_array
 
-from fem.mismatch.model.baseline import Baseline, Seen
+from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.solid.inclusion import Softened, times
 
 LEAST_SHARE = 1e-5
@@ -43,7 +43,7 @@ def softened(
 
 def _of_recording(
     base: Baseline,
-    seen: Seen,
+    seen: GraspResponse,
     inside: csr_array,
     ratios: Sequence[float],
     chosen: Bool[np.ndarray, " r"],
@@ -62,7 +62,7 @@ def _of_recording(
     return found
 
 
-def _as_it_is(seen: Seen, ratios: Sequence[float]) -> list[Float[np.ndarray, "f n 3"]]:
+def _as_it_is(seen: GraspResponse, ratios: Sequence[float]) -> list[Float[np.ndarray, "f n 3"]]:
     return [seen.tracks.unit_displacement] * len(ratios)
 
 
@@ -77,14 +77,14 @@ def _of_chosen(base: Baseline, chosen: Sequence[Bool[np.ndarray, " _"]]) -> list
     return [seen.moved[own] for seen, own in zip(base.grasps, chosen, strict=True)]
 
 
-def _bearing(seen: Seen, inside: csr_array) -> Bool[np.ndarray, " r"]:
+def _bearing(seen: GraspResponse, inside: csr_array) -> Bool[np.ndarray, " r"]:
     """Which patterns do work inside the ball that counts."""
     own = (seen.moved * times(inside, seen.moved)).sum(axis=(1, 2)) * (seen.shares**2).sum(axis=0)
     whole = float((seen.tracks.unit_displacement * seen.force_N).sum())
     return np.asarray(own > LEAST_SHARE * whole)
 
 
-def _work(base: Baseline, seen: Seen) -> Float[np.ndarray, "r r"]:
+def _work(base: Baseline, seen: GraspResponse) -> Float[np.ndarray, "r r"]:
     """U_r' f_s."""
     skin = base.solid_of(seen).contact_nodes
     work = np.tensordot(seen.moved[:, skin], seen.nodal_of(seen.patterns), axes=([1, 2], [1, 2]))

@@ -21,8 +21,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.model.baseline import Baseline, Seen
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.baseline import Baseline, GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import PathFrames, path_frames
 
 MOST_ROUNDS, MEMORY = 40, 4
@@ -88,7 +88,7 @@ def _few(
     return turn[:, kept], (turn[:, kept].T @ flat).reshape(-1, *fields.shape[1:])
 
 
-def _combined(seen: Seen, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
+def _combined(seen: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
     return np.asarray(np.tensordot(seen.shares[own.chosen], seen.moved, axes=1))
 
 
@@ -177,7 +177,7 @@ NEAR, FARTHEST = 1e-2, 20.0
 """A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
 
 
-def path_state(ground: Ground, *, frames: int, remembers: bool) -> PathState:
+def path_state(ground: ForwardModel, *, frames: int, remembers: bool) -> PathState:
     """The ground's recordings by about so many frames, chosen once."""
 
     def compute() -> PathState:
@@ -212,13 +212,15 @@ def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray
 
 
 def keep_run(
-    ground: Ground, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
+    ground: ForwardModel, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
 ) -> None:
     """One more run of the search, the newest first, in the place of the oldest."""
     run = Run(law, more.astype(np.float32))
     ground.keep_found(("runs", name), (run, *ground.found_before(("runs", name)))[:MOST_RUNS])
 
 
-def first_guess(ground: Ground, name: str, law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
+def first_guess(
+    ground: ForwardModel, name: str, law: Float[np.ndarray, " p"]
+) -> Float[np.ndarray, "f n 3"] | None:
     """`guess` from the search's own runs with a law of this name."""
     return guess(ground.found_before(("runs", name)), law)

@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.sensitivity import mean_normal
-from fem.mismatch.model.baseline import Baseline, Seen, seen_through
-from fem.parallel_map import side_by_side
+from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
+from fem.parallel_map import parallel_map
 
 FEWEST = 8
 """A pad that fewer markers touch stays as registered."""
@@ -27,7 +27,7 @@ def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) ->
     """The same recordings on the places where their markers touched, for 1/E = `compliance`."""
     scale_sd = base.case.budget.force_scale_sd
 
-    def again(seen: Seen) -> Seen:
+    def again(seen: GraspResponse) -> GraspResponse:
         aside = _pushed_aside(seen, compliance)
         history = seen.case.history
         pads = tuple(
@@ -35,12 +35,12 @@ def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) ->
             for k, pad in enumerate(history.pads)
         )
         case = replace(seen.case, history=replace(history, pads=pads))
-        return seen_through(case, base.solid_of(seen), force_scale_sd=scale_sd)
+        return project_recording(case, base.solid_of(seen), force_scale_sd=scale_sd)
 
-    return replace(base, grasps=tuple(side_by_side(again, base.grasps, workers=workers)))
+    return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 
 
-def _pushed_aside(seen: Seen, compliance: float) -> Float[np.ndarray, "n 3"]:
+def _pushed_aside(seen: GraspResponse, compliance: float) -> Float[np.ndarray, "n 3"]:
     """The skin's motion along itself at each marker's first touch, mm; zero where it never touches."""
     moved = compliance * seen.tracks.unit_displacement
     touches = np.concatenate([pad.episode[seen.used] >= 0 for pad in seen.case.history.pads], axis=1)

@@ -5,16 +5,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from fem.estimation.compliance_fit import about_episode_mean
-from fem.mismatch.evidence.linear_evidence import Products, Recorded
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import HeldOut
 
 
 def held_out(
-    ground: Ground,
-    recorded: Sequence[Recorded],
-    before: tuple[Products, Sequence[int]],
-    after: tuple[Products, Sequence[int]],
+    ground: ForwardModel,
+    recorded: Sequence[GraspEquations],
+    before: tuple[GramMatrix, Sequence[int]],
+    after: tuple[GramMatrix, Sequence[int]],
 ) -> HeldOut | None:
     """Each recording in turn left out of both fits, and foretold; None where there is but one.
 
@@ -39,7 +39,7 @@ def held_out(
     )
 
 
-def predictive(products: Products, columns: Sequence[int]) -> float | None:
+def predictive(products: GramMatrix, columns: Sequence[int]) -> float | None:
     """Sum over recordings of ln p(recording | all others); None where there are no others."""
     count = len(products.rows)
     if count < 2:
@@ -51,13 +51,13 @@ def predictive(products: Products, columns: Sequence[int]) -> float | None:
     )
 
 
-def _left(products: Products, columns: Sequence[int], k: int, count: int) -> float:
+def _left(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> float:
     """Sum of squares, mm2, left of recording k by the fit to the others."""
     others = products.fit(columns, keep=[j for j in range(count) if j != k])
     return float((products.beyond(k, others) ** 2).sum())
 
 
-def _size(ground: Ground, one: Recorded) -> float:
+def _size(ground: ForwardModel, one: GraspEquations) -> float:
     tracks = one.seen.tracks
     response = about_episode_mean(ground.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())

@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
 
-from fem.mismatch.selection.null_reference import FRUITS, NAMES, NULLS, USUAL
+from fem.mismatch.selection.null_reference import FRUITS, NAMES, NULL_QUANTILE, NULLS
 
 LEVEL = 0.05
 """p-values below it are a mismatch."""
@@ -30,12 +30,12 @@ LEVEL = 0.05
 
 def best_beyond_usual(gains: Iterable[tuple[str, float]], softness: float) -> float:
     """The first statistic, from what every kind of signature gains."""
-    return max((gain / softness - USUAL.get(kind, 0.0) for kind, gain in gains), default=0.0)
+    return max((gain / softness - NULL_QUANTILE.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
 def usual_gain(kind: str, softness: float) -> float:
     """What a kind of signature gains on most sound recordings at most."""
-    return softness * USUAL.get(kind, 0.0)
+    return softness * NULL_QUANTILE.get(kind, 0.0)
 
 
 def usual_in_full(effect: str, softness: float) -> float:
@@ -44,7 +44,10 @@ def usual_in_full(effect: str, softness: float) -> float:
     It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
     gain on sound recordings what the whole does not.
     """
-    own = [[value for kind, value in USUAL.items() if kind.split()[0] == part] for part in effect.split("+")]
+    own = [
+        [value for kind, value in NULL_QUANTILE.items() if kind.split()[0] == part]
+        for part in effect.split("+")
+    ]
     return softness * max(min(values, default=0.0) for values in own)
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 from fem.mismatch.evidence.discrepancy_prior import beside
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.screening import LinearRound, Shown, senseless
+from fem.mismatch.selection.screening import LinearFit, LinearRound, violates_sign_constraint
 
 
-def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
+def added(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
     """Every signature of other effects with its amount there, and how much it adds in ln evidence.
 
     Greatest first, none that makes no sense. The refitted effect's own parameters are free to move along
@@ -22,11 +22,11 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, Shown]]:
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free).log_evidence
-    found: list[tuple[float, Shown]] = []
+    found: list[tuple[float, LinearFit]] = []
     for one in others:
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
         amounts = fit.amounts[-len(own) :]
-        if not senseless(products, own, amounts):
+        if not violates_sign_constraint(products, own, amounts):
             found.append((fit.log_evidence - before, replace(one, amounts=amounts)))
     return sorted(found, key=lambda pair: -pair[0])

@@ -11,14 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Witnessed
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.effect import AuxiliaryLikelihood
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import of_sound, usual_gain, usual_in_full
 from fem.mismatch.selection.forward_selection import added
 from fem.mismatch.selection.refinement import Refit, refit
-from fem.mismatch.selection.screening import LinearRound, Shown
+from fem.mismatch.selection.screening import LinearFit, LinearRound
 
 SINGLES, PAIRS = 5, 2
 TEMPER = 1.5
@@ -53,25 +53,25 @@ recordings leave; where it leaves more of both, it is none of the catalogue."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Ranked:
+class Hypothesis:
     """One explanation: its name, its gain in ln evidence (all channels, beyond what is usual on sound
     recordings), its probability, its refit."""
 
     name: str
     gain: float
     probability: float
-    shown: tuple[Shown, ...]
+    shown: tuple[LinearFit, ...]
     refit: Refit | None
 
 
 @dataclass(frozen=True, kw_only=True)
-class Named:
+class ModelSelection:
     """The ranking, best first (none is one of them), and the verdict.
 
     `without`: explanations whose model could not be computed, and why.
     """
 
-    ranking: tuple[Ranked, ...]
+    ranking: tuple[Hypothesis, ...]
     verdict: str | tuple[str, ...]
     without: dict[str, str]
 
@@ -80,13 +80,13 @@ class Named:
 class _Tried:
     name: str
     gain: float
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[LinearFit, ...] = ()
     refit: Refit | None = None
     failed: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Sound:
+class NullCase:
     """What sound recordings of this size and flesh show (fem.mismatch.selection.null_reference).
 
     `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `softness`: of
@@ -97,7 +97,7 @@ class Sound:
     most_chi2: float
     softness: float
 
-    def beyond(self, one: Shown, gain: float | None = None) -> float:
+    def beyond(self, one: LinearFit, gain: float | None = None) -> float:
         """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
         return (one.gain if gain is None else gain) - usual_gain(one.kind, self.softness)
 
@@ -111,9 +111,9 @@ class Sound:
         return self.softness * max(of_sound("best single", 0.95), 0.0)
 
 
-def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) -> Named:
+def named(ground: ForwardModel, linear: LinearRound, *, detected: bool, sound: NullCase) -> ModelSelection:
     """Refits the best singles and pairs; where nothing was detected none is the first."""
-    best: dict[str, Shown] = {}
+    best: dict[str, LinearFit] = {}
     for one in sorted(linear.shown, key=sound.beyond, reverse=True):
         best.setdefault(one.effect.name, one)
     found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
@@ -134,15 +134,17 @@ def named(ground: Ground, linear: LinearRound, *, detected: bool, sound: Sound) 
     weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
     weight /= weight.sum()
     ranking = tuple(
-        Ranked(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
+        Hypothesis(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
         for one, p in zip(found, weight, strict=True)
     )
     verdict = _verdict(linear, ranking, sound) if detected else NONE
     without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
-    return Named(ranking=ranking, verdict=verdict, without=without)
+    return ModelSelection(ranking=ranking, verdict=verdict, without=without)
 
 
-def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound: Sound) -> list[_Tried]:
+def _singles(
+    ground: ForwardModel, linear: LinearRound, found: Sequence[_Tried], sound: NullCase
+) -> list[_Tried]:
     """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
     most = max((one.gain for one in found), default=0.0)
     best, tried = 0.0, []
@@ -161,7 +163,7 @@ def _singles(ground: Ground, linear: LinearRound, found: Sequence[_Tried], sound
     return tried
 
 
-def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sound: Sound) -> _Tried:
+def _refitted(ground: ForwardModel, linear: LinearRound, one: _Tried, best: float, sound: NullCase) -> _Tried:
     """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
     found, failed = [], ""
     for shown in _pads_that_may_be(ground, [(own.gain, own) for own in linear.shown], *one.shown):
@@ -176,7 +178,9 @@ def _refitted(ground: Ground, linear: LinearRound, one: _Tried, best: float, sou
     return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
 
 
-def _pads_that_may_be(ground: Ground, gains: Sequence[tuple[float, Shown]], one: Shown) -> list[Shown]:
+def _pads_that_may_be(
+    ground: ForwardModel, gains: Sequence[tuple[float, LinearFit]], one: LinearFit
+) -> list[LinearFit]:
     """A signature, and where it is a pad's those of other pads that gain nearly as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
@@ -198,18 +202,20 @@ def _pads_that_may_be(ground: Ground, gains: Sequence[tuple[float, Shown]], one:
     ]
 
 
-def _gain(linear: LinearRound, again: Refit, sound: Sound) -> float:
+def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
     """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
     beside = sum(
         effect.beside(again.ground, own, choice)
         for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
-        if isinstance(effect, Witnessed)
+        if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
     return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.name)
 
 
-def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sound: Sound) -> list[_Tried]:
+def _pairs(
+    ground: ForwardModel, linear: LinearRound, best: _Tried, single: Refit, sound: NullCase
+) -> list[_Tried]:
     """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
     no model could be computed, without a refit.
     """
@@ -221,7 +227,7 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
         least = max(least, PAIR_SHARE * best.gain)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     gains = added(linear, single)
-    best_of: dict[str, tuple[float, Shown]] = {}
+    best_of: dict[str, tuple[float, LinearFit]] = {}
     for gain, other in sorted(
         ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
@@ -249,7 +255,9 @@ def _pairs(ground: Ground, linear: LinearRound, best: _Tried, single: Refit, sou
     return found
 
 
-def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit, sound: Sound) -> _Tried:
+def _polished(
+    ground: ForwardModel, linear: LinearRound, one: _Tried, first: Refit, sound: NullCase
+) -> _Tried:
     """The refit carried on for as long as it gains."""
     try:
         again = refit(ground, linear, one.shown, known=first)
@@ -262,7 +270,7 @@ def _polished(ground: Ground, linear: LinearRound, one: _Tried, first: Refit, so
     return replace(one, gain=_gain(linear, again, sound), refit=again)
 
 
-def _verdict(linear: LinearRound, ranking: Sequence[Ranked], sound: Sound) -> str | tuple[str, ...]:
+def _verdict(linear: LinearRound, ranking: Sequence[Hypothesis], sound: NullCase) -> str | tuple[str, ...]:
     first = next((one for one in ranking if one.name != NONE), None)
     if first is None or first.refit is None or first.gain <= sound.least:
         return UNKNOWN

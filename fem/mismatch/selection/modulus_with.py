@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fem.estimation.compliance_fit import fit_compliance
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.discrepancy_prior import seeming_spread
-from fem.mismatch.model.forward_model import Ground
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
 
@@ -23,7 +23,7 @@ SYSTEMATIC = 1.5
 (fem.mismatch.model.marker_equations)."""
 
 
-def modulus_of(ground: Ground, response: Response | None = None) -> Modulus:
+def modulus_of(ground: ForwardModel, response: Response | None = None) -> Modulus:
     """E by least squares over all markers of each recording, their mean; with an effect's response in place.
 
     The standard deviation: scatter between recordings, and LEAST_RELATIVE_SD for what they have in common.

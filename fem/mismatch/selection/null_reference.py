@@ -8,7 +8,7 @@ the other fruits.
 """
 
 NAMES = ("best single", "best pair", "what is left")
-USUAL: dict[str, float] = {
+NULL_QUANTILE: dict[str, float] = {
     "anisotropy": 0,
     "clock_lag": 0,
     "damage": 0,

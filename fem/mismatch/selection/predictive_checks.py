@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.coloured_noise import variance_inflation
-from fem.mismatch.model.baseline import Seen
+from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.result import Check, GraspTrace
 
 COPIES = 100
@@ -20,7 +20,7 @@ UNITS = {"approach at half the load": "1", "creep in the hold": "mm", "loop area
 
 
 def checks(
-    traces: Sequence[GraspTrace], grasps: Sequence[Seen], *, rng: np.random.Generator
+    traces: Sequence[GraspTrace], grasps: Sequence[GraspResponse], *, rng: np.random.Generator
 ) -> tuple[Check, ...]:
     """Measured, and foretold by both models; sd from the markers' noise."""
     found = []
@@ -44,7 +44,7 @@ def checks(
     return tuple(found)
 
 
-def _noise_mm(seen: Seen) -> Float[np.ndarray, " f"]:
+def _noise_mm(seen: GraspResponse) -> Float[np.ndarray, " f"]:
     """Of the mean of the markers in contact, frame by frame."""
     tracks = seen.tracks
     sd = float((tracks.sd_mm * np.sqrt(variance_inflation(tracks.lag1))).mean())

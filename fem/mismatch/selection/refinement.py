@@ -16,11 +16,11 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, ParameterSpec, Response, StartsElsewhere
 from fem.mismatch.evidence.discrepancy_prior import beside
-from fem.mismatch.evidence.linear_evidence import Fit, Products
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column, Field
+from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
-from fem.mismatch.selection.screening import LinearRound, Shown
+from fem.mismatch.selection.screening import LinearFit, LinearRound
 
 ROUNDS, POLISH = 3, 6
 """Rounds at most: of the short list, of the winner."""
@@ -60,12 +60,12 @@ class Refit:
     covariance: Float[np.ndarray, "p p"]
     response: Response
     ahead: tuple[tuple[float, Response], ...]
-    products: Products
+    products: GramMatrix
     nuisances: tuple[int, ...]
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
-    ground: Ground
+    ground: ForwardModel
     at_an_end: tuple[bool, ...]
     last_gain: float
 
@@ -74,7 +74,7 @@ class Refit:
         """Whether the search reached its tolerance."""
         return self.last_gain < LEAST_GAIN
 
-    def near(self) -> Products:
+    def near(self) -> GramMatrix:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
 
         Of what a recording alone has seen the others would else foretell anything.
@@ -93,13 +93,13 @@ class Refit:
 
 
 def refit(
-    ground: Ground,
+    ground: ForwardModel,
     linear: LinearRound,
-    shown: Sequence[Shown],
+    shown: Sequence[LinearFit],
     *,
     known: Refit | None = None,
     starts: Sequence[dict[str, float] | None] = (),
-    near: Ground | None = None,
+    near: ForwardModel | None = None,
     beat: float = 0.0,
 ) -> Refit:
     """The effects of these signatures, refitted.
@@ -175,7 +175,7 @@ class _Linearised:
     log_evidence: float
     response: Response
     ahead: tuple[tuple[float, Response], ...]
-    products: Products
+    products: GramMatrix
     chosen: tuple[int, ...]
     fit: Fit
 
@@ -184,7 +184,11 @@ class _Search:
     """Parameters of several effects on the scale of the search, and the model linearised about them."""
 
     def __init__(
-        self, ground: Ground, linear: LinearRound, shown: tuple[Shown, ...], specs: Sequence[ParameterSpec]
+        self,
+        ground: ForwardModel,
+        linear: LinearRound,
+        shown: tuple[LinearFit, ...],
+        specs: Sequence[ParameterSpec],
     ) -> None:
         found_before = ground.warm_starts or WarmStarts()
         self.ground = replace(ground, warm_starts=found_before.copy())
@@ -207,7 +211,7 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, ground: Ground, starts: Sequence[dict[str, float] | None]) -> _Linearised:
+    def begun(self, ground: ForwardModel, starts: Sequence[dict[str, float] | None]) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -269,7 +273,7 @@ class _Search:
             first += len(names)
         return found[0] if len(found) == 1 else _together(self.ground, found)
 
-    def _alone(self, one: Shown, own: dict[str, float]) -> Response:
+    def _alone(self, one: LinearFit, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
         key = (one.effect.name, one.signature.label, tuple(own.values()), self.ground.compliance)
         if key not in self.alone:
@@ -315,7 +319,7 @@ class _Search:
         Laplace: what the slopes would still gain is not there to be had, their widths count.
         """
         response, merit = self._about(at)
-        slopes: list[Column] = []
+        slopes: list[Regressor] = []
         steps: list[tuple[float, Response]] = []
         for k, spread in enumerate(self.spread):
             step = STEP * spread * (1 if at[k] + STEP * spread < self.high[k] else -1)
@@ -326,7 +330,9 @@ class _Search:
                 ahead = self.respond(at + step * np.eye(len(at))[k])
             steps.append((float(step), ahead))
             slopes.append(
-                Column(name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step))
+                Regressor(
+                    name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step)
+                )
             )
         products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
         fit = products.fit(chosen)
@@ -344,7 +350,7 @@ class _Search:
         )
 
 
-def _slope(ground: Ground, here: Response, ahead: Response, step: float) -> list[Field]:
+def _slope(ground: ForwardModel, here: Response, ahead: Response, step: float) -> list[ObservationDelta]:
     """d(what the recordings show) / d(parameter)."""
     fields = []
     for k in range(len(here.unit)):
@@ -357,11 +363,11 @@ def _slope(ground: Ground, here: Response, ahead: Response, step: float) -> list
         rest = None
         if here.rest is not None and ahead.rest is not None:
             rest = (ahead.rest[k] - here.rest[k]) / step
-        fields.append(Field(markers=markers / step, balance=balance, rest=rest))
+        fields.append(ObservationDelta(markers=markers / step, balance=balance, rest=rest))
     return fields
 
 
-def _together(ground: Ground, responses: Sequence[Response]) -> Response:
+def _together(ground: ForwardModel, responses: Sequence[Response]) -> Response:
     """Small departures add."""
     unit, shift, balance, rest = [], [], [], []
     for k, seen in enumerate(ground.base.grasps):

@@ -8,17 +8,17 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Signature, Witnessed
-from fem.mismatch.evidence.discrepancy_prior import SEEMING, lookalikes
-from fem.mismatch.evidence.linear_evidence import Fit, Products, Recorded
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
+from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY, discrepancy_columns
+from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
-from fem.mismatch.model.forward_model import Ground
-from fem.mismatch.model.observation_delta import Column
-from fem.parallel_map import side_by_side
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import Regressor
+from fem.parallel_map import parallel_map
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shown:
+class LinearFit:
     """One signature of one effect among the columns of a case, and how well it does alone.
 
     `gain`: ln evidence over that of the nuisances alone, with what is said `beside` (fem.mismatch.effect).
@@ -46,21 +46,21 @@ class LinearRound:
     show, that could not be computed, and why.
     """
 
-    products: Products
+    products: GramMatrix
     nuisances: tuple[int, ...]
     null: Fit
-    shown: tuple[Shown, ...]
-    best: tuple[Shown, ...]
-    pairs: tuple[tuple[float, Shown, Shown], ...]
+    shown: tuple[LinearFit, ...]
+    best: tuple[LinearFit, ...]
+    pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
 
 
-def linear_round(
-    ground: Ground,
-    recorded: Sequence[Recorded],
+def screened(
+    ground: ForwardModel,
+    recorded: Sequence[GraspEquations],
     effects: Sequence[Effect],
     *,
-    seeming: Mapping[str, tuple[float, float]] = SEEMING,
+    seeming: Mapping[str, tuple[float, float]] = DISCREPANCY,
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
 
@@ -68,32 +68,32 @@ def linear_round(
     """
     seen: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
-    answers = side_by_side(lambda effect: _signatures(ground, effect), effects, workers=ground.workers)
+    answers = parallel_map(lambda effect: _signatures(ground, effect), effects, workers=ground.workers)
     for effect, answer in zip(effects, answers, strict=True):
         if isinstance(answer, FemFailure):
             without[effect.name] = answer.detail
         else:
             seen += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.name} ({s.label})": s.untried for s in answer if s.untried}
-    known = [*common_nuisances(ground), *lookalikes(ground, seen, seeming)]
-    columns: list[Column] = list(known)
+    known = [*common_nuisances(ground), *discrepancy_columns(ground, seen, seeming)]
+    columns: list[Regressor] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in seen:
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    products = Products(ground, recorded, columns)
+    products = GramMatrix(ground, recorded, columns)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
     shown = tuple(_shown(ground, products, own, null, *one) for one in found)
-    best: dict[str, Shown] = {}
+    best: dict[str, LinearFit] = {}
     for one in sorted(shown, key=lambda s: -s.gain):
         best.setdefault(one.effect.name, one)
     pairs = []
     for a, b in combinations(best.values(), 2):
         both = (*a.columns, *b.columns)
         fit = products.fit([*own, *both])
-        if not senseless(products, both, fit.amounts[-len(both) :]):
+        if not violates_sign_constraint(products, both, fit.amounts[-len(both) :]):
             pairs.append((fit.log_evidence - null.log_evidence + a.beside + b.beside, a, b))
     return LinearRound(
         products=products,
@@ -106,7 +106,7 @@ def linear_round(
     )
 
 
-def _signatures(ground: Ground, effect: Effect) -> Sequence[Signature] | FemFailure:
+def _signatures(ground: ForwardModel, effect: Effect) -> Sequence[Signature] | FemFailure:
     try:
         return effect.signatures(ground)
     except FemFailure as failure:
@@ -114,24 +114,24 @@ def _signatures(ground: Ground, effect: Effect) -> Sequence[Signature] | FemFail
 
 
 def _shown(
-    ground: Ground,
-    products: Products,
+    ground: ForwardModel,
+    products: GramMatrix,
     own: tuple[int, ...],
     null: Fit,
     effect: Effect,
     signature: Signature,
     columns: tuple[int, ...],
-) -> Shown:
+) -> LinearFit:
     fit = products.fit([*own, *columns])
     amounts = fit.amounts[-len(columns) :]
-    wrong = senseless(products, columns, amounts)
+    wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence
     beside = 0.0
-    if isinstance(effect, Witnessed):
+    if isinstance(effect, AuxiliaryLikelihood):
         said = effect.beside(ground, effect.start(ground, signature, amounts), signature.label)
         beside = min(said, max(moved, 0.0))
     gain = moved + beside
-    return Shown(
+    return LinearFit(
         effect=effect,
         signature=signature,
         columns=columns,
@@ -142,7 +142,9 @@ def _shown(
     )
 
 
-def senseless(products: Products, columns: Sequence[int], amounts: Float[np.ndarray, " k"]) -> bool:
+def violates_sign_constraint(
+    products: GramMatrix, columns: Sequence[int], amounts: Float[np.ndarray, " k"]
+) -> bool:
     """Whether an amount has the wrong sign."""
     return any(
         products.columns[j].positive and amount < 0 for j, amount in zip(columns, amounts, strict=True)

@@ -48,7 +48,7 @@ class MeasuredPit:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Body:
+class PitBody:
     """What a whole body of a category is like, by which a scan is doubted; as it stands here, a stone fruit.
 
     `stem_and_suture`: whether the shape shows how it stands (recon.surface.orientation).
@@ -67,7 +67,7 @@ class Body:
     pit_mm: tuple[float, float] = (4.0, 60.0)
 
 
-STONE_FRUIT = Body()
+STONE_FRUIT = PitBody()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,7 +95,7 @@ class PitPrior:
     sources: dict[str, str]
     fruit_mm: tuple[float, float] | None = None
     measured: MeasuredPit | None = None
-    body: Body = STONE_FRUIT
+    body: PitBody = STONE_FRUIT
     plausible: Plausible | None = None
 
     @property
@@ -241,12 +241,12 @@ def _prior(entries: _Entries) -> PitPrior:
         plausible=read_plausible(table.get("plausible"), refuse=lambda said: _bad(f"{entries.path}: {said}")),
         sources=entries.sources,
     )
-    named = {f.name for one in (PitPrior, Body) for f in fields(one)} - {"sources", "measured", "body"}
+    named = {f.name for one in (PitPrior, PitBody) for f in fields(one)} - {"sources", "measured", "body"}
     entries.refuse_slips({*named, LEFT})
     return prior
 
 
-def _body(entries: _Entries) -> Body:
+def _body(entries: _Entries) -> PitBody:
     """What the file says of the whole body; what it leaves out is a stone fruit's."""
     readers: dict[str, Callable[[str], Any]] = {
         "stem_and_suture": entries.flag,
@@ -255,7 +255,7 @@ def _body(entries: _Entries) -> Body:
         "density_g_per_cm3": lambda name: entries.limits(name, 0.0, 25.0),
         "pit_mm": lambda name: entries.limits(name, 0.1, 200.0),
     }
-    return Body(**{name: read(name) for name, read in readers.items() if name in entries.table})
+    return PitBody(**{name: read(name) for name, read in readers.items() if name in entries.table})
 
 
 def _bad(detail: str) -> ReconFailure:
