@@ -28,7 +28,7 @@ import numpy as np
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY
 from fem.mismatch.evidence.linear_evidence import GraspEquations
-from fem.mismatch.procedure import detection_statistics, plain_ground
+from fem.mismatch.procedure import detection_statistics, plain_forward_model
 from fem.mismatch.selection.detection import LEVEL, NAMES, p_values_beside
 from fem.mismatch.selection.null_reference import FRUITS, NULLS
 from fem.mismatch.selection.screening import screened
@@ -51,11 +51,11 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder, fruit_id=None, work=Path(work), out=None)
         handed = mismatch_case(case, grasped_fruit(case.task, StageLog(str)))
-        ground, _ = plain_ground(replace(handed, grasps=handed.grasps[:grasps]))
-    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
-    seeming = {name: own for name, own in DISCREPANCY.items() if name not in without}
-    linear = screened(ground, recorded, EFFECTS, seeming=seeming)
-    statistics = detection_statistics(linear, recorded, ground.softness)
+        forward, _ = plain_forward_model(replace(handed, grasps=handed.grasps[:grasps]))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    discrepancy = {name: own for name, own in DISCREPANCY.items() if name not in without}
+    linear = screened(forward, recorded, EFFECTS, discrepancy=discrepancy)
+    statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
     shown: dict[str, dict[str, Any]] = {}
     for one in sorted(linear.shown, key=lambda own: -own.gain):
         shown.setdefault(
@@ -69,7 +69,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     return {
         "case": f"{folder.parent.name}/{folder.name}",
         **statistics,
-        "softness": ground.softness,
+        "softness": forward.compliance_ratio,
         "shown": shown,
     }
 

@@ -79,9 +79,9 @@ def grasp_information(
     moves = model.fruit_moves
     # What is left is judged after the pads' own fit alone: with all causes free it would be explained away.
     alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
-    seen = np.diag(alone.normal) > SEEN * np.diag(alone.normal).max()
-    if not seen.all():  # a pad whose markers touch in one frame only says nothing
-        pads = [pad for pad, says in zip(pads, seen, strict=True) if says]
+    recording = np.diag(alone.normal) > SEEN * np.diag(alone.normal).max()
+    if not recording.all():  # a pad whose markers touch in one frame only says nothing
+        pads = [pad for pad, says in zip(pads, recording, strict=True) if says]
         alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     own = np.arange(len(pads))
     weight = alone.normal

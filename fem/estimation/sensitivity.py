@@ -60,8 +60,8 @@ def sensitivities(
     withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
     causes, forces = inner_forces(solid, moved, links)
     moved = solid.displacement(forces.reshape(-1, *loads.shape[1:]))[:, solid.contact_nodes]
-    seen = np.concatenate([link.at_markers(moved) for link in links], axis=1)
-    found = list(seen.reshape(len(causes), len(modes), -1, 3))
+    recording = np.concatenate([link.at_markers(moved) for link in links], axis=1)
+    found = list(recording.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):
         for name, way in zip(("across", "along"), tangents(links[k].place.normal), strict=True):
             causes.append(f"{pad.name} {name}")

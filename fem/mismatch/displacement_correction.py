@@ -15,7 +15,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
-from fem.mismatch.procedure import plain_ground
+from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of
 
 MOST_ROUNDS, STILL = 12, 1e-3
@@ -35,22 +35,23 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
 
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
-    ground, _ = plain_ground(case)
-    if not ground.compliance > 0:
+    forward, _ = plain_forward_model(case)
+    if not forward.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,
             "the forces do not move the fruit along themselves (1/E is "
-            f"{ground.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
+            f"{forward.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
             "record the grasp again",
         )
     for _ in range(MOST_ROUNDS):
-        beyond = _beyond(ground, effects)
+        beyond = _beyond(forward, effects)
         whole = [
-            seen.tracks.unit_displacement + own for seen, own in zip(ground.base.grasps, beyond, strict=True)
+            recording.tracks.unit_displacement + own
+            for recording, own in zip(forward.base.grasps, beyond, strict=True)
         ]
-        compliance = 1 / modulus_of(ground, Response(unit=whole)).value
-        moved = abs(compliance / ground.compliance - 1)
-        ground = replace(ground, compliance=compliance)
+        compliance = 1 / modulus_of(forward, Response(unit=whole)).value
+        moved = abs(compliance / forward.compliance - 1)
+        forward = replace(forward, compliance=compliance)
         if moved < STILL:
             break
     else:
@@ -60,16 +61,18 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
             f"E with {names} still changes by {moved:.2%} after {MOST_ROUNDS} rounds, "
             f"expected {STILL:.1%} at most",
         )
-    return [over_all_frames(seen, own) for seen, own in zip(ground.base.grasps, beyond, strict=True)]
+    return [
+        over_all_frames(recording, own) for recording, own in zip(forward.base.grasps, beyond, strict=True)
+    ]
 
 
-def _beyond(ground: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+def _beyond(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
     """d in the frames used; small departures add."""
-    beyond = [np.zeros_like(seen.tracks.unit_displacement) for seen in ground.base.grasps]
+    beyond = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
     for known in effects:
-        answer = known.effect.respond(ground, known.parameters(1 / ground.compliance), "")
-        for k, seen in enumerate(ground.base.grasps):
-            beyond[k] = beyond[k] + answer.unit[k] - seen.tracks.unit_displacement
+        answer = known.effect.respond(forward, known.parameters(1 / forward.compliance), "")
+        for k, recording in enumerate(forward.base.grasps):
+            beyond[k] = beyond[k] + answer.unit[k] - recording.tracks.unit_displacement
             if answer.shift_mm is not None:
-                beyond[k] = beyond[k] + answer.shift_mm[k] / ground.compliance
+                beyond[k] = beyond[k] + answer.shift_mm[k] / forward.compliance
     return beyond

@@ -89,17 +89,17 @@ class Effect(Protocol):
     family: Family
     parameters: tuple[ParameterSpec, ...]
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Its linear signatures about the plain model: alternatives, of which at most one holds."""
         ...
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The parameters that the amounts found with a signature stand for, within their bounds."""
         ...
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The nonlinear model; `choice` is the label of the signature it was found with (a pad, a side)."""
         ...
 
@@ -108,7 +108,7 @@ class Effect(Protocol):
 class AuxiliaryLikelihood(Protocol):
     """An effect of which more is known than the markers' motion says."""
 
-    def beside(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
         """ln likelihood of that, over the plain model's; counts for as much as the motion itself at most."""
         ...
 
@@ -126,6 +126,6 @@ class Remarked(Protocol):
 class StartsElsewhere(Protocol):
     """An effect whose parameters show in some other way than in the linear round."""
 
-    def other_start(self, ground: ForwardModel, choice: str) -> dict[str, float] | None:
+    def other_start(self, forward: ForwardModel, choice: str) -> dict[str, float] | None:
         """Where the search may start as well; None where nothing else shows."""
         ...

@@ -25,7 +25,7 @@ class LinearLaw:
     sd: float
     operators: Callable[[ForwardModel], tuple[Operator, Sequence[Operator]]]
     amounts: Callable[[ForwardModel, float], Sequence[float]]
-    null: Callable[[ForwardModel], float] = lambda ground: 0.0
+    null: Callable[[ForwardModel], float] = lambda forward: 0.0
     family: Family = "object"
     positive: bool = False
     needs_pit: bool = False
@@ -35,11 +35,11 @@ class LinearLaw:
         """The one parameter."""
         return (self.parameter,)
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """dc/dtheta at the plain law; none where the law needs a pit and there is none."""
-        if self.needs_pit and not len(ground.base.mesh.pit_nodes):
+        if self.needs_pit and not len(forward.base.mesh.pit_nodes):
             return []
-        fields = [ObservationDelta(markers=ground.compliance * law.first) for law in self._laws(ground)]
+        fields = [ObservationDelta(markers=forward.compliance * law.first) for law in self._laws(forward)]
         return [
             Signature(
                 label="",
@@ -50,28 +50,28 @@ class LinearLaw:
         ]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount counts from the plain law."""
         spec = self.parameter
-        return {spec.name: float(np.clip(self.null(ground) + amounts[0], spec.low, spec.high))}
+        return {spec.name: float(np.clip(self.null(forward) + amounts[0], spec.low, spec.high))}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law of this parameter, in the reduced space."""
-        amounts = self.amounts(ground, parameters[self.parameter.name])
-        return Response(unit=[law.response(amounts) for law in self._laws(ground)])
+        amounts = self.amounts(forward, parameters[self.parameter.name])
+        return Response(unit=[law.response(amounts) for law in self._laws(forward)])
 
-    def _laws(self, ground: ForwardModel) -> list[ReducedLaw]:
+    def _laws(self, forward: ForwardModel) -> list[ReducedLaw]:
         def laws() -> list[ReducedLaw]:
-            derivative, parts = self.operators(ground)
-            return reduced_laws(ground, derivative=derivative, parts=parts)
+            derivative, parts = self.operators(forward)
+            return reduced_laws(forward, derivative=derivative, parts=parts)
 
-        return ground.kept(self.name, laws)
+        return forward.kept(self.name, laws)
 
 
-def plain_stiffness(ground: ForwardModel) -> Operator:
+def plain_stiffness(forward: ForwardModel) -> Operator:
     """K0."""
-    return matrix_operator(ground.stiffness)
+    return matrix_operator(forward.stiffness)
 
 
 def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
@@ -85,7 +85,7 @@ def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
 
 
 def stress_operator(
-    ground: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
+    forward: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
 ) -> Operator:
     """B' sigma(eps) of a law of stress that is linear in the strain."""
-    return lambda moved: ground.points.forces(stress(ground.points.strain(moved)))
+    return lambda moved: forward.points.forces(stress(forward.points.strain(moved)))

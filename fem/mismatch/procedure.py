@@ -20,7 +20,7 @@ from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.detection import LEVEL, best_beyond_usual, of_sound, p_values
+from fem.mismatch.selection.detection import LEVEL, best_beyond_quantile, of_sound, p_values
 from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
@@ -46,11 +46,11 @@ def explain(
         seconds[name] = round(time.perf_counter() - started, 2)
 
     with stage("plain model"):
-        ground, fits = plain_ground(case, workers=workers)
-        recorded = ground.each(lambda seen: GraspEquations.of(ground, seen))
+        forward, fits = plain_forward_model(case, workers=workers)
+        recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
-        linear = screened(ground, recorded, EFFECTS)
-        statistics = detection_statistics(linear, recorded, ground.softness)
+        linear = screened(forward, recorded, EFFECTS)
+        statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
         p_value, each = p_values(statistics)
         detected = p_value < LEVEL
     with stage("short list, in full"):
@@ -58,20 +58,20 @@ def explain(
         sound = NullCase(
             chi2=count * of_sound("what is left"),
             most_chi2=count * of_sound("what is left", 0.95),
-            softness=ground.softness,
+            compliance_ratio=forward.compliance_ratio,
         )
-        found = named(ground, linear, detected=detected, sound=sound)
+        found = named(forward, linear, detected=detected, sound=sound)
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
-    before = modulus_of(ground)
-    ranking = candidates(ground, found, linear)
+    before = modulus_of(forward)
+    ranking = candidates(forward, found, linear)
     with stage("proof"):
-        proof = held_out(ground, recorded, null, after)
-        foretold = traces(ground, recorded, null, after)
+        proof = held_out(forward, recorded, null, after)
+        predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.beyond(k, linear.null) for k in range(len(recorded))]
-        place = located(ground, residual)
+        place = located(forward, residual)
     return Explanation(
         detected=detected,
         p_value=p_value,
@@ -85,10 +85,10 @@ def explain(
         after=before if best is None else ranking[0].modulus or before,
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
-        cells=modulus_cells(ground, fits),
-        variance=analysis_of_variance(ground, fits),
-        traces=foretold,
-        checks=checks(foretold, ground.base.grasps, rng=np.random.default_rng(0)),
+        cells=modulus_cells(forward, fits),
+        variance=analysis_of_variance(forward, fits),
+        traces=predicted,
+        checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
         maps=place.maps,
         notes=(
             *(
@@ -116,18 +116,18 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     return [remark for remark in said if remark]
 
 
-def _where(seen: Where, best: Refit) -> Where:
+def _where(recording: Where, best: Refit) -> Where:
     """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
     for effect, choice, own in zip(best.effects, best.choices, best.parameters, strict=True):
         if effect.name == "soft_spot":
             x, y, z = (own[f"centre_mm.{k}"] for k in range(3))
             return Where(region="flesh", centre_mm=(x, y, z), radius_mm=own["radius_mm"])
-        if any(choice in grasp.pad_names for grasp in best.ground.base.grasps):
+        if any(choice in grasp.pad_names for grasp in best.forward.base.grasps):
             return Where(region=f"pad {choice}")
-    return seen
+    return recording
 
 
-def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
+def plain_forward_model(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
     first = baseline(case, workers=workers)
     base = with_touched_skin(first, compliance=_median_compliance(_fits(first)), workers=workers)
@@ -138,8 +138,8 @@ def plain_ground(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel,
 def _fits(base: Baseline) -> list[CompliantFit]:
     scale_sd = base.case.budget.gel_scale_sd
     return [
-        fit_compliance(seen.tracks, scale_sd=scale_sd, fruit_moves=seen.case.support == "free")
-        for seen in base.grasps
+        fit_compliance(recording.tracks, scale_sd=scale_sd, fruit_moves=recording.case.support == "free")
+        for recording in base.grasps
     ]
 
 
@@ -148,12 +148,12 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 
 def detection_statistics(
-    linear: LinearRound, recorded: Sequence[GraspEquations], softness: float
+    linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float
 ) -> dict[str, float]:
     """The numbers that fem.mismatch.selection.detection ranks, by the flesh's softness against the gel."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": best_beyond_usual(((one.kind, one.gain) for one in linear.shown), softness),
-        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / softness**2,
+        "best single": best_beyond_quantile(((one.kind, one.gain) for one in linear.shown), compliance_ratio),
+        "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / compliance_ratio**2,
         "what is left": linear.null.chi2 / count,
     }

@@ -19,13 +19,13 @@ from fem.mismatch.selection.screening import LinearRound
 NINETY = 1.645
 
 
-def candidates(ground: ForwardModel, found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
+def candidates(forward: ForwardModel, found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
     """The ranking, with parameters where an effect was refitted."""
     base = predictive(linear.products, linear.nuisances)
-    return tuple(_candidate(ground, one, linear, base) for one in found.ranking)
+    return tuple(_candidate(forward, one, linear, base) for one in found.ranking)
 
 
-def _candidate(ground: ForwardModel, one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
+def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
     if one.refit is None:
         drop = sum(shown.chi2_drop for shown in one.shown)
         return Candidate(
@@ -37,7 +37,7 @@ def _candidate(ground: ForwardModel, one: Hypothesis, linear: LinearRound, base:
     return Candidate(
         effect=one.name,
         probability=one.probability,
-        parameters=_parameters(ground, again, modulus),
+        parameters=_parameters(forward, again, modulus),
         log_evidence=one.gain,
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=None if held is None or base is None else held - base,
@@ -46,13 +46,13 @@ def _candidate(ground: ForwardModel, one: Hypothesis, linear: LinearRound, base:
     )
 
 
-def _parameters(ground: ForwardModel, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
+def _parameters(forward: ForwardModel, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0
     for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
         prefix = f"{effect.name}." if several else ""
-        if choice in _pads(ground):
+        if choice in _pads(forward):
             found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
         vectors: dict[str, list[tuple[float, float]]] = {}
         for k, spec in enumerate(effect.parameters):
@@ -91,12 +91,12 @@ def _said(
     return spec.name, value, spec.unit, spread
 
 
-def _pads(ground: ForwardModel) -> set[str]:
-    return {pad for seen in ground.base.grasps for pad in seen.pad_names}
+def _pads(forward: ForwardModel) -> set[str]:
+    return {pad for recording in forward.base.grasps for pad in recording.pad_names}
 
 
 def traces(
-    ground: ForwardModel,
+    forward: ForwardModel,
     recorded: Sequence[GraspEquations],
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
@@ -106,12 +106,12 @@ def traces(
     found = []
     for k, one in enumerate(recorded):
         others = [j for j in range(count) if j != k] or [k]
-        seen = one.seen
-        pads = range(len(seen.links))
-        normals = np.stack([seen.pose[pad][0, :3, 2] for pad in pads])[seen.pad_of_marker]
-        touching = seen.tracks.episode >= 0
+        recording = one.recording
+        pads = range(len(recording.links))
+        normals = np.stack([recording.pose[pad][0, :3, 2] for pad in pads])[recording.pad_of_marker]
+        touching = recording.tracks.episode >= 0
         weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
-        response = ground.compliance * seen.tracks.unit_displacement
+        response = forward.compliance * recording.tracks.unit_displacement
 
         def approach(
             field: np.ndarray, normals: np.ndarray = normals, weight: np.ndarray = weight
@@ -123,12 +123,12 @@ def traces(
             approach(products.beyond(k, products.fit(columns, keep=others)))
             for products, columns in (before, after)
         ]
-        force = np.mean([np.linalg.norm(pad_force(seen, pad), axis=1) for pad in pads], axis=0)
-        phase = tuple(p for p, used in zip(seen.case.history.phase, seen.used, strict=True) if used)
+        force = np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0)
+        phase = tuple(p for p, used in zip(recording.case.history.phase, recording.used, strict=True) if used)
         found.append(
             GraspTrace(
-                grasp=seen.case.name,
-                time_s=seen.time_s,
+                grasp=recording.case.name,
+                time_s=recording.time_s,
                 phase=phase,
                 force_N=force,
                 given_mm=plain + left[0],

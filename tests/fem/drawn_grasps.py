@@ -286,8 +286,8 @@ def recorded(
         moved, force = (np.concatenate([np.zeros((AIR, n, 3)), press * v]) for v in (moved, force))
         place = pad.markers_mm(world.fruit)
         gel = -force / GEL_N_PER_MM
-        seen = gel * (1 + sensor.gel_scale * rng.normal(size=(n, 1)))
-        seen = seen + sensor.displacement_mm * rng.normal(size=seen.shape)
+        recording = gel * (1 + sensor.gel_scale * rng.normal(size=(n, 1)))
+        recording = recording + sensor.displacement_mm * rng.normal(size=recording.shape)
         felt = force * (1 + sensor.force_scale * rng.normal(size=(n, 1)))
         felt = felt + sensor.force_N * rng.normal(size=felt.shape)
         rigid = shift[:, None] + np.cross(turn[:, None], place[None])
@@ -296,8 +296,8 @@ def recorded(
                 name=pad.name,
                 rest_mm=np.column_stack([FLAT_MM, np.zeros(n)]),
                 surface_mm=place,
-                position_mm=place + moved / E_MPa + rigid + (seen - gel),
-                gel_displacement_mm=seen,
+                position_mm=place + moved / E_MPa + rigid + (recording - gel),
+                gel_displacement_mm=recording,
                 force_N=felt,
                 episode=episode,
                 displacement_sd_mm=said.displacement_mm,

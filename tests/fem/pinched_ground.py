@@ -68,12 +68,14 @@ def pinched() -> Baseline:
     return baseline(as_case(long_pinch()))
 
 
-def ground_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
+def forward_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
     """The ground on which effects stand, where the markers have moved so beyond the plain model."""
     base = pinched()
-    seen = base.grasps[0]
-    response = COMPLIANCE * seen.tracks.unit_displacement
+    recording = base.grasps[0]
+    response = COMPLIANCE * recording.tracks.unit_displacement
     beyond = np.zeros_like(response) if moved_mm is None else moved_mm
-    position = seen.tracks.place_mm + response + beyond
-    tracks = replace(seen.tracks, position_mm=position)
-    return ForwardModel(base=replace(base, grasps=(replace(seen, tracks=tracks),)), compliance=COMPLIANCE)
+    position = recording.tracks.place_mm + response + beyond
+    tracks = replace(recording.tracks, position_mm=position)
+    return ForwardModel(
+        base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE
+    )

@@ -21,7 +21,7 @@ from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.procedure import plain_ground
+from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import UnitModulusSolid
@@ -265,12 +265,12 @@ def on_pad(name: str, change: Altered) -> Altered:
 
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
-    ground, _ = plain_ground(case)
-    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
-    linear = screened(ground, recorded, [effect])
-    again = refit(ground, linear, [linear.best[0]])
+    forward, _ = plain_forward_model(case)
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, [effect])
+    again = refit(forward, linear, [linear.best[0]])
     assert again is not None
-    return ground, linear, again
+    return forward, linear, again
 
 
 def only_grasp(case: MismatchCase, number: int) -> MismatchCase:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pinched_ground import ground_of
+from pinched_forward_model import forward_of
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
@@ -26,7 +26,7 @@ LAWS = [
 def test_a_law_that_is_not_solved_in_its_rounds_says_so(monkeypatch, effect, values, _):
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 2)
     with pytest.raises(FemFailure, match="after 2 rounds") as failure:
-        effect.respond(ground_of(), values, "")
+        effect.respond(forward_of(), values, "")
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
@@ -45,41 +45,41 @@ def test_a_law_that_is_not_solved_in_its_rounds_says_so(monkeypatch, effect, val
     ids=lambda x: getattr(x, "name", ""),
 )
 def test_the_same_call_gives_the_same_answer_whatever_was_asked_before(effect, values, others, choice):
-    ground = ground_of()
+    forward = forward_of()
     names = dict(zip([spec.name for spec in effect.parameters], values.values(), strict=True))
-    before = effect.respond(ground, names, choice).unit[0]
-    effect.respond(ground, dict(zip(names, others.values(), strict=True)), choice)
-    np.testing.assert_array_equal(effect.respond(ground, names, choice).unit[0], before)
+    before = effect.respond(forward, names, choice).unit[0]
+    effect.respond(forward, dict(zip(names, others.values(), strict=True)), choice)
+    np.testing.assert_array_equal(effect.respond(forward, names, choice).unit[0], before)
 
 
 def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
-    ground = ground_of()
-    seen = ground.base.grasps[0]
-    marker_equations(ground, seen)
-    softer = replace(ground, compliance=3 * ground.compliance)
-    scale_sd = ground.base.case.budget.gel_scale_sd
-    own = MarkerEquations.of(seen, compliance=softer.compliance, gel_scale_sd=scale_sd)
-    field = np.random.default_rng(3).normal(size=seen.tracks.position_mm.shape)
-    np.testing.assert_array_equal(marker_equations(softer, seen).left(field), own.left(field))
+    forward = forward_of()
+    recording = forward.base.grasps[0]
+    marker_equations(forward, recording)
+    softer = replace(forward, compliance=3 * forward.compliance)
+    scale_sd = forward.base.case.budget.gel_scale_sd
+    own = MarkerEquations.of(recording, compliance=softer.compliance, gel_scale_sd=scale_sd)
+    field = np.random.default_rng(3).normal(size=recording.tracks.position_mm.shape)
+    np.testing.assert_array_equal(marker_equations(softer, recording).left(field), own.left(field))
 
 
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
-    ground = ground_of()
+    forward = forward_of()
     linear = screened(
-        ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], [damage.EFFECT]
+        forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps], [damage.EFFECT]
     )
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
-    sound = model_selection.NullCase(chi2=1.0, most_chi2=1.0, softness=1.0)
-    found = model_selection.named(ground, linear, detected=True, sound=sound)
+    sound = model_selection.NullCase(chi2=1.0, most_chi2=1.0, compliance_ratio=1.0)
+    found = model_selection.named(forward, linear, detected=True, sound=sound)
     assert "after 1 rounds" in found.without["damage"]
 
 
 def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_that_is(monkeypatch):
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
-    ground = ground_of()
-    recorded = [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
-    linear = screened(ground, recorded, [stiffening.EFFECT])
+    forward = forward_of()
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
     assert [one.signature.label for one in linear.shown] == [""]
 
@@ -88,7 +88,7 @@ def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypat
     monkeypatch.setattr(slip_path, "WHOLE_STEPS", 1)
     monkeypatch.setattr(slip_path, "HALF_STEPS", 0)
     monkeypatch.setattr(slip_path, "STILL_MM", -1.0)
-    found = slip.EFFECT.signatures(ground_of())
+    found = slip.EFFECT.signatures(forward_of())
     assert found
     assert all("slid path" in one.untried and not one.columns for one in found)
 
@@ -96,5 +96,5 @@ def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypat
 def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr(loose_pit, "STILL", 0.0)
     with pytest.raises(FemFailure, match="gap") as failure:
-        loose_pit.EFFECT.respond(ground_of(), {"gap_mm": 0.1}, "")
+        loose_pit.EFFECT.respond(forward_of(), {"gap_mm": 0.1}, "")
     assert failure.value.problem is FemProblem.NOT_CONVERGED

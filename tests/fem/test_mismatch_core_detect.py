@@ -82,12 +82,12 @@ def test_nothing_more_is_asked_for_where_nothing_is_left_to_tell():
 def test_what_a_signature_gains_for_want_of_the_rest_is_not_held_against_the_whole(monkeypatch):
     table = {"stiffening": 5.0, "stiffening neo-hookean": 0.5, "skin": 2.0}
     monkeypatch.setattr(detection, "USUAL", table)
-    assert detection.usual_gain("stiffening", 2.0) == 10.0
-    assert detection.usual_in_full("stiffening", 2.0) == 1.0
-    assert detection.usual_in_full("skin+stiffening", 2.0) == 4.0
-    assert detection.usual_in_full("slip", 2.0) == 0.0
+    assert detection.null_gain("stiffening", 2.0) == 10.0
+    assert detection.null_gain_in_full("stiffening", 2.0) == 1.0
+    assert detection.null_gain_in_full("skin+stiffening", 2.0) == 4.0
+    assert detection.null_gain_in_full("slip", 2.0) == 0.0
     gains = [("stiffening", 12.0), ("stiffening neo-hookean", 6.0), ("slip", 1.0)]
-    assert detection.best_beyond_usual(gains, 2.0) == 2.5
+    assert detection.best_beyond_quantile(gains, 2.0) == 2.5
 
 
 def test_a_single_recording_asks_for_another():

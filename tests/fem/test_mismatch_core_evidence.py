@@ -13,7 +13,7 @@ from fem.mismatch.effect import Response
 from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.procedure import plain_ground
+from fem.mismatch.procedure import plain_forward_model
 
 SHAPE = (3, 4, 3)
 SIZE = int(np.prod(SHAPE))
@@ -33,7 +33,7 @@ class SmallRecording:
             place_mm=np.zeros(SHAPE[1:]),
             position_mm=2.0 * rng.normal(size=SHAPE),
         )
-        self.seen = SimpleNamespace(tracks=tracks)
+        self.recording = SimpleNamespace(tracks=tracks)
 
     def rows(self, fields) -> tuple[np.ndarray, np.ndarray]:
         plain = np.array([field.markers.ravel() for field in fields])
@@ -58,12 +58,15 @@ def dense_parts(small, chosen):
     """y of both recordings in a row, the covariance of their noise, the columns and their spreads."""
     recorded, columns, _ = small
     y = np.concatenate(
-        [(r.seen.tracks.position_mm - 0.4 * r.seen.tracks.unit_displacement).ravel() for r in recorded]
+        [
+            (r.recording.tracks.position_mm - 0.4 * r.recording.tracks.unit_displacement).ravel()
+            for r in recorded
+        ]
     )
     noise = np.zeros((2 * SIZE, 2 * SIZE))
     for k, r in enumerate(recorded):
         noise[k * SIZE : (k + 1) * SIZE, k * SIZE : (k + 1) * SIZE] = np.linalg.inv(r.weight)
-    plain = np.concatenate([0.4 * r.seen.tracks.unit_displacement.ravel() for r in recorded])
+    plain = np.concatenate([0.4 * r.recording.tracks.unit_displacement.ravel() for r in recorded])
     rows = [plain] + [
         np.concatenate([np.zeros(SIZE) if f is None else f.markers.ravel() for f in columns[j - 1].fields])
         for j in chosen
@@ -100,7 +103,7 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
-    plain = Response(unit=[one.seen.tracks.unit_displacement for one in recorded])
+    plain = Response(unit=[one.recording.tracks.unit_displacement for one in recorded])
     about, chosen = products.about(SimpleNamespace(compliance=0.4, workers=1), plain, (1,))
     y, noise, rows, sds = dense_parts(small, (1,))
     truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
@@ -123,41 +126,41 @@ def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evid
 @pytest.fixture(scope="module")
 def planted():
     """A recording of the planted fruit, with a case's own nuisances eliminated."""
-    ground, _ = plain_ground(only_grasp(planted_case(), 0))
-    return ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps]
+    forward, _ = plain_forward_model(only_grasp(planted_case(), 0))
+    return forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
 
 
 def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted):
-    ground, recorded = planted
-    known = common_nuisances(ground)
-    products = GramMatrix(ground, recorded, known)
+    forward, recorded = planted
+    known = common_nuisances(forward)
+    products = GramMatrix(forward, recorded, known)
     chosen = tuple(range(1, len(known) + 1))
     fit = products.fit(chosen)
     none = (np.zeros((0, 0)),) * 3
-    bare = [GraspEquations(one.seen, one.markers, one.balance, one.rest, *none) for one in recorded]
+    bare = [GraspEquations(one.recording, one.markers, one.balance, one.rest, *none) for one in recorded]
     kept = list(known)
-    for k, seen in enumerate(ground.base.grasps):
-        for name, sd, field in own_nuisances(ground, seen):
+    for k, recording in enumerate(forward.base.grasps):
+        for name, sd, field in own_nuisances(forward, recording):
             fields = [field if j == k else None for j in range(len(recorded))]
             kept.append(Regressor(name=name, sd=sd, fields=fields))
-    whole = GramMatrix(ground, bare, kept).fit(tuple(range(1, len(kept) + 1)))
+    whole = GramMatrix(forward, bare, kept).fit(tuple(range(1, len(kept) + 1)))
     assert fit.chi2 == pytest.approx(whole.chi2, rel=1e-9)
     size = len(chosen) + 1
     np.testing.assert_allclose(fit.amounts, whole.amounts[:size], atol=1e-7)
     np.testing.assert_allclose(fit.covariance, whole.covariance[:size, :size], rtol=1e-6, atol=1e-12)
     assert len(kept) - len(known) > 50
     # what they eliminate counts the same whatever the common columns
-    without = GramMatrix(ground, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
+    without = GramMatrix(forward, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
     expected = whole.log_evidence - without.log_evidence
     assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
 
 
 def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(planted):
-    ground, recorded = planted
-    known = common_nuisances(ground)
-    products = GramMatrix(ground, recorded, known)
+    forward, recorded = planted
+    known = common_nuisances(forward)
+    products = GramMatrix(forward, recorded, known)
     fit = products.fit(tuple(range(1, len(known) + 1)))
     for k, one in enumerate(recorded):
-        touching = one.seen.tracks.episode >= 0
-        assert products.beyond(k, fit)[touching].std() < 2 * one.seen.tracks.sd_mm[0]
+        touching = one.recording.tracks.episode >= 0
+        assert products.beyond(k, fit)[touching].std() < 2 * one.recording.tracks.sd_mm[0]
         np.testing.assert_array_equal(products.beyond(k, fit)[~touching], 0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
 from fem_shapes import box
-from pinched_ground import COMPLIANCE, ground_of
+from pinched_forward_model import COMPLIANCE, forward_of
 from scipy.sparse import csr_array
 
 from fem.elements.assembly import unit_lame_constants
@@ -28,28 +28,28 @@ MU, LAME = unit_lame_constants(NU)
 @cache
 def pinched_once() -> ForwardModel:
     """One ground for all, which remembers what it has computed."""
-    return ground_of()
+    return forward_of()
 
 
-def changed_solid(ground: ForwardModel, more: csr_array) -> UnitModulusSolid:
+def changed_solid(forward: ForwardModel, more: csr_array) -> UnitModulusSolid:
     """The plain solid with this added to its stiffness, factorised anew."""
-    solid = ground.base.solid_of(ground.base.grasps[0])
+    solid = forward.base.solid_of(forward.base.grasps[0])
     stiffness = csr_array(solid.stiffness + more)
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
 
 
-def in_full(ground: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
+def in_full(forward: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
     """c(t) of the recording on a solid of any law."""
-    seen = ground.base.grasps[0]
-    skin_nodes = ground.base.solid_of(seen).contact_nodes
-    loads = np.zeros_like(seen.moved)
-    loads[:, skin_nodes] = seen.nodal_of(seen.patterns)
-    return seen.over_time(seen.at_markers(solid.displacement(loads)[:, skin_nodes]))
+    recording = forward.base.grasps[0]
+    skin_nodes = forward.base.solid_of(recording).contact_nodes
+    loads = np.zeros_like(recording.moved)
+    loads[:, skin_nodes] = recording.nodal_of(recording.patterns)
+    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin_nodes]))
 
 
-def stiffness_of(ground: ForwardModel, tangent: np.ndarray) -> csr_array:
+def stiffness_of(forward: ForwardModel, tangent: np.ndarray) -> csr_array:
     """Sum over points of volume B' C B, element by element; `tangent` (m 4 6 6) in six true components."""
-    points = ground.points
+    points = forward.points
     m = len(points.volume_mm3)
     B = np.zeros((m, 4, 6, 10, 3))
     for six, (i, j) in enumerate([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)]):
@@ -69,18 +69,18 @@ def isotropic() -> np.ndarray:
     return tangent
 
 
-def graded(ground: ForwardModel) -> csr_array:
-    return stiffness_of(ground, (2 * ground.depth - 1)[..., None, None] * isotropic())
+def graded(forward: ForwardModel) -> csr_array:
+    return stiffness_of(forward, (2 * forward.depth - 1)[..., None, None] * isotropic())
 
 
-def axial(ground: ForwardModel) -> csr_array:
+def axial(forward: ForwardModel) -> csr_array:
     along = np.zeros((6, 6))
     along[2, 2] = MU
-    return stiffness_of(ground, np.broadcast_to(along, (*ground.depth.shape, 6, 6)))
+    return stiffness_of(forward, np.broadcast_to(along, (*forward.depth.shape, 6, 6)))
 
 
-def membrane(ground: ForwardModel) -> csr_array:
-    return membrane_stiffness(ground.base.mesh, poisson_ratio=NU)
+def membrane(forward: ForwardModel) -> csr_array:
+    return membrane_stiffness(forward.base.mesh, poisson_ratio=NU)
 
 
 @pytest.mark.parametrize(
@@ -94,21 +94,21 @@ def membrane(ground: ForwardModel) -> csr_array:
 def test_the_reduced_space_answers_as_the_law_factorised_in_full(
     effect, matrix: Callable[[ForwardModel], csr_array], value, off
 ):
-    ground = pinched_once()
-    plain = ground.base.grasps[0].tracks.unit_displacement
-    expected = in_full(ground, changed_solid(ground, value * matrix(ground))) - plain
-    found = effect.respond(ground, {effect.parameter.name: value}, "").unit[0] - plain
+    forward = pinched_once()
+    plain = forward.base.grasps[0].tracks.unit_displacement
+    expected = in_full(forward, changed_solid(forward, value * matrix(forward))) - plain
+    found = effect.respond(forward, {effect.parameter.name: value}, "").unit[0] - plain
     assert np.linalg.norm(expected) > 0.02 * np.linalg.norm(plain)
     assert np.linalg.norm(found - expected) < off * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("nu", [0.35, 0.49])
 def test_another_poisson_ratio_answers_as_the_fruit_solved_with_it(nu):
-    ground = pinched_once()
-    plain = ground.base.grasps[0].tracks.unit_displacement
+    forward = pinched_once()
+    plain = forward.base.grasps[0].tracks.unit_displacement
     solid = UnitModulusSolid.factorise(fruit_mesh(), poisson_ratio=nu, support="free")
-    expected = in_full(ground, solid) - plain
-    found = poisson_ratio.EFFECT.respond(ground, {"nu": nu}, "").unit[0] - plain
+    expected = in_full(forward, solid) - plain
+    found = poisson_ratio.EFFECT.respond(forward, {"nu": nu}, "").unit[0] - plain
     assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
 
 
@@ -122,45 +122,45 @@ def test_another_poisson_ratio_answers_as_the_fruit_solved_with_it(nu):
     ],
 )
 def test_each_signature_is_the_slope_of_its_own_model(effect, step):
-    ground = pinched_once()
-    (signature,) = effect.signatures(ground)
-    null = effect.null(ground)
-    ends = [effect.respond(ground, {effect.parameter.name: null + way}, "").unit[0] for way in (step, -step)]
+    forward = pinched_once()
+    (signature,) = effect.signatures(forward)
+    null = effect.null(forward)
+    ends = [effect.respond(forward, {effect.parameter.name: null + way}, "").unit[0] for way in (step, -step)]
     slope = COMPLIANCE * (ends[0] - ends[1]) / (2 * step)
     markers = signature.columns[0].fields[0].markers
     assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-    assert effect.start(ground, signature, np.zeros(1)) == {effect.parameter.name: pytest.approx(null)}
+    assert effect.start(forward, signature, np.zeros(1)) == {effect.parameter.name: pytest.approx(null)}
 
 
 def test_stiffer_skin_side_and_skin_give_way_less_under_a_pad():
-    ground = pinched_once()
-    seen: GraspResponse = ground.base.grasps[0]
-    work = lambda unit: float((unit * seen.over_time(seen.patterns)).sum())  # noqa: E731
-    plain = work(seen.tracks.unit_displacement)
-    assert work(skin.EFFECT.respond(ground, {"Et_over_E_mm": 3.0}, "").unit[0]) < plain
-    assert work(graded_modulus.EFFECT.respond(ground, {"gamma": -0.4}, "").unit[0]) < plain
-    assert work(anisotropy.EFFECT.respond(ground, {"axial": 1.0}, "").unit[0]) < plain
+    forward = pinched_once()
+    recording: GraspResponse = forward.base.grasps[0]
+    work = lambda unit: float((unit * recording.over_time(recording.patterns)).sum())  # noqa: E731
+    plain = work(recording.tracks.unit_displacement)
+    assert work(skin.EFFECT.respond(forward, {"Et_over_E_mm": 3.0}, "").unit[0]) < plain
+    assert work(graded_modulus.EFFECT.respond(forward, {"gamma": -0.4}, "").unit[0]) < plain
+    assert work(anisotropy.EFFECT.respond(forward, {"axial": 1.0}, "").unit[0]) < plain
 
 
 def test_axial_stiffness_of_a_stretch_along_the_stem_is_mu_times_its_square_times_the_volume():
-    ground = pinched_once()
+    forward = pinched_once()
     stretch = np.zeros((1, *fruit_mesh().nodes_mm.shape))
     stretch[0, :, 2] = 0.02 * fruit_mesh().nodes_mm[:, 2]
-    operator, _ = anisotropy.EFFECT.operators(ground)
-    volume = ground.points.volume_mm3.sum()
+    operator, _ = anisotropy.EFFECT.operators(forward)
+    volume = forward.points.volume_mm3.sum()
     assert (stretch * operator(stretch)).sum() == pytest.approx(MU * 0.02**2 * volume, rel=1e-9)
 
 
 def test_graded_stiffness_of_an_even_stretch_weighs_the_depth():
-    ground = pinched_once()
+    forward = pinched_once()
     stretch = 0.02 * fruit_mesh().nodes_mm[None]
-    operator, _ = graded_modulus.EFFECT.operators(ground)
+    operator, _ = graded_modulus.EFFECT.operators(forward)
     strain = np.array([0.02, 0.02, 0.02, 0, 0, 0])
     density = 2 * energy_density(strain, poisson_ratio=NU)
-    expected = ((2 * ground.depth - 1) * ground.points.volume_mm3).sum() * density
+    expected = ((2 * forward.depth - 1) * forward.points.volume_mm3).sum() * density
     assert (stretch * operator(stretch)).sum() == pytest.approx(expected, rel=1e-9)
-    assert ground.depth.min() >= 0
-    assert ground.depth.max() <= 1
+    assert forward.depth.min() >= 0
+    assert forward.depth.max() <= 1
 
 
 @pytest.fixture(scope="module")

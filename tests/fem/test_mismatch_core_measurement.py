@@ -27,7 +27,7 @@ from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
-from fem.mismatch.procedure import plain_ground
+from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
@@ -99,13 +99,13 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
 
 def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
     """Parameters, choice and modulus after a refit of one recording."""
-    ground, _, again = linear_and_refitted(only_grasp(planted_case(altered, **options), 0), effect)
-    return again.parameters[0], again.choices[0], modulus(ground, again)
+    forward, _, again = linear_and_refitted(only_grasp(planted_case(altered, **options), 0), effect)
+    return again.parameters[0], again.choices[0], modulus(forward, again)
 
 
-def modulus(ground: ForwardModel, again) -> float:
+def modulus(forward: ForwardModel, again) -> float:
     """E as an answer gives it: by least squares with the effect's response in place."""
-    return modulus_of(getattr(again, "ground", ground), again.response).value
+    return modulus_of(getattr(again, "ground", forward), again.response).value
 
 
 @pytest.mark.parametrize("pad", ["left", "right"])
@@ -114,10 +114,10 @@ def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
     grasp = case.grasps[0]
     known = tuple(replace(own, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for own in grasp.pads)
     case = replace(case, grasps=(replace(grasp, pads=known),))
-    ground, _, again = linear_and_refitted(case, sensor_gain.EFFECT)
+    forward, _, again = linear_and_refitted(case, sensor_gain.EFFECT)
     assert again.choices == (pad,)
     assert again.parameters[0]["gain"] == pytest.approx(0.8, rel=0.02)
-    assert modulus(ground, again) == pytest.approx(E_MPA, rel=0.03)
+    assert modulus(forward, again) == pytest.approx(E_MPA, rel=0.03)
 
 
 def test_one_pads_gain_over_the_others_is_found():
@@ -145,14 +145,14 @@ class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
     """Starts three times too far, where it has no model, as a pit has none that pokes out of the fruit."""
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
-        return super().start(ground, signature, 3 * amounts)
+        return super().start(forward, signature, 3 * amounts)
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         if parameters["mm_per_N"] > 0.45:
             raise FemFailure(FemProblem.PIT_OUTSIDE_FRUIT, "no such fruit")
-        return super().respond(ground, parameters, choice)
+        return super().respond(forward, parameters, choice)
 
 
 def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
@@ -176,17 +176,19 @@ def rms(field: np.ndarray) -> float:
 
 
 def beyond_motions(
-    ground: ForwardModel, unit: Float[np.ndarray, "f n 3"], shift_mm: Float[np.ndarray, "f n 3"] | float = 0.0
+    forward: ForwardModel,
+    unit: Float[np.ndarray, "f n 3"],
+    shift_mm: Float[np.ndarray, "f n 3"] | float = 0.0,
 ) -> Float[np.ndarray, "f n 3"]:
     """What a model leaves of the first recording's markers where E is E_MPA, mm."""
-    seen = ground.base.grasps[0]
-    beyond = seen.tracks.position_mm - seen.tracks.place_mm - shift_mm - unit / E_MPA
-    return marker_equations(ground, seen).left(beyond)
+    recording = forward.base.grasps[0]
+    beyond = recording.tracks.position_mm - recording.tracks.place_mm - shift_mm - unit / E_MPA
+    return marker_equations(forward, recording).left(beyond)
 
 
 @pytest.fixture(scope="module")
 def sound() -> ForwardModel:
-    return plain_ground(planted_case(noise=0.0))[0]
+    return plain_forward_model(planted_case(noise=0.0))[0]
 
 
 @pytest.mark.parametrize(
@@ -200,28 +202,30 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
     sound, effect, altered, parameters, choice
 ):
     """The gel's displacement drives the model, so its forces are those of springs with each pad's gain."""
-    ground, _ = plain_ground(only_grasp(planted_case(altered, noise=0.0), 0))
+    forward, _ = plain_forward_model(only_grasp(planted_case(altered, noise=0.0), 0))
     names = [spec.name for spec in effect.parameters]
-    response = effect.respond(ground, dict(zip(names, parameters, strict=True)), choice)
-    true, seen = sound.base.grasps[0], ground.base.grasps[0]
+    response = effect.respond(forward, dict(zip(names, parameters, strict=True)), choice)
+    true, recording = sound.base.grasps[0], forward.base.grasps[0]
     shift = 0.0 if response.shift_mm is None else response.shift_mm[0]
-    np.testing.assert_allclose(seen.tracks.position_mm - shift, true.tracks.position_mm, atol=2e-3)
+    np.testing.assert_allclose(recording.tracks.position_mm - shift, true.tracks.position_mm, atol=2e-3)
     off = response.unit[0] - true.tracks.unit_displacement
     assert np.linalg.norm(off) < 0.02 * np.linalg.norm(true.tracks.unit_displacement)
     if response.balance is not None:
-        load = np.linalg.norm(seen.force_N, axis=2).sum(axis=1).max()
-        unbalanced = BalanceEquations.of(seen).measured - response.balance[0]
+        load = np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()
+        unbalanced = BalanceEquations.of(recording).measured - response.balance[0]
         assert np.abs(unbalanced - BalanceEquations.of(true).measured).max() < 0.01 * load
 
 
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
-    ground, _ = plain_ground(planted_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
+    forward, _ = plain_forward_model(planted_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
     linear = screened(
-        ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], [pose_error.EFFECT]
+        forward,
+        [GraspEquations.of(forward, recording) for recording in forward.base.grasps],
+        [pose_error.EFFECT],
     )
     assert linear.best[0].signature.label == "right"
-    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, softness=1.0)
-    best = named(ground, linear, detected=True, sound=sound).ranking[0].refit
+    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
+    best = named(forward, linear, detected=True, sound=sound).ranking[0].refit
     assert best is not None
     assert best.choices == ("left",)
     assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)
@@ -235,12 +239,12 @@ def turning(pad: Recording) -> Recording:
 
 def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
     wrong = on_pad("left", misplaced((2.0, -1.5), 4.0))
-    ground, _ = plain_ground(only_grasp(planted_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
+    forward, _ = plain_forward_model(only_grasp(planted_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
     names = [spec.name for spec in pose_error.EFFECT.parameters]
-    response = pose_error.EFFECT.respond(ground, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
+    response = pose_error.EFFECT.respond(forward, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
     assert response.shift_mm is not None
-    left = beyond_motions(ground, response.unit[0], response.shift_mm[0])
-    still, _ = plain_ground(only_grasp(planted_case(wrong, noise=0.0), 0))
+    left = beyond_motions(forward, response.unit[0], response.shift_mm[0])
+    still, _ = plain_forward_model(only_grasp(planted_case(wrong, noise=0.0), 0))
     as_still = pose_error.EFFECT.respond(still, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
     assert as_still.shift_mm is not None
     # as much as on a fruit that does not turn: 1.1 um, and 3 where the pad rides where it seems to be
@@ -249,11 +253,11 @@ def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
 
 
 def test_a_misplaced_pad_rides_by_the_slope_of_its_model():
-    ground, _ = plain_ground(only_grasp(planted_case(turning, noise=0.0), 0))
-    (seen,) = ground.base.grasps
-    _, slopes, _ = pose_error._first_order(ground, seen, "left")
+    forward, _ = plain_forward_model(only_grasp(planted_case(turning, noise=0.0), 0))
+    (recording,) = forward.base.grasps
+    _, slopes, _ = pose_error._first_order(forward, recording, "left")
     for k, slope in enumerate(slopes):
-        _, shift, _ = pose_error._exact(ground, seen, "left", 0.01 * np.eye(3)[k])
+        _, shift, _ = pose_error._exact(forward, recording, "left", 0.01 * np.eye(3)[k])
         over_time = slope - slope[:1]
         np.testing.assert_allclose((shift - shift[:1]) / 0.01, over_time, atol=0.01 * np.abs(over_time).max())
         assert np.abs(over_time).max() > 0.01
@@ -264,9 +268,9 @@ def test_the_weight_of_a_sound_fruit_starts_no_search_for_a_tilt():
         share = 0.13 / len(FLAT) * (np.linalg.norm(pad.force_N, axis=2) > 0).any(axis=1)
         return replace(pad, force_N=pad.force_N + share[:, None, None] * np.array([1.0, 0.0, 0.0]))
 
-    ground, _ = plain_ground(planted_case(weighs, noise=0.0))
+    forward, _ = plain_forward_model(planted_case(weighs, noise=0.0))
     for pad in ("left", "right"):
-        start = pose_error.EFFECT.other_start(ground, pad)
+        start = pose_error.EFFECT.other_start(forward, pad)
         assert start is not None
         assert abs(start["tilt_deg"]) < 1.0
 
@@ -309,7 +313,7 @@ def test_no_amount_of_any_of_them_changes_nothing(sound):
     ]:
         names = [spec.name for spec in effect.parameters]
         response = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
-        for number, seen in enumerate(sound.base.grasps):
-            np.testing.assert_allclose(response.unit[number], seen.tracks.unit_displacement, atol=1e-12)
+        for number, recording in enumerate(sound.base.grasps):
+            np.testing.assert_allclose(response.unit[number], recording.tracks.unit_displacement, atol=1e-12)
             if response.shift_mm is not None:
                 np.testing.assert_allclose(response.shift_mm[number], 0, atol=1e-12)

@@ -8,14 +8,19 @@ from planted_mismatch import only_grasp, planted_case
 
 from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
 from fem.mismatch.model.baseline import GraspResponse, baseline
-from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS, BalanceEquations, MarkerEquations
+from fem.mismatch.model.marker_equations import (
+    DESIGN_EFFECT,
+    MARKER_VARIANCE_INFLATION,
+    BalanceEquations,
+    MarkerEquations,
+)
 from fem.mismatch.model.observation_delta import ARM_MM
 
 COMPLIANCE, SCALE_SD = 4.0, 0.004
 
 
 @cache
-def seen() -> GraspResponse:
+def recording() -> GraspResponse:
     """One recording, noise and all."""
     return baseline(only_grasp(planted_case(), 0)).grasps[0]
 
@@ -27,7 +32,7 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     Unknown: each contact's place along x, y, z; each marker's gel scale and its shift with the load; each
     frame's rigid motion and its noise in each force pattern.
     """
-    one = seen()
+    one = recording()
     tracks = one.tracks
     episode = tracks.episode
     frames, count = episode.shape
@@ -65,7 +70,7 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
             column[frame] = pattern
             add(column, 1.0)
     weight = np.broadcast_to(
-        tracks.sd_mm[None, :, None] ** -2.0 / (MARKER_EXCESS * ALIKE), (frames, count, 3)
+        tracks.sd_mm[None, :, None] ** -2.0 / (MARKER_VARIANCE_INFLATION * DESIGN_EFFECT), (frames, count, 3)
     )
     return episode >= 0, weight[episode >= 0].ravel(), np.array(columns), np.array(prior)
 
@@ -73,7 +78,7 @@ def dense() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
 @cache
 def equations() -> MarkerEquations:
     """The product's own."""
-    return MarkerEquations.of(seen(), compliance=COMPLIANCE, gel_scale_sd=SCALE_SD)
+    return MarkerEquations.of(recording(), compliance=COMPLIANCE, gel_scale_sd=SCALE_SD)
 
 
 def left_by_least_squares(field: np.ndarray) -> np.ndarray:
@@ -88,7 +93,7 @@ def left_by_least_squares(field: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_what_is_left_is_what_least_squares_on_every_unknown_leaves(seed):
     rng = np.random.default_rng(seed)
-    one = seen()
+    one = recording()
     field = rng.normal(size=one.tracks.position_mm.shape) + one.tracks.unit_displacement
     touching, weight, _, _ = dense()
     expected = left_by_least_squares(field)
@@ -100,14 +105,14 @@ def test_what_is_left_is_what_least_squares_on_every_unknown_leaves(seed):
 
 def test_products_are_symmetric_and_no_field_counts_less_than_nothing():
     rng = np.random.default_rng(2)
-    a, b = (rng.normal(size=seen().tracks.position_mm.shape) for _ in range(2))
+    a, b = (rng.normal(size=recording().tracks.position_mm.shape) for _ in range(2))
     ab, ba = (a * equations().weighed(b)).sum(), (b * equations().weighed(a)).sum()
     assert ab == pytest.approx(ba, rel=1e-8)
     assert (a * equations().weighed(a)).sum() > 0
 
 
 def test_rigid_motions_places_and_scales_are_worth_next_to_nothing():
-    one = seen()
+    one = recording()
     rng = np.random.default_rng(3)
     sway = np.einsum("nxk,tk->tnx", rigid_motion(one.tracks.place_mm), rng.normal(size=(len(one.load), 6)))
     moved = sway + rng.normal(size=(1, *sway.shape[1:]))
@@ -116,7 +121,7 @@ def test_rigid_motions_places_and_scales_are_worth_next_to_nothing():
 
 
 def test_balance_counts_as_the_dense_marginal_of_noise_and_nuisances():
-    one = seen()
+    one = recording()
     balance = BalanceEquations.of(one)
     flat = balance.nuisances.reshape(len(balance.nuisances), -1)
     noise = np.diag(np.tile(1 / balance.weight, len(one.load)))
@@ -130,7 +135,7 @@ def test_balance_counts_as_the_dense_marginal_of_noise_and_nuisances():
 
 
 def test_noise_of_the_balance_is_that_of_all_markers_forces_together():
-    one = seen()
+    one = recording()
     rng = np.random.default_rng(5)
     position = one.tracks.position_mm
     centre = position.mean(axis=(0, 1))
@@ -143,7 +148,7 @@ def test_noise_of_the_balance_is_that_of_all_markers_forces_together():
 
 
 def test_the_weight_of_the_fruit_is_no_imbalance():
-    one = seen()
+    one = recording()
     pull = np.tile([0.3, 0.0, -1.2, 0.0, 0.2, 0.0], (len(one.force_N), 1))
     without, with_weight = (
         float((pull * BalanceEquations.of(one, weight_N=weight).weighed(pull)).sum()) for weight in (0.0, 1.5)

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
-from pinched_ground import COMPLIANCE, ground_of
+from pinched_forward_model import COMPLIANCE, forward_of
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
@@ -18,29 +18,29 @@ from fem.solid.moved_pit import with_pit_moved
 
 
 @cache
-def ground() -> ForwardModel:
-    return ground_of()
+def forward() -> ForwardModel:
+    return forward_of()
 
 
 def solved(place: tuple[float, float, float, float]) -> np.ndarray:
     """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
-    seen = ground().base.grasps[0]
+    recording = forward().base.grasps[0]
     mesh = with_pit_moved(fruit_mesh(), np.array(place))
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
-    skin = ground().base.solid_of(seen).contact_nodes
-    loads = np.zeros_like(seen.moved)
-    loads[:, skin] = seen.nodal_of(seen.patterns)
-    return seen.over_time(seen.at_markers(solid.displacement(loads)[:, skin]))
+    skin = forward().base.solid_of(recording).contact_nodes
+    loads = np.zeros_like(recording.moved)
+    loads[:, skin] = recording.nodal_of(recording.patterns)
+    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin]))
 
 
 def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
-    return effect.respond(ground(), dict(zip(names, values, strict=True)), "").unit[0]
+    return effect.respond(forward(), dict(zip(names, values, strict=True)), "").unit[0]
 
 
 def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
     """Exact for the first size that a search asks for, near it read off a curve; else exact."""
-    search = replace(ground(), warm_starts=WarmStarts())
-    plain = ground().base.grasps[0].tracks.unit_displacement
+    search = replace(forward(), warm_starts=WarmStarts())
+    plain = forward().base.grasps[0].tracks.unit_displacement
     for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
         (found,) = pit_size.EFFECT.respond(search, {"scale": scale}, "").unit
         expected = solved((0, 0, 0, np.log(scale)))
@@ -50,7 +50,7 @@ def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
 def test_a_pit_elsewhere_answers_as_the_fruit_solved_with_it():
     found = responded(pit_offset.EFFECT, pit_offset.NAMES, (1.5, -1.0, 0.5))
     expected = solved((1.5, -1.0, 0.5, 0.0))
-    plain = ground().base.grasps[0].tracks.unit_displacement
+    plain = forward().base.grasps[0].tracks.unit_displacement
     assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected - plain)
 
 
@@ -60,10 +60,10 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
     place = np.zeros(4)
     place[way] = step
     slope = COMPLIANCE * (solved(tuple(place)) - solved(tuple(-place))) / (2 * step)
-    (signature,) = effect.signatures(ground())
+    (signature,) = effect.signatures(forward())
     markers = signature.columns[0].fields[0].markers
     # rigid motions are every frame's own: what is left without them counts
-    modes = rigid_motion(ground().base.grasps[0].tracks.place_mm).reshape(-1, 6)
+    modes = rigid_motion(forward().base.grasps[0].tracks.place_mm).reshape(-1, 6)
 
     def strained(field: np.ndarray) -> np.ndarray:
         flat = field.reshape(len(field), -1).T
@@ -74,12 +74,12 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
 
 
 def test_an_amount_of_the_signature_is_where_the_search_starts():
-    (signature,) = pit_size.EFFECT.signatures(ground())
-    assert pit_size.EFFECT.start(ground(), signature, np.array([np.log(1.2)])) == {
+    (signature,) = pit_size.EFFECT.signatures(forward())
+    assert pit_size.EFFECT.start(forward(), signature, np.array([np.log(1.2)])) == {
         "scale": pytest.approx(1.2)
     }
-    (signature,) = pit_offset.EFFECT.signatures(ground())
-    start = pit_offset.EFFECT.start(ground(), signature, np.array([0.5, -1.0, 9.0]))
+    (signature,) = pit_offset.EFFECT.signatures(forward())
+    start = pit_offset.EFFECT.start(forward(), signature, np.array([0.5, -1.0, 9.0]))
     assert list(start.values()) == pytest.approx([0.5, -1.0, 5.0])
 
 

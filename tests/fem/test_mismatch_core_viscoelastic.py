@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from pinched_ground import COMPLIANCE, ground_of
+from pinched_forward_model import COMPLIANCE, forward_of
 from planted_mismatch import E_MPA, TIME_S, linear_and_refitted, only_grasp, planted_case
 
 from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effects.viscoelastic import EFFECT
 from fem.mismatch.model.forward_model import over_all_frames
-from fem.mismatch.procedure import plain_ground
+from fem.mismatch.procedure import plain_forward_model
 
 UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])
 
@@ -63,11 +63,11 @@ def test_creep_undoes_relaxation():
 
 @pytest.mark.parametrize(("g", "tau_s"), [(0.3, 0.4), (0.6, 5.0)])
 def test_the_model_creeps_as_the_convolution_says(g, tau_s):
-    ground = ground_of()
-    seen = ground.base.grasps[0]
-    found = EFFECT.respond(ground, {"g": g, "tau_s": tau_s}, "").unit[0]
-    plain = seen.tracks.unit_displacement
-    time = seen.case.history.time_s
+    forward = forward_of()
+    recording = forward.base.grasps[0]
+    found = EFFECT.respond(forward, {"g": g, "tau_s": tau_s}, "").unit[0]
+    plain = recording.tracks.unit_displacement
+    time = recording.case.history.time_s
     for marker in (3, 30):
         for way in range(3):
             expected = crept(plain[:, marker, way], time, g, tau_s)
@@ -75,30 +75,30 @@ def test_the_model_creeps_as_the_convolution_says(g, tau_s):
 
 
 def test_each_signature_is_the_slope_of_the_model_at_no_relaxation():
-    ground = ground_of()
+    forward = forward_of()
     small = 1e-5
-    for signature in EFFECT.signatures(ground):
+    for signature in EFFECT.signatures(forward):
         tau_s = float(signature.label.split()[1])
-        more = EFFECT.respond(ground, {"g": small, "tau_s": tau_s}, "").unit[0]
-        slope = COMPLIANCE * (more - ground.base.grasps[0].tracks.unit_displacement) / small
+        more = EFFECT.respond(forward, {"g": small, "tau_s": tau_s}, "").unit[0]
+        slope = COMPLIANCE * (more - forward.base.grasps[0].tracks.unit_displacement) / small
         markers = signature.columns[0].fields[0].markers
         assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
 
 
 def test_a_start_has_the_retardation_time_of_its_signature():
-    ground = ground_of()
-    signature = EFFECT.signatures(ground)[2]
-    start = EFFECT.start(ground, signature, np.array([0.5]))
+    forward = forward_of()
+    signature = EFFECT.signatures(forward)[2]
+    start = EFFECT.start(forward, signature, np.array([0.5]))
     assert start["g"] / (1 - start["g"]) == pytest.approx(0.5)
     assert start["tau_s"] / (1 - start["g"]) == pytest.approx(3.0)
 
 
 def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_air():
-    ground, _ = plain_ground(only_grasp(planted_case(), 0))
-    seen = ground.base.grasps[0]
-    values = np.random.default_rng(0).normal(size=seen.tracks.position_mm.shape)
-    whole = over_all_frames(seen, values)
-    np.testing.assert_array_equal(whole[seen.used], values)
+    forward, _ = plain_forward_model(only_grasp(planted_case(), 0))
+    recording = forward.base.grasps[0]
+    values = np.random.default_rng(0).normal(size=recording.tracks.position_mm.shape)
+    whole = over_all_frames(recording, values)
+    np.testing.assert_array_equal(whole[recording.used], values)
     np.testing.assert_array_equal(whole[:3], 0)
 
 
@@ -110,9 +110,9 @@ def test_flesh_that_relaxes_is_found():
         return np.stack([crept(own, TIME_S, g, tau_s) for own in flat.T], axis=1).reshape(unit.shape)
 
     case = only_grasp(planted_case(crept=relaxed), 1)
-    ground, _, again = linear_and_refitted(case, EFFECT)
+    forward, _, again = linear_and_refitted(case, EFFECT)
     (parameters,) = again.parameters
     assert parameters["g"] == pytest.approx(g, rel=0.06)
     assert parameters["tau_s"] == pytest.approx(tau_s, rel=0.08)
-    E = 1 / (getattr(again, "ground", ground).compliance * (1 + again.fit.amounts[0]))
+    E = 1 / (getattr(again, "ground", forward).compliance * (1 + again.fit.amounts[0]))
     assert pytest.approx(E_MPA, rel=0.04) == E

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from fem_shapes import ball
-from pinched_ground import as_case, ground_of, long_pinch
+from pinched_forward_model import as_case, forward_of, long_pinch
 from planted_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
 
 from fem.estimation.grasp_model import grasp_model
@@ -110,8 +110,8 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
 
 def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_comes_with_it():
     E_MPa, Et_N_per_mm = 0.3, 1.5
-    seen = ground_of().base.grasps[0]
-    (stiff,) = skin.EFFECT.respond(ground_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, "").unit
+    recording = forward_of().base.grasps[0]
+    (stiff,) = skin.EFFECT.respond(forward_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, "").unit
     history = long_pinch()
     ends = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     pads = tuple(
@@ -120,7 +120,7 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
     )
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": Et_N_per_mm / E})
     (beyond,) = departures(as_case(replace(history, pads=pads)), [known])
-    wanted = stiff - seen.tracks.unit_displacement
+    wanted = stiff - recording.tracks.unit_displacement
     assert np.abs(beyond - wanted).max() < 0.01 * np.abs(wanted).max()
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
-from pinched_ground import as_case, ground_of, long_pinch
+from pinched_forward_model import as_case, forward_of, long_pinch
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import damage, plastic_set, stiffening
@@ -83,8 +83,8 @@ def test_damage_follows_the_largest_energy_and_never_heals():
 
 
 def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
-    ground = ground_of()
-    solid = ground.base.solid_of(ground.base.grasps[0])
+    forward = forward_of()
+    solid = forward.base.solid_of(forward.base.grasps[0])
     moved = np.random.default_rng(4).normal(size=(2, *fruit_mesh().nodes_mm.shape))
     pieces = FleshPieces.whole(FleshStrain.of(fruit_mesh()))
     found = pieces.forces(moved, lambda gradient: linear_stress(gradient, poisson_ratio=NU))
@@ -96,9 +96,9 @@ def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
 @pytest.mark.parametrize("stiffness", [0.5, 3.0])
 @pytest.mark.parametrize("together", [True, False])
 def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, together):
-    ground = ground_of()
-    state = path_state(ground, frames=4, remembers=True)
-    solid = ground.base.solid_of(ground.base.grasps[0])
+    forward = forward_of()
+    state = path_state(forward, frames=4, remembers=True)
+    solid = forward.base.solid_of(forward.base.grasps[0])
 
     def departure(moved: np.ndarray) -> np.ndarray:
         forces = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)
@@ -107,20 +107,20 @@ def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, toget
     more = settled(
         state,
         departure,
-        compliance=ground.compliance,
+        compliance=forward.compliance,
         stiffer=np.full(len(state.linear), stiffness),
         start=np.zeros_like(state.linear),
         together=together,
     )
     skin = fruit_mesh().outer_nodes
-    off = ground.compliance * (more - (1 / stiffness - 1) * state.linear)[:, skin]
+    off = forward.compliance * (more - (1 / stiffness - 1) * state.linear)[:, skin]
     assert np.abs(off).max() < 1e-3
 
 
 def test_a_few_frames_tell_all_others_what_a_smooth_law_of_the_load_does():
     load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
-    seen = type("Seen", (), {"shares": np.column_stack([load, 0.1 * load**2])})()
-    (frames,) = path_frames([seen], 6, remembers=False)
+    recording = type("Seen", (), {"shares": np.column_stack([load, 0.1 * load**2])})()
+    (frames,) = path_frames([recording], 6, remembers=False)
     assert len(frames.chosen) == 6
     law = load**2.5
     np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
@@ -128,8 +128,8 @@ def test_a_few_frames_tell_all_others_what_a_smooth_law_of_the_load_does():
 
 def test_a_law_that_remembers_is_told_apart_on_the_way_up_and_down():
     load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
-    seen = type("Seen", (), {"shares": load[:, None]})()
-    (frames,) = path_frames([seen], 10, remembers=True)
+    recording = type("Seen", (), {"shares": load[:, None]})()
+    (frames,) = path_frames([recording], 10, remembers=True)
     law = load * np.maximum.accumulate(load)
     np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
 
@@ -146,7 +146,7 @@ def test_the_value_that_a_share_of_the_volume_exceeds():
 def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, module, parameters):
     """By ParameterSpec.strain_power, which spares solving again for another E."""
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-7)
-    firm = ground_of()
+    firm = forward_of()
     soft = replace(firm, compliance=1.5 * firm.compliance)
     plain = firm.base.grasps[0].tracks.unit_displacement
     alike = {spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.parameters}
@@ -159,7 +159,7 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
 
 
 def test_a_run_starts_on_the_plane_through_the_last_ones_and_not_far_beyond_them():
-    search = replace(ground_of(), warm_starts=WarmStarts())
+    search = replace(forward_of(), warm_starts=WarmStarts())
     assert first_guess(search, "law", np.zeros(2)) is None
     field = np.random.default_rng(6).normal(size=(3, 2, 5, 3))
 
@@ -175,17 +175,17 @@ def test_a_run_starts_on_the_plane_through_the_last_ones_and_not_far_beyond_them
 
 
 def test_only_the_last_runs_are_kept():
-    search = replace(ground_of(), warm_starts=WarmStarts())
+    search = replace(forward_of(), warm_starts=WarmStarts())
     for k in range(30):
         keep_run(search, "law", np.array([float(k)]), np.full((1, 1, 3), float(k)))
     assert len(search.found_before(("runs", "law"))) == MOST_RUNS
     assert first_guess(search, "law", np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
 
 
-def difference(module: object, ground: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
+def difference(module: object, forward: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
     effect = module.EFFECT
-    one = effect.respond(ground, parameters, "").unit[0]
-    return ground.compliance * (one - effect.respond(ground, base, "").unit[0])
+    one = effect.respond(forward, parameters, "").unit[0]
+    return forward.compliance * (one - effect.respond(forward, base, "").unit[0])
 
 
 def cosine_and_ratio(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
@@ -195,10 +195,10 @@ def cosine_and_ratio(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
 
 
 def test_damage_signature_is_the_start_of_its_response():
-    ground = ground_of()
-    signature = damage.EFFECT.signatures(ground)[1]
-    W0 = damage.EFFECT.start(ground, signature, np.array([0.1]))["W0_over_E"]
-    moved = difference(damage, ground, {"dmax": 0.06, "W0_over_E": W0}, {"dmax": 0.02, "W0_over_E": W0})
+    forward = forward_of()
+    signature = damage.EFFECT.signatures(forward)[1]
+    W0 = damage.EFFECT.start(forward, signature, np.array([0.1]))["W0_over_E"]
+    moved = difference(damage, forward, {"dmax": 0.06, "W0_over_E": W0}, {"dmax": 0.02, "W0_over_E": W0})
     cosine, ratio = cosine_and_ratio(moved, 0.04 * signature.columns[0].fields[0].markers)
     assert cosine > 0.999
     assert ratio == pytest.approx(1.0, abs=0.1)
@@ -206,9 +206,9 @@ def test_damage_signature_is_the_start_of_its_response():
 
 def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_small(monkeypatch):
     monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
-    ground = replace(ground_of(), compliance=0.8)
-    markers = stiffening.EFFECT.signatures(ground)[0].columns[0].fields[0].markers
-    moved = difference(stiffening, ground, {"b": 4.0}, {"b": 0.5})
+    forward = replace(forward_of(), compliance=0.8)
+    markers = stiffening.EFFECT.signatures(forward)[0].columns[0].fields[0].markers
+    moved = difference(stiffening, forward, {"b": 4.0}, {"b": 0.5})
     cosine, ratio = cosine_and_ratio(moved, 3.5 * markers)
     assert cosine > 0.99
     assert ratio == pytest.approx(1.0, abs=0.1)
@@ -216,23 +216,23 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
 
 def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
     monkeypatch.setattr(plastic_set, "RELATIVE", (relative,))
-    ground = ground_of()
-    signature = plastic_set.EFFECT.signatures(ground)[0]
-    Y = plastic_set.EFFECT.start(ground, signature, np.ones(1))["yield_over_E"]
-    unit = plastic_set.EFFECT.respond(ground, {"yield_over_E": Y}, "").unit[0]
-    moved = ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement)
+    forward = forward_of()
+    signature = plastic_set.EFFECT.signatures(forward)[0]
+    Y = plastic_set.EFFECT.start(forward, signature, np.ones(1))["yield_over_E"]
+    unit = plastic_set.EFFECT.respond(forward, {"yield_over_E": Y}, "").unit[0]
+    moved = forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement)
     return cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
 
 
 def test_plastic_signature_is_the_start_of_its_response_where_flesh_hardly_yields(monkeypatch):
-    ground = ground_of()
-    state = path_state(ground, frames=plastic_set.FRAMES, remembers=True)
-    stress, level = plastic_set._stress_seen(ground, state)
+    forward = forward_of()
+    state = path_state(forward, frames=plastic_set.FRAMES, remembers=True)
+    stress, level = plastic_set._stress_seen(forward, state)
     hardly = 0.99 * stress.max() / level
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-8)
     cosine, ratio = plastic_against_signature(monkeypatch, hardly)
     assert cosine > 0.999
-    stays = 2 * (4 - 5 * ground.poisson_ratio) / (15 * (1 - ground.poisson_ratio))
+    stays = 2 * (4 - 5 * forward.poisson_ratio) / (15 * (1 - forward.poisson_ratio))
     assert 0.99 < ratio < 1 / (1 - stays)  # Eshelby 1957: the share of a sphere's shear that stays in it
 
 
@@ -256,12 +256,12 @@ def twice_pinched() -> ForwardModel:
     [(damage, {"dmax": 0.4, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.03})],
 )
 def test_the_second_recording_finds_the_flesh_as_the_first_one_left_it(module, parameters):
-    ground = twice_pinched()
-    first, second = module.EFFECT.respond(ground, parameters, "").unit
-    plain = ground.base.grasps[0].tracks.unit_displacement
+    forward = twice_pinched()
+    first, second = module.EFFECT.respond(forward, parameters, "").unit
+    plain = forward.base.grasps[0].tracks.unit_displacement
     size = np.linalg.norm(first - plain)
     assert size > 0
     # what the first left is there before the second begins, and its peak adds nothing new
     assert np.linalg.norm((second - first)[0]) > 0.02 * size
-    peak = int(ground.base.grasps[0].load.argmax())
+    peak = int(forward.base.grasps[0].load.argmax())
     assert np.linalg.norm((second - first)[peak:]) < 0.05 * size

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from coarse_fruit import NU
-from pinched_ground import ground_of
+from pinched_forward_model import forward_of
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effects import stiffening
@@ -43,38 +43,38 @@ class BonetAndWood:
         )
 
 
-def by_newton(ground: ForwardModel, *, share: float = 1.0) -> np.ndarray:
+def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
     """The markers' displacement, mm, of Bonet and Wood's flesh under this share of the loads, all frames."""
-    seen = ground.base.grasps[0]
-    solid = ground.base.solid_of(seen)
-    force = np.tensordot(seen.shares, seen.patterns, axes=1)
+    recording = forward.base.grasps[0]
+    solid = forward.base.solid_of(recording)
+    force = np.tensordot(recording.shares, recording.patterns, axes=1)
     load = np.zeros((len(force), *solid.mesh.nodes_mm.shape))
-    load[:, solid.contact_nodes] = share * ground.compliance * seen.nodal_of(force)
+    load[:, solid.contact_nodes] = share * forward.compliance * recording.nodal_of(force)
     newton = FiniteStrainSolid(solid=solid, law=BonetAndWood())
     moved = newton.displacement(load).require_equilibrium().displacement
-    return seen.at_markers(moved[:, solid.contact_nodes])
+    return recording.at_markers(moved[:, solid.contact_nodes])
 
 
-def neo_hookean_signature(ground: ForwardModel) -> np.ndarray:
-    found = next(one for one in stiffening.EFFECT.signatures(ground) if one.label == "neo-hookean")
+def neo_hookean_signature(forward: ForwardModel) -> np.ndarray:
+    found = next(one for one in stiffening.EFFECT.signatures(forward) if one.label == "neo-hookean")
     return found.columns[0].fields[0].markers
 
 
 def test_neo_hookean_signature_is_what_newtons_method_makes_of_the_law(monkeypatch):
     monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
-    ground = ground_of()
-    beyond = by_newton(ground) - 1e3 * by_newton(ground, share=1e-3)
-    signature = neo_hookean_signature(ground)
+    forward = forward_of()
+    beyond = by_newton(forward) - 1e3 * by_newton(forward, share=1e-3)
+    signature = neo_hookean_signature(forward)
     size = np.linalg.norm(signature), np.linalg.norm(beyond)
     assert (signature * beyond).sum() / np.prod(size) > 0.999
     assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
 
 
 def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
-    softer = replace(ground_of(), compliance=12.0)
-    seen = softer.base.grasps[0]
-    tracks = replace(seen.tracks, position_mm=seen.tracks.place_mm + by_newton(softer))
-    planted = replace(softer, base=replace(softer.base, grasps=(replace(seen, tracks=tracks),)))
+    softer = replace(forward_of(), compliance=12.0)
+    recording = softer.base.grasps[0]
+    tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
+    planted = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
     recorded = [GraspEquations.of(planted, one) for one in planted.base.grasps]
     linear = screened(planted, recorded, [stiffening.EFFECT])
     shown = linear.best[0]
@@ -97,7 +97,7 @@ def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
 @pytest.mark.parametrize("compliance", [28.0, 60.0])
 def test_large_deformation_that_is_not_found_is_a_signature_that_says_why(compliance):
     """Rounds that have not settled, and rounds that ran away."""
-    soft = replace(ground_of(), compliance=compliance)
+    soft = replace(forward_of(), compliance=compliance)
     plain, large = stiffening.EFFECT.signatures(soft)
     assert (plain.label, plain.untried) == ("", "")
     assert large.columns == ()

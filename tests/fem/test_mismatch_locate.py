@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from coarse_fruit import HALF_AXES_MM
-from pinched_ground import COMPLIANCE, ground_of
+from pinched_forward_model import COMPLIANCE, forward_of
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT
@@ -11,27 +11,27 @@ from fem.mismatch.localisation.adjoint_maps import fruit_map
 from fem.mismatch.localisation.anova import Cells, analysis_of_variance, explained, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
 
 SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
 NOISE_MM = 0.004
 
 
-def left_by_plain(ground: ForwardModel) -> list[np.ndarray]:
-    tracks = ground.base.grasps[0].tracks
+def left_by_plain(forward: ForwardModel) -> list[np.ndarray]:
+    tracks = forward.base.grasps[0].tracks
     return [tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement]
 
 
 def planted_spot(rng: np.random.Generator) -> ForwardModel:
-    plain = ground_of()
+    plain = forward_of()
     place = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}
     more = EFFECT.respond(plain, place, "").unit[0] - plain.base.grasps[0].tracks.unit_displacement
-    return ground_of(COMPLIANCE * more + NOISE_MM * rng.normal(size=more.shape))
+    return forward_of(COMPLIANCE * more + NOISE_MM * rng.normal(size=more.shape))
 
 
 def test_map_of_the_modulus_is_softest_above_the_planted_spot():
-    ground = planted_spot(np.random.default_rng(0))
-    found = located(ground, left_by_plain(ground))
+    forward = planted_spot(np.random.default_rng(0))
+    found = located(forward, left_by_plain(forward))
     softest = found.maps.vertices_mm[found.maps.modulus_score.argmin()]
     assert np.linalg.norm(softest - [HALF_AXES_MM[0], 1.0, -0.5]) < 5.0
     assert found.maps.modulus_score.min() < -10
@@ -39,42 +39,44 @@ def test_map_of_the_modulus_is_softest_above_the_planted_spot():
 
 
 def test_planted_spot_is_named_with_its_place():
-    ground = planted_spot(np.random.default_rng(1))
-    found = located(ground, left_by_plain(ground))
+    forward = planted_spot(np.random.default_rng(1))
+    found = located(forward, left_by_plain(forward))
     assert found.where.region == "flesh"
     assert found.where.centre_mm is not None
     assert np.linalg.norm(np.array(found.where.centre_mm) - SPOT_MM) < 3.0
 
 
 def test_fault_of_one_pads_shear_is_named_so():
-    ground = ground_of()
-    seen = ground.base.grasps[0]
-    rough = np.zeros_like(seen.tracks.position_mm)
-    own = seen.pad_of_marker == 1
-    wave = np.sin(3 * seen.tracks.place_mm[own, 1]) * (-1.0) ** np.arange(own.sum())
+    forward = forward_of()
+    recording = forward.base.grasps[0]
+    rough = np.zeros_like(recording.tracks.position_mm)
+    own = recording.pad_of_marker == 1
+    wave = np.sin(3 * recording.tracks.place_mm[own, 1]) * (-1.0) ** np.arange(own.sum())
     rough[:, own, 2] = 0.05 * np.sin(np.arange(len(rough)))[:, None] * wave
     rng = np.random.default_rng(2)
-    found = located(ground, [rough + NOISE_MM * rng.normal(size=rough.shape)])
+    found = located(forward, [rough + NOISE_MM * rng.normal(size=rough.shape)])
     assert (found.where.region, found.component) == ("pad right", "shear")
 
 
 def test_noise_alone_has_standard_scores_and_no_place():
     rng = np.random.default_rng(3)
-    ground = ground_of()
-    shape = ground.base.grasps[0].tracks.position_mm.shape
-    maps = [fruit_map(ground, ground.sight.observed([NOISE_MM * rng.normal(size=shape)])) for _ in range(20)]
+    forward = forward_of()
+    shape = forward.base.grasps[0].tracks.position_mm.shape
+    maps = [
+        fruit_map(forward, forward.sight.observed([NOISE_MM * rng.normal(size=shape)])) for _ in range(20)
+    ]
     # Recordings leave ALIKE numbers for each independent one; these draws are independent all.
-    thinned = np.sqrt(ALIKE * MARKER_EXCESS)
+    thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
     scores = thinned * np.array([one.modulus_score for one in maps])
     # Scores allow for errors of markers' scales too, which these draws have none of.
     assert 0.3 < np.sqrt((scores**2).mean()) < 1.2
     assert 0.3 < np.sqrt(np.mean([one.law_error**2 for one in maps])) < 1.2
-    found = located(ground, [NOISE_MM * rng.normal(size=shape)])
+    found = located(forward, [NOISE_MM * rng.normal(size=shape)])
     assert (found.where.region, found.when, found.component) == ("both", "all", "both")
 
 
 def test_a_soft_spot_far_from_every_pad_is_not_visible():
-    maps = fruit_map(ground := ground_of(), ground.sight.observed(left_by_plain(ground)))
+    maps = fruit_map(forward := forward_of(), forward.sight.observed(left_by_plain(forward)))
     under_pad = np.linalg.norm(maps.vertices_mm - [HALF_AXES_MM[0], 0, 0], axis=1).argmin()
     on_top = maps.vertices_mm[:, 2].argmax()
     assert maps.visible[under_pad] > 10 * maps.visible[on_top]
@@ -108,11 +110,11 @@ def test_p_values_of_factors_without_effect_are_even():
 
 def test_table_of_the_modulus_gives_it_back_and_what_never_varies_is_left_out():
     rng = np.random.default_rng(7)
-    shape = ground_of().base.grasps[0].tracks.position_mm.shape
-    ground = ground_of(1e-4 * rng.normal(size=shape))
-    fits = [fit_compliance(ground.base.grasps[0].tracks, scale_sd=0.004, fruit_moves=True)]
-    cells = modulus_cells(ground, fits)
+    shape = forward_of().base.grasps[0].tracks.position_mm.shape
+    forward = forward_of(1e-4 * rng.normal(size=shape))
+    fits = [fit_compliance(forward.base.grasps[0].tracks, scale_sd=0.004, fruit_moves=True)]
+    cells = modulus_cells(forward, fits)
     moduli = [cell.E_MPa for cell in cells if cell.E_sd_MPa < 0.02 * cell.E_MPa]
     assert np.median(moduli) == pytest.approx(1 / COMPLIANCE, rel=0.02)
-    factors = {row.factor for row in analysis_of_variance(ground, fits)}
+    factors = {row.factor for row in analysis_of_variance(forward, fits)}
     assert not factors & {"grasp", "cycle"}

@@ -7,7 +7,12 @@ import pytest
 
 from fem.estimation.zero_drift import RestingForces
 from fem.mismatch.effect import Signature
-from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY, beside, discrepancy_columns, seeming_spread
+from fem.mismatch.evidence.discrepancy_prior import (
+    DISCREPANCY,
+    beside,
+    discrepancy_columns,
+    discrepancy_spread,
+)
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
@@ -28,22 +33,22 @@ class Recording:
         tracks = SimpleNamespace(
             unit_displacement=unit, place_mm=np.zeros(SHAPE[1:]), position_mm=position_mm
         )
-        self.seen = SimpleNamespace(tracks=tracks)
+        self.recording = SimpleNamespace(tracks=tracks)
 
     def rows(self, fields) -> tuple[np.ndarray, np.ndarray]:
         plain = np.array([field.markers.ravel() for field in fields])
         return plain, plain / NOISE_MM**2
 
 
-def gain_of(name: str, *, amount: float, softness: float = 1.0, compliance: float = 2.0) -> float:
+def gain_of(name: str, *, amount: float, compliance_ratio: float = 1.0, compliance: float = 2.0) -> float:
     """ln evidence that an effect's signature adds where so much of it is in the data."""
     rng = np.random.default_rng(3)
     unit, field = rng.normal(size=SHAPE), rng.normal(size=SHAPE)
     position = compliance * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
-    ground = SimpleNamespace(compliance=compliance, softness=softness, workers=1)
+    forward = SimpleNamespace(compliance=compliance, compliance_ratio=compliance_ratio, workers=1)
     own = Regressor(name="own", sd=4.0, fields=[ObservationDelta(markers=field)], positive=True)
-    columns = discrepancy_columns(ground, [(effect(name), Signature(label="", columns=(own,)))])
-    products = GramMatrix(ground, [Recording(position, unit)], [*columns, own])
+    columns = discrepancy_columns(forward, [(effect(name), Signature(label="", columns=(own,)))])
+    products = GramMatrix(forward, [Recording(position, unit)], [*columns, own])
     nuisances = tuple(range(1, len(columns) + 1))
     return products.fit((*nuisances, len(columns) + 1)).log_evidence - products.fit(nuisances).log_evidence
 
@@ -59,8 +64,8 @@ def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
 
 def test_jaws_seem_to_give_way_the_more_the_softer_the_flesh():
     soft = DISCREPANCY["gripper_compliance"][0] * 4.0 * 3.0
-    assert gain_of("gripper_compliance", amount=soft, softness=3.0, compliance=4.0) < 0
-    assert gain_of("gripper_compliance", amount=10 * soft, softness=3.0, compliance=4.0) > 30
+    assert gain_of("gripper_compliance", amount=soft, compliance_ratio=3.0, compliance=4.0) < 0
+    assert gain_of("gripper_compliance", amount=10 * soft, compliance_ratio=3.0, compliance=4.0) > 30
 
 
 def test_an_effect_without_a_seeming_amount_counts_from_nothing():
@@ -73,5 +78,5 @@ def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
     ]
     assert beside([effect("skin")], columns, (1, 2)) == (2,)
     assert beside([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
-    assert seeming_spread(effect("skin")) > DISCREPANCY["skin"][0]
-    assert seeming_spread(effect("poisson_ratio")) == 0
+    assert discrepancy_spread(effect("skin")) > DISCREPANCY["skin"][0]
+    assert discrepancy_spread(effect("poisson_ratio")) == 0

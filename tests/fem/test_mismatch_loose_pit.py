@@ -6,7 +6,7 @@ from functools import cache
 import coarse_fruit
 import numpy as np
 import pytest
-from pinched_ground import facing
+from pinched_forward_model import facing
 from scipy.optimize import nnls
 
 from fem.estimation.error_budget import ErrorBudget
@@ -147,27 +147,27 @@ def moved_by(unit: np.ndarray) -> ForwardModel:
     return grounded(replace(history, pads=pads))
 
 
-def work(ground: ForwardModel, unit: np.ndarray) -> float:
+def work(forward: ForwardModel, unit: np.ndarray) -> float:
     """Of the forces of the second frame, a symmetric pinch."""
-    seen = ground.base.grasps[0]
-    return float((seen.over_time(seen.patterns)[1] * unit[1]).sum())
+    recording = forward.base.grasps[0]
+    return float((recording.over_time(recording.patterns)[1] * unit[1]).sum())
 
 
 def test_the_looser_the_pit_the_more_the_pinch_works():
-    ground = pinched()
-    seen = ground.base.grasps[0]
+    forward = pinched()
+    recording = forward.base.grasps[0]
     gaps = [0.0, 0.01, 0.02, 0.05, 10.0]
-    done = [work(ground, loose_response(ground, seen, gap)) for gap in gaps]
-    assert work(ground, seen.tracks.unit_displacement) < done[0]
+    done = [work(forward, loose_response(forward, recording, gap)) for gap in gaps]
+    assert work(forward, recording.tracks.unit_displacement) < done[0]
     assert (np.diff(done) > -1e-12).all()
     assert done[-1] > 1.02 * done[0]
 
 
 def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
-    ground = pinched()
-    seen = ground.base.grasps[0]
-    flesh = loose_flesh(ground, seen)
-    opening = seen.shares @ flesh.answer(seen)[1]
+    forward = pinched()
+    recording = forward.base.grasps[0]
+    flesh = loose_flesh(forward, recording)
+    opening = recording.shares @ flesh.answer(recording)[1]
     found = pressures(flesh.compliance, opening)[1]
     assert found.min() >= 0
     assert found.max() > 0
@@ -176,14 +176,14 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
 
 
 def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
-    ground, gap = pinched(), 0.002
-    seen = ground.base.grasps[0]
+    forward, gap = pinched(), 0.002
+    recording = forward.base.grasps[0]
     rise = [np.linspace(0, 0.5, 10), np.linspace(0.5, 0.52, 60), np.linspace(0.52, 1, 4)]
     course = [*rise, np.ones(9), np.linspace(1, 0.9, 40), np.linspace(0.9, 0, 4), np.zeros(3)]
-    held = replace(seen, shares=np.concatenate(course)[:, None] * seen.shares[1])
-    found = loose_response(ground, held, gap)
-    flesh = loose_flesh(ground, seen)
-    free, opening, pushed = flesh.answer(seen)
+    held = replace(recording, shares=np.concatenate(course)[:, None] * recording.shares[1])
+    found = loose_response(forward, held, gap)
+    flesh = loose_flesh(forward, recording)
+    free, opening, pushed = flesh.answer(recording)
     each = pressures(flesh.compliance, held.shares @ opening + gap * flesh.area_mm2)
     assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
     exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)
@@ -192,12 +192,12 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
     unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, "").unit[0]
-    ground = moved_by(unit)
-    seen = ground.base.grasps[0]
-    first = EFFECT.signatures(ground)[0]
-    assert EFFECT.start(ground, first, np.ones(1)) == {"gap_mm": GAPS_MM[0]}
+    forward = moved_by(unit)
+    recording = forward.base.grasps[0]
+    first = EFFECT.signatures(forward)[0]
+    assert EFFECT.start(forward, first, np.ones(1)) == {"gap_mm": GAPS_MM[0]}
     field = first.columns[0].fields[0].markers
-    expected = COMPLIANCE * (unit - seen.tracks.unit_displacement)
+    expected = COMPLIANCE * (unit - recording.tracks.unit_displacement)
     assert field == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pinched_ground import ground_of
+from pinched_forward_model import forward_of
 from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
@@ -22,9 +22,9 @@ def jaws() -> Refit:
 
 @pytest.fixture(scope="module")
 def thick_skin() -> Refit:
-    ground = ground_of()
-    unit = skin.EFFECT.respond(ground, {"Et_over_E_mm": 6.0}, "").unit[0]
-    planted = ground_of(ground.compliance * (unit - ground.base.grasps[0].tracks.unit_displacement))
+    forward = forward_of()
+    unit = skin.EFFECT.respond(forward, {"Et_over_E_mm": 6.0}, "").unit[0]
+    planted = forward_of(forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement))
     linear = screened(
         planted, [GraspEquations.of(planted, one) for one in planted.base.grasps], [skin.EFFECT]
     )
@@ -38,7 +38,7 @@ def asked(again: Refit, share: float) -> float:
     ends = []
     for way in (1, -1):
         on = values[spec.name] * (1 + way * share)
-        ends.append(modulus_of(again.ground, effect.respond(again.ground, {spec.name: on}, choice)).value)
+        ends.append(modulus_of(again.forward, effect.respond(again.forward, {spec.name: on}, choice)).value)
     step = np.log((1 + share) / (1 - share)) if spec.log else 2 * share * values[spec.name]
     return float(np.log(ends[0] / ends[1]) / step)
 

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from pinched_ground import COMPLIANCE, ground_of
+from pinched_forward_model import COMPLIANCE, forward_of
 
 from fem.mismatch.effect import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
@@ -20,15 +20,17 @@ TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
 @cache
 def planted():
     """Flesh that is damaged, and softer than the plain model's by SOFTER."""
-    ground = ground_of()
-    truly = replace(ground, compliance=SOFTER * COMPLIANCE)
+    forward = forward_of()
+    truly = replace(forward, compliance=SOFTER * COMPLIANCE)
     moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, "").unit[0]
-    return ground_of(moved - COMPLIANCE * ground.base.grasps[0].tracks.unit_displacement)
+    return forward_of(moved - COMPLIANCE * forward.base.grasps[0].tracks.unit_displacement)
 
 
 def rounds(effects, *, workers: int = 1) -> LinearRound:
-    ground = replace(planted(), workers=workers)
-    return screened(ground, [GraspEquations.of(ground, seen) for seen in ground.base.grasps], effects)
+    forward = replace(planted(), workers=workers)
+    return screened(
+        forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps], effects
+    )
 
 
 @cache
@@ -39,7 +41,7 @@ def found() -> Refit:
 
 
 def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
-    assert found().ground.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
+    assert found().forward.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
     assert found().parameters[0]["dmax"] == pytest.approx(TRUTH["dmax"], rel=0.1)
     assert found().parameters[0]["W0_over_E"] == pytest.approx(TRUTH["W0_over_E"], rel=0.2)
 
@@ -50,7 +52,7 @@ def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     before = search.linearised(search.scaled([0.3, 0.006]))
     after, followed = search.followed(before)
     assert followed
-    grown = search.ground.compliance / COMPLIANCE
+    grown = search.forward.compliance / COMPLIANCE
     assert abs(grown - 1) > 0.01
     assert after.at[0] == before.at[0]
     assert after.at[1] - before.at[1] == pytest.approx(2 * np.log(grown))
@@ -93,13 +95,13 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
     monkeypatch.setattr(
         type(damage.EFFECT),
         "respond",
-        lambda self, ground, own, choice: asked.append(dict(own)) or respond(self, ground, own, choice),
+        lambda self, forward, own, choice: asked.append(dict(own)) or respond(self, forward, own, choice),
     )
     at = search.scaled([0.3, 0.006, 0.5])
     search.respond(at)
     search.respond(search.scaled([0.3, 0.006, 0.8]))
     assert len(asked) == 1
-    search.ground = replace(search.ground, compliance=1.1 * search.ground.compliance)
+    search.forward = replace(search.forward, compliance=1.1 * search.forward.compliance)
     search.respond(at)
     assert len(asked) == 2
 

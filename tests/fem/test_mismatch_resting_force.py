@@ -76,10 +76,10 @@ def test_without_frames_after_the_contact_nothing_is_said():
 
 def test_a_drift_that_markers_noise_hides_is_found_by_its_size_and_taken_out_of_the_modulus():
     rate = 0.02  # half a millinewton on a marker at the end, half its noise
-    ground, linear, again = linear_and_refitted(
+    forward, linear, again = linear_and_refitted(
         let_go(planted_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
     )
     assert again.choices == ("right",)
     assert again.parameters[0]["newton_per_s"] == pytest.approx(rate, rel=0.1)
     assert linear.best[0].gain > 10
-    assert modulus_of(ground, again.response).value == pytest.approx(E_MPA, rel=0.03)
+    assert modulus_of(forward, again.response).value == pytest.approx(E_MPA, rel=0.03)

@@ -31,34 +31,34 @@ def dragged(skin_mm: np.ndarray, mu: float) -> tuple[SimpleNamespace, np.ndarray
         sd_mm=np.array([0.004]),
     )
     pose = np.tile(np.eye(4), (1, len(gel), 1, 1))
-    seen = SimpleNamespace(tracks=tracks, pose=pose, pad_of_marker=np.array([0]))
-    return seen, skin_mm - gel
+    recording = SimpleNamespace(tracks=tracks, pose=pose, pad_of_marker=np.array([0]))
+    return recording, skin_mm - gel
 
 
-def path_of(seen: SimpleNamespace, mu: float) -> np.ndarray:
+def path_of(recording: SimpleNamespace, mu: float) -> np.ndarray:
     """With equations that leave every field as it is: the skin is where the plain model says."""
     equations = SimpleNamespace(left=lambda field: field)
     ratio = np.array([SPRING_RATIO])
-    return slip_path(seen, equations, compliance=1.0, mu=mu, spring_ratio=ratio)[:, 0, 0]
+    return slip_path(recording, equations, compliance=1.0, mu=mu, spring_ratio=ratio)[:, 0, 0]
 
 
 def test_a_skin_dragged_forth_and_back_slides_as_coulomb_says():
     out = np.arange(0, 0.2, STEP_MM)
-    seen, slid = dragged(np.concatenate([out, out[::-1]]), 0.2)
+    recording, slid = dragged(np.concatenate([out, out[::-1]]), 0.2)
     assert slid.max() > 0.08
-    assert path_of(seen, 0.2) == pytest.approx(slid, abs=1e-12)
+    assert path_of(recording, 0.2) == pytest.approx(slid, abs=1e-12)
 
 
 def test_nothing_slides_where_friction_is_high():
-    seen, slid = dragged(np.arange(0, 0.2, STEP_MM), 0.8)
+    recording, slid = dragged(np.arange(0, 0.2, STEP_MM), 0.8)
     assert (slid == 0).all()
-    assert (path_of(seen, 0.8) == 0).all()
+    assert (path_of(recording, 0.8) == 0).all()
 
 
 def test_a_shear_at_the_touch_within_its_own_error_is_no_slip():
     bound = 0.05 / SPRING_RATIO * DEPTH_MM
-    seen, _ = dragged(np.full(6, bound + 0.9 * LEVEL_MM), 0.05)
-    assert (path_of(seen, 0.05) == 0).all()
+    recording, _ = dragged(np.full(6, bound + 0.9 * LEVEL_MM), 0.05)
+    assert (path_of(recording, 0.05) == 0).all()
 
 
 def markers(rng: np.random.Generator, mu: float, *, count: int = 400, frames: int = 10) -> ShearRatios:

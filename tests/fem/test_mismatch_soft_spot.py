@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from coarse_fruit import HALF_AXES_MM, NU
 from fem_shapes import ball
-from pinched_ground import COMPLIANCE, ground_of, pinched
+from pinched_forward_model import COMPLIANCE, forward_of, pinched
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import tetrahedralise
@@ -31,8 +31,8 @@ def softened_solid(solid: UnitModulusSolid, *, centre_mm, radius_mm, ratio) -> U
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
 
 
-def responded(ground, **changes: float) -> np.ndarray:
-    return EFFECT.respond(ground, {**TRUTH, **changes}, "").unit[0]
+def responded(forward, **changes: float) -> np.ndarray:
+    return EFFECT.respond(forward, {**TRUTH, **changes}, "").unit[0]
 
 
 def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_uniform_strain(solid_ball):
@@ -48,14 +48,14 @@ def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_unifo
 
 def test_reduced_space_agrees_with_a_solid_factorised_with_the_ball_in_it():
     base = pinched()
-    seen, solid = base.grasps[0], base.solid_of(base.grasps[0])
+    recording, solid = base.grasps[0], base.solid_of(base.grasps[0])
     exact = softened_solid(solid, centre_mm=SPOT_MM, radius_mm=4.5, ratio=0.35)
-    loads = np.zeros_like(seen.moved)
-    loads[:, solid.contact_nodes] = seen.nodal_of(seen.patterns)
-    at_markers = seen.at_markers(exact.displacement(loads)[:, solid.contact_nodes])
-    expected = seen.over_time(at_markers)
-    plain = seen.tracks.unit_displacement
-    more = responded(ground_of()) - plain
+    loads = np.zeros_like(recording.moved)
+    loads[:, solid.contact_nodes] = recording.nodal_of(recording.patterns)
+    at_markers = recording.at_markers(exact.displacement(loads)[:, solid.contact_nodes])
+    expected = recording.over_time(at_markers)
+    plain = recording.tracks.unit_displacement
+    more = responded(forward_of()) - plain
     assert np.linalg.norm(more - (expected - plain)) < 0.02 * np.linalg.norm(expected - plain)
 
 
@@ -79,10 +79,10 @@ def test_soft_ball_in_a_large_body_gives_way_as_eshelby_says():
 
 
 def test_signature_is_the_slope_of_the_model_at_no_drop():
-    ground = ground_of()
+    forward = forward_of()
     small = 1e-3
     spot = Spot(centre_mm=SPOT_MM, radius_mm=4.5, score=1.0, drop=1.0)
-    planted = ground_of(COMPLIANCE * (responded(ground) - ground.base.grasps[0].tracks.unit_displacement))
+    planted = forward_of(COMPLIANCE * (responded(forward) - forward.base.grasps[0].tracks.unit_displacement))
     label = EFFECT.signatures(planted)[1].label
     centre_mm, radius_mm = place_of(label)
     place = {**dict(zip(CENTRE, centre_mm, strict=True)), "radius_mm": radius_mm}
@@ -93,24 +93,24 @@ def test_signature_is_the_slope_of_the_model_at_no_drop():
 
 
 def test_planted_spot_is_found_where_it_is_and_started_near_its_ratio():
-    plain = ground_of()
+    plain = forward_of()
     rng = np.random.default_rng(3)
     more = COMPLIANCE * (responded(plain) - plain.base.grasps[0].tracks.unit_displacement)
-    ground = ground_of(more + 0.004 * rng.normal(size=more.shape))
-    signatures = EFFECT.signatures(ground)
+    forward = forward_of(more + 0.004 * rng.normal(size=more.shape))
+    signatures = EFFECT.signatures(forward)
     assert len(signatures) <= 6
     away = [np.linalg.norm(place_of(one.label)[0] - SPOT_MM) for one in signatures]
     nearest = signatures[int(np.argmin(away))]
     assert min(away) < 3.0
-    start = EFFECT.start(ground, nearest, np.array([0.9]))
+    start = EFFECT.start(forward, nearest, np.array([0.9]))
     assert 0.1 <= start["ratio"] <= 0.6
 
 
 def test_without_a_spot_nothing_stands_out():
     rng = np.random.default_rng(4)
-    ground = ground_of(0.004 * rng.normal(size=pinched().grasps[0].tracks.unit_displacement.shape))
-    left = [0.004 * rng.normal(size=seen.tracks.position_mm.shape) for seen in ground.base.grasps]
-    numbers = np.array([ground.sight.observed([field * 1.0]) for field in left])
+    forward = forward_of(0.004 * rng.normal(size=pinched().grasps[0].tracks.unit_displacement.shape))
+    left = [0.004 * rng.normal(size=recording.tracks.position_mm.shape) for recording in forward.base.grasps]
+    numbers = np.array([forward.sight.observed([field * 1.0]) for field in left])
     assert np.sqrt((numbers**2).mean()) < 1.2
 
 
@@ -125,4 +125,4 @@ def test_a_ball_that_bears_nothing_leaves_the_fruit_as_it_is(centre_mm):
     """Outside of the flesh, or where next to nothing of the load passes."""
     place = dict(zip(CENTRE, centre_mm, strict=True))
     plain = pinched().grasps[0].tracks.unit_displacement
-    np.testing.assert_array_equal(responded(ground_of(), **place, radius_mm=3.0), plain)
+    np.testing.assert_array_equal(responded(forward_of(), **place, radius_mm=3.0), plain)

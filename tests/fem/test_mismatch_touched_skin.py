@@ -22,15 +22,17 @@ def plain() -> Baseline:
 def moving(field) -> Baseline:
     """The same recording, its skin moved by field(place, normal) times the load, for E = 1 MPa."""
     base = plain()
-    seen = base.grasps[0]
-    unit = np.zeros_like(seen.tracks.unit_displacement)
-    for pad, link in enumerate(seen.links):
-        mine = seen.pad_of_marker == pad
-        place = seen.tracks.place_mm[mine]
-        unit[:, mine] = seen.load[:, None, None] * field(
+    recording = base.grasps[0]
+    unit = np.zeros_like(recording.tracks.unit_displacement)
+    for pad, link in enumerate(recording.links):
+        mine = recording.pad_of_marker == pad
+        place = recording.tracks.place_mm[mine]
+        unit[:, mine] = recording.load[:, None, None] * field(
             place - place.mean(axis=0), mean_normal(link.place.normal)
         )
-    return replace(base, grasps=(replace(seen, tracks=replace(seen.tracks, unit_displacement=unit)),))
+    return replace(
+        base, grasps=(replace(recording, tracks=replace(recording.tracks, unit_displacement=unit)),)
+    )
 
 
 def moved_places(base: Baseline) -> np.ndarray:
@@ -41,17 +43,19 @@ def moved_places(base: Baseline) -> np.ndarray:
 
 def test_places_go_back_by_half_the_step_in_which_the_marker_touched():
     base = moving(lambda place, normal: STRETCH * (place - np.outer(place @ normal, normal)))
-    seen = base.grasps[0]
+    recording = base.grasps[0]
     back = moved_places(base)
-    episode = np.concatenate([pad.episode[seen.used] for pad in seen.case.history.pads], axis=1)
+    episode = np.concatenate([pad.episode[recording.used] for pad in recording.case.history.pads], axis=1)
     first = (episode >= 0).argmax(axis=0)
     late = (episode >= 0).any(axis=0) & (first == first.max())
     assert late.sum() > 3
     k = first.max()
-    middle = (seen.load[k - 1] + seen.load[k]) / 2
-    for pad, link in enumerate(seen.links):
-        own = late & (seen.pad_of_marker == pad)
-        place = seen.tracks.place_mm - seen.tracks.place_mm[seen.pad_of_marker == pad].mean(axis=0)
+    middle = (recording.load[k - 1] + recording.load[k]) / 2
+    for pad, link in enumerate(recording.links):
+        own = late & (recording.pad_of_marker == pad)
+        place = recording.tracks.place_mm - recording.tracks.place_mm[recording.pad_of_marker == pad].mean(
+            axis=0
+        )
         normal = mean_normal(link.place.normal)
         along = place - np.outer(place @ normal, normal)
         got = np.einsum("nx,nx->n", back[own], along[own]) / (along[own] ** 2).sum(axis=1)

@@ -13,10 +13,10 @@ from fem.mismatch.model.reduced_law import Operator
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 
 
-def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    mu, _ = unit_lame_constants(ground.poisson_ratio)
-    axial = stress_operator(ground, lambda strain: mu * strain * ALONG_STEM)
-    return axial, (plain_stiffness(ground), axial)
+def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+    mu, _ = unit_lame_constants(forward.poisson_ratio)
+    axial = stress_operator(forward, lambda strain: mu * strain * ALONG_STEM)
+    return axial, (plain_stiffness(forward), axial)
 
 
 EFFECT = LinearLaw(
@@ -24,5 +24,5 @@ EFFECT = LinearLaw(
     parameter=ParameterSpec(name="axial", unit="1", low=-1.5, high=6.0, model_share=0.25),
     sd=0.8,
     operators=_operators,
-    amounts=lambda ground, theta: (1.0, theta),
+    amounts=lambda forward, theta: (1.0, theta),
 )

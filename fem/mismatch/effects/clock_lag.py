@@ -28,33 +28,35 @@ class ClockLag:
         ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0, model_sd=0.001, model_share=0.01),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The pads' velocity."""
-        fields = [ObservationDelta(markers=_gone(seen, STEP_S) / STEP_S) for seen in ground.base.grasps]
+        fields = [
+            ObservationDelta(markers=_gone(recording, STEP_S) / STEP_S) for recording in forward.base.grasps
+        ]
         return [Signature(label="", columns=(Regressor(name="lag_s", sd=0.15, fields=fields),))]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the lag."""
         return {"lag_s": float(np.clip(amounts[0], -0.8, 0.8))}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Positions as recorded less those of the earlier pose."""
         return Response(
-            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
-            shift_mm=[_gone(seen, parameters["lag_s"]) for seen in ground.base.grasps],
+            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
+            shift_mm=[_gone(recording, parameters["lag_s"]) for recording in forward.base.grasps],
         )
 
 
-def _gone(seen: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
+def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
     """How far each marker's pad has moved in the last lag_s."""
-    gone = np.empty_like(seen.tracks.position_mm)
-    time = seen.case.history.time_s
-    for k, pad in enumerate(seen.case.pads):
+    gone = np.empty_like(recording.tracks.position_mm)
+    time = recording.case.history.time_s
+    for k, pad in enumerate(recording.case.pads):
         way = pad.pose[:, :3, 3]
-        before = np.stack([np.interp(seen.time_s - lag_s, time, way[:, i]) for i in range(3)], axis=1)
-        gone[:, seen.pad_of_marker == k] = (way[seen.used] - before)[:, None]
+        before = np.stack([np.interp(recording.time_s - lag_s, time, way[:, i]) for i in range(3)], axis=1)
+        gone[:, recording.pad_of_marker == k] = (way[recording.used] - before)[:, None]
     return gone
 
 

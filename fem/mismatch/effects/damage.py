@@ -45,11 +45,11 @@ class Damage:
         ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1, strain_power=2.0),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
-        state = path_state(ground, frames=FRAMES, remembers=True)
-        nu, s = ground.poisson_ratio, ground.compliance
-        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
+        state = path_state(forward, frames=FRAMES, remembers=True)
+        nu, s = forward.poisson_ratio, forward.compliance
+        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
         found = []
         for relative in RELATIVE:
@@ -65,7 +65,7 @@ class Damage:
 
     def start(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -73,26 +73,26 @@ class Damage:
         amount = max(float(amounts[0]), 0.0)
         return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: float(signature.label.split()[1])}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
-        state = path_state(ground, frames=FRAMES, remembers=True)
-        pieces = FleshPieces.whole(ground.points, workers=ground.workers)
-        law = _lost(parameters[DMAX], parameters[W0], ground.poisson_ratio)
-        seen_W0 = np.log(parameters[W0] / ground.compliance**2)
+        state = path_state(forward, frames=FRAMES, remembers=True)
+        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
+        law = _lost(parameters[DMAX], parameters[W0], forward.poisson_ratio)
+        seen_W0 = np.log(parameters[W0] / forward.compliance**2)
         place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
         more = settled(
             state,
             lambda moved: pieces.forces(moved, law),
-            compliance=ground.compliance,
+            compliance=forward.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=first_guess(ground, self.name, place),
+            start=first_guess(forward, self.name, place),
             together=True,
         )
-        keep_run(ground, self.name, place, more)
+        keep_run(forward, self.name, place, more)
         return Response(
             unit=[
-                seen.tracks.unit_displacement + own
-                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+                recording.tracks.unit_displacement + own
+                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
             ]
         )
 

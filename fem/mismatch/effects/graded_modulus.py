@@ -12,12 +12,12 @@ from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
 
 
-def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    grade = (2 * ground.depth - 1)[..., None]
+def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+    grade = (2 * forward.depth - 1)[..., None]
     graded = stress_operator(
-        ground, lambda strain: grade * elastic_stress(strain, poisson_ratio=ground.poisson_ratio)
+        forward, lambda strain: grade * elastic_stress(strain, poisson_ratio=forward.poisson_ratio)
     )
-    return graded, (plain_stiffness(ground), graded)
+    return graded, (plain_stiffness(forward), graded)
 
 
 EFFECT = LinearLaw(
@@ -26,5 +26,5 @@ EFFECT = LinearLaw(
     sd=0.4,
     needs_pit=True,
     operators=_operators,
-    amounts=lambda ground, theta: (1.0, theta),
+    amounts=lambda forward, theta: (1.0, theta),
 )

@@ -26,34 +26,34 @@ class GripperCompliance:
         ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5, model_share=0.1),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Each pad's force along its own normal."""
-        fields = [ObservationDelta(markers=_ahead(seen)) for seen in ground.base.grasps]
+        fields = [ObservationDelta(markers=_ahead(recording)) for recording in forward.base.grasps]
         return [
             Signature(label="", columns=(Regressor(name="mm_per_N", sd=0.03, positive=True, fields=fields),))
         ]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the compliance."""
         return {"mm_per_N": float(np.clip(amounts[0], 0.0, 0.4))}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Positions too far ahead by the jaw's own giving way."""
         return Response(
-            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
-            shift_mm=[parameters["mm_per_N"] * _ahead(seen) for seen in ground.base.grasps],
+            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
+            shift_mm=[parameters["mm_per_N"] * _ahead(recording) for recording in forward.base.grasps],
         )
 
 
-def _ahead(seen: GraspResponse) -> Float[np.ndarray, "f n 3"]:
+def _ahead(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     """Normal force of each marker's pad along the pad's normal, N."""
-    ahead = np.empty_like(seen.tracks.position_mm)
-    for k in range(len(seen.links)):
-        normal = seen.pose[k][:, :3, 2]
-        force = np.einsum("fx,fx->f", pad_force(seen, k), normal)
-        ahead[:, seen.pad_of_marker == k] = (force[:, None] * normal)[:, None]
+    ahead = np.empty_like(recording.tracks.position_mm)
+    for k in range(len(recording.links)):
+        normal = recording.pose[k][:, :3, 2]
+        force = np.einsum("fx,fx->f", pad_force(recording, k), normal)
+        ahead[:, recording.pad_of_marker == k] = (force[:, None] * normal)[:, None]
     return ahead
 
 

@@ -50,23 +50,23 @@ class LoosePit:
         ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True, model_share=0.2),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each gap; none where the flesh has no pit."""
-        if not len(ground.base.mesh.pit_nodes):
+        if not len(forward.base.mesh.pit_nodes):
             return []
         found = []
         for gap_mm in GAPS_MM:
             label = f"gap {gap_mm:g} mm"
             try:
-                unit = self._settled(ground, gap_mm)
+                unit = self._settled(forward, gap_mm)
             except FemFailure as failure:
                 found.append(Signature(label=label, columns=(), untried=failure.detail))
                 continue
             more = [
-                ground.compliance * (loose - seen.tracks.unit_displacement)
-                for seen, loose in zip(ground.base.grasps, unit, strict=True)
+                forward.compliance * (loose - recording.tracks.unit_displacement)
+                for recording, loose in zip(forward.base.grasps, unit, strict=True)
             ]
-            if _amount(ground, more) > LEAST_AMOUNT:
+            if _amount(forward, more) > LEAST_AMOUNT:
                 column = Regressor(
                     name="loose",
                     sd=1.0,
@@ -78,7 +78,7 @@ class LoosePit:
 
     def start(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -87,22 +87,22 @@ class LoosePit:
 
     def respond(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         parameters: Mapping[str, float],
         choice: str,
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it."""
-        return Response(unit=self._settled(ground, parameters[GAP]))
+        return Response(unit=self._settled(forward, parameters[GAP]))
 
     @staticmethod
-    def _settled(ground: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
+    def _settled(forward: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
         def unit(compliance: float) -> list[Float[np.ndarray, "f n 3"]]:
-            return ground.each(lambda seen: loose_response(ground, seen, gap_mm / compliance))
+            return forward.each(lambda recording: loose_response(forward, recording, gap_mm / compliance))
 
-        compliance = ground.compliance
+        compliance = forward.compliance
         for _ in range(MOST_ROUNDS):
             found, before = unit(compliance), compliance
-            compliance = _fitted(ground, found)
+            compliance = _fitted(forward, found)
             if abs(compliance / before - 1) < STILL:
                 return found
         raise FemFailure(
@@ -115,16 +115,16 @@ class LoosePit:
 EFFECT = LoosePit()
 
 
-def loose_response(ground: ForwardModel, seen: GraspResponse, gap: float) -> Float[np.ndarray, "f n 3"]:
+def loose_response(forward: ForwardModel, recording: GraspResponse, gap: float) -> Float[np.ndarray, "f n 3"]:
     """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
-    flesh = loose_flesh(ground, seen)
-    key = ("loose answer", seen.case.name)
-    free, opening, pushed = ground.kept(key, lambda: flesh.answer(seen))
-    open_by = seen.shares @ opening + gap * flesh.area_mm2
-    path, frames = _spread(seen.shares)
+    flesh = loose_flesh(forward, recording)
+    key = ("loose answer", recording.case.name)
+    free, opening, pushed = forward.kept(key, lambda: flesh.answer(recording))
+    open_by = recording.shares @ opening + gap * flesh.area_mm2
+    path, frames = _spread(recording.shares)
     found = pressures(flesh.compliance, open_by[frames])
     pressed = np.stack([np.interp(path, path[frames], own) for own in found.T], axis=1)
-    return np.asarray(seen.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
+    return np.asarray(recording.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
 
 
 def _spread(
@@ -140,21 +140,21 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(ground: ForwardModel, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
     """1/E where the markers move so under the forces."""
     normal = right = 0.0
-    for seen, own in zip(ground.base.grasps, unit, strict=True):
-        heavy = marker_equations(ground, seen).weighed(own)
+    for recording, own in zip(forward.base.grasps, unit, strict=True):
+        heavy = marker_equations(forward, recording).weighed(own)
         normal += float((heavy * own).sum())
-        right += float((heavy * (seen.tracks.position_mm - seen.tracks.place_mm)).sum())
-    return max(right / normal, ground.compliance / 10)
+        right += float((heavy * (recording.tracks.position_mm - recording.tracks.place_mm)).sum())
+    return max(right / normal, forward.compliance / 10)
 
 
-def _amount(ground: ForwardModel, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _amount(forward: ForwardModel, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
     """Of this beside the plain response, by least squares."""
     normal, right = np.zeros((2, 2)), np.zeros(2)
-    for seen, own in zip(ground.base.grasps, more, strict=True):
-        equations, tracks = marker_equations(ground, seen), seen.tracks
+    for recording, own in zip(forward.base.grasps, more, strict=True):
+        equations, tracks = marker_equations(forward, recording), recording.tracks
         columns = np.stack([tracks.unit_displacement, own])
         heavy = np.stack([equations.weighed(column) for column in columns])
         normal += np.tensordot(heavy, columns, axes=([1, 2, 3], [1, 2, 3]))

@@ -27,31 +27,31 @@ class PitOffset:
         for name in NAMES
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The first order in x, y and z; none for a fruit without a pit."""
-        changes = [inner_changes(ground, seen) for seen in ground.base.grasps]
+        changes = [inner_changes(forward, recording) for recording in forward.base.grasps]
         if any(PIT_OFFSET[0] not in change for change in changes):
             return []
         columns = tuple(
             Regressor(
                 name=cause,
                 sd=2.0,
-                fields=[ObservationDelta(markers=ground.compliance * own[cause]) for own in changes],
+                fields=[ObservationDelta(markers=forward.compliance * own[cause]) for own in changes],
             )
             for cause in PIT_OFFSET
         )
         return [Signature(label="", columns=columns)]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amounts are the offset."""
         return dict(zip(NAMES, np.clip(amounts, -5.0, 5.0).tolist(), strict=True))
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The fruit meshed with the pit there."""
         pit = np.array([*(parameters[name] for name in NAMES), 0.0])
-        return Response(unit=pit_responses(ground, self.name, pit))
+        return Response(unit=pit_responses(forward, self.name, pit))
 
 
 EFFECT = PitOffset()

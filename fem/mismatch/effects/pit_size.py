@@ -22,24 +22,24 @@ class PitSize:
     family: Family = "object"
     parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="scale", unit="1", low=0.5, high=1.5),)
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The first order in ln scale; none for a fruit without a pit."""
-        changes = [inner_changes(ground, seen) for seen in ground.base.grasps]
+        changes = [inner_changes(forward, recording) for recording in forward.base.grasps]
         if any(PIT_SIZE not in change for change in changes):
             return []
-        fields = [ObservationDelta(markers=ground.compliance * change[PIT_SIZE]) for change in changes]
+        fields = [ObservationDelta(markers=forward.compliance * change[PIT_SIZE]) for change in changes]
         return [Signature(label="", columns=(Regressor(name="ln scale", sd=0.2, fields=fields),))]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is ln scale."""
         return {"scale": float(np.exp(np.clip(amounts[0], -0.5, 0.35)))}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The fruit meshed with that pit."""
         pit = np.array([0.0, 0.0, 0.0, np.log(parameters["scale"])])
-        return Response(unit=pit_responses(ground, self.name, pit))
+        return Response(unit=pit_responses(forward, self.name, pit))
 
 
 EFFECT = PitSize()

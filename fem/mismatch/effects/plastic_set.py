@@ -55,16 +55,16 @@ class PlasticSet:
         ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05, strain_power=1.0),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each Y, its amount 1 to 3 where the law holds."""
-        state = path_state(ground, frames=FRAMES, remembers=True)
-        stress, level = _stress_seen(ground, state)
+        state = path_state(forward, frames=FRAMES, remembers=True)
+        stress, level = _stress_seen(forward, state)
         found = []
         for relative in RELATIVE:
             Y = relative * level
-            pieces = FleshPieces.of(ground.points, stress > MARGIN * Y, workers=ground.workers)
-            more = first_round(state, _set(ground, pieces, Y), compliance=ground.compliance)
-            fields = [ObservationDelta(markers=ground.compliance * own) for own in state.at_markers(more)]
+            pieces = FleshPieces.of(forward.points, stress > MARGIN * Y, workers=forward.workers)
+            more = first_round(state, _set(forward, pieces, Y), compliance=forward.compliance)
+            fields = [ObservationDelta(markers=forward.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(
                     label=f"Y {Y:.4g}",
@@ -75,34 +75,34 @@ class PlasticSet:
 
     def start(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's Y."""
         return {YIELD: float(signature.label.split()[1])}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The law in the field that it itself brings."""
-        state = path_state(ground, frames=FRAMES, remembers=True)
+        state = path_state(forward, frames=FRAMES, remembers=True)
         Y = parameters[YIELD]
         pieces = FleshPieces.of(
-            ground.points, _stress_seen(ground, state)[0] > MARGIN * Y, workers=ground.workers
+            forward.points, _stress_seen(forward, state)[0] > MARGIN * Y, workers=forward.workers
         )
-        place = np.array([np.log(Y / ground.compliance)])
+        place = np.array([np.log(Y / forward.compliance)])
         more = settled(
             state,
-            _set(ground, pieces, Y),
-            compliance=ground.compliance,
+            _set(forward, pieces, Y),
+            compliance=forward.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=first_guess(ground, self.name, place),
+            start=first_guess(forward, self.name, place),
             together=True,
         )
-        keep_run(ground, self.name, place, more)
+        keep_run(forward, self.name, place, more)
         return Response(
             unit=[
-                seen.tracks.unit_displacement + own
-                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+                recording.tracks.unit_displacement + own
+                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
             ]
         )
 
@@ -123,9 +123,9 @@ def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: flo
     return shear
 
 
-def _set(ground: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> Departure:
+def _set(forward: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> Departure:
     """Forces of -C eps_p."""
-    nu = ground.poisson_ratio
+    nu = forward.poisson_ratio
     mu = unit_lame_constants(nu)[0]
 
     def law(gradient: Tensors) -> Tensors:
@@ -134,12 +134,12 @@ def _set(ground: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> Depa
     return lambda moved: pieces.forces(moved, law)
 
 
-def _stress_seen(ground: ForwardModel, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
+def _stress_seen(forward: ForwardModel, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:
     """Largest von Mises stress over E in each element in the plain model; what LARGE of the flesh exceeds."""
-    nu = ground.poisson_ratio
-    pieces = FleshPieces.whole(ground.points, workers=ground.workers)
+    nu = forward.poisson_ratio
+    pieces = FleshPieces.whole(forward.points, workers=forward.workers)
     largest = pieces.measured(
-        ground.compliance * state.linear, lambda gradient: von_mises(deviator(gradient), poisson_ratio=nu)
+        forward.compliance * state.linear, lambda gradient: von_mises(deviator(gradient), poisson_ratio=nu)
     ).max(axis=-1)
     return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
 

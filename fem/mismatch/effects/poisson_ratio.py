@@ -12,12 +12,12 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
 
-def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    parts = next(iter(ground.base.solids.values())).parts
+def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+    parts = next(iter(forward.base.solids.values())).parts
 
     def derivative(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
         change = parts.change_with_poisson_ratio(
-            moved.reshape(len(moved), -1).T, poisson_ratio=ground.poisson_ratio
+            moved.reshape(len(moved), -1).T, poisson_ratio=forward.poisson_ratio
         )
         return np.ascontiguousarray(change.T).reshape(moved.shape)
 
@@ -29,6 +29,6 @@ EFFECT = LinearLaw(
     parameter=ParameterSpec(name="nu", unit="1", low=0.05, high=0.4995),
     sd=0.06,
     operators=_operators,
-    amounts=lambda ground, theta: unit_lame_constants(theta),
-    null=lambda ground: ground.poisson_ratio,
+    amounts=lambda forward, theta: unit_lame_constants(theta),
+    null=lambda forward: forward.poisson_ratio,
 )

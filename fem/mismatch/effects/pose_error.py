@@ -44,18 +44,18 @@ class PoseError:
         ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0, model_sd=0.1, model_share=0.05),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The pad slid along its x and y, and tilted by a degree."""
         found = []
-        for pad in pads_of(ground):
-            own = [_first_order(ground, seen, pad) for seen in ground.base.grasps]
+        for pad in pads_of(forward):
+            own = [_first_order(forward, recording, pad) for recording in forward.base.grasps]
             columns = tuple(
                 Regressor(
                     name=f"{pad} {name}",
                     sd=PRIOR_SD,
                     fields=[
                         ObservationDelta(
-                            markers=shift[k] - ground.compliance * -unit[k],
+                            markers=shift[k] - forward.compliance * -unit[k],
                             balance=balance[k],
                         )
                         for unit, shift, balance in own
@@ -67,41 +67,41 @@ class PoseError:
         return found
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amounts are the parameters."""
         return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
 
-    def other_start(self, ground: ForwardModel, choice: str) -> dict[str, float] | None:
+    def other_start(self, forward: ForwardModel, choice: str) -> dict[str, float] | None:
         """What best balances forces and moments of all recordings, to first order.
 
         Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
         """
         normal, right = np.diag(np.full(len(NAMES), PRIOR_SD**-2.0)), np.zeros(len(NAMES))
         free = False
-        for seen in ground.base.grasps:
-            equations = balance_equations(ground, seen)
-            if equations is None or choice not in seen.pad_names:
+        for recording in forward.base.grasps:
+            equations = balance_equations(forward, recording)
+            if equations is None or choice not in recording.pad_names:
                 continue
-            columns, free = _first_order(ground, seen, choice)[2], True
+            columns, free = _first_order(forward, recording, choice)[2], True
             weighed = np.stack([equations.weighed(column) for column in columns])
             normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
             right += np.tensordot(weighed, equations.measured, axes=2)
         theta = np.clip(np.linalg.solve(normal, right), -6.0, 6.0)
         return dict(zip(NAMES, theta.tolist(), strict=True)) if free else None
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The pad linked to the skin where it truly was."""
         theta = np.array([parameters[name] for name in NAMES])
-        grasps = ground.base.grasps
+        grasps = forward.base.grasps
 
         def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
             found = []
-            for seen in grasps:
-                unit, shift, balance = _first_order(ground, seen, choice)
+            for recording in grasps:
+                unit, shift, balance = _first_order(forward, recording, choice)
                 found.append(
                     [
-                        seen.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
+                        recording.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
                         np.tensordot(at, shift, axes=1),
                         np.tensordot(at, balance, axes=1),
                     ]
@@ -109,11 +109,11 @@ class PoseError:
             return found
 
         found = anchored(
-            ground,
-            (self.name, choice, ground.compliance),
+            forward,
+            (self.name, choice, forward.compliance),
             theta,
             first_order=first_order,
-            exact=lambda at: ground.each(lambda seen: _exact(ground, seen, choice, at)),
+            exact=lambda at: forward.each(lambda recording: _exact(forward, recording, choice, at)),
             far=FAR,
         )
         return Response(
@@ -124,31 +124,33 @@ class PoseError:
 
 
 def _first_order(
-    ground: ForwardModel, seen: GraspResponse, pad: str
+    forward: ForwardModel, recording: GraspResponse, pad: str
 ) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
     """d(unit displacement), d(shift of positions), d(imbalance) per mm, mm and degree."""
 
     def compute() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        force, position = seen.force_N, seen.tracks.position_mm
+        force, position = recording.force_N, recording.tracks.position_mm
         unit, shift = np.zeros((3, *force.shape)), np.zeros((3, *force.shape))
         balance = np.zeros((3, len(force), 6))
-        if pad not in seen.pad_names:
+        if pad not in recording.pad_names:
             return unit, shift, balance
-        number = seen.pad_names.index(pad)
-        axes, own = turn_of(seen, number), own_markers(seen, number)
+        number = recording.pad_names.index(pad)
+        axes, own = turn_of(recording, number), own_markers(recording, number)
         mine = np.where(own, force, 0.0)
-        origin = seen.pose[number][:, None, :3, 3]
-        unit[:2] = -slid_response(ground, seen, number)
+        origin = recording.pose[number][:, None, :3, 3]
+        unit[:2] = -slid_response(forward, recording, number)
         for k in range(2):
             shift[k] = np.where(own, axes[:, k], 0.0)
             balance[k, :, 3:] = np.cross(axes[:, k], mine.sum(axis=1)) / ARM_MM
         degree = np.pi / 180
-        turned = np.where(own, np.cross(axes[:, 0], seen.patterns), 0.0)
-        unit[2] = -degree * seen.over_time(response_to(ground, seen, turned))
+        turned = np.where(own, np.cross(axes[:, 0], recording.patterns), 0.0)
+        unit[2] = -degree * recording.over_time(response_to(forward, recording, turned))
         arm = np.where(own, np.cross(axes[:, 0], position - origin), 0.0)
         shift[2] = degree * arm
-        aside = np.cross(axes[:, 0], seen.tracks.place_mm - origin[-1])
-        turns = _turns(ground, seen, seen.tracks.place_mm, position, seen.tracks.unit_displacement)
+        aside = np.cross(axes[:, 0], recording.tracks.place_mm - origin[-1])
+        turns = _turns(
+            forward, recording, recording.tracks.place_mm, position, recording.tracks.unit_displacement
+        )
         for k, way in enumerate((axes[:, 0], axes[:, 1], degree * aside)):
             shift[k] += _ridden(turns, np.where(own[0], -way, 0.0))
         centre = position.mean(axis=(0, 1))
@@ -156,57 +158,57 @@ def _first_order(
         balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
         return unit, shift, balance
 
-    return ground.kept(("pose", seen.case.name, pad, ground.compliance), compute)
+    return forward.kept(("pose", recording.case.name, pad, forward.compliance), compute)
 
 
 def _exact(
-    ground: ForwardModel, seen: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
+    forward: ForwardModel, recording: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
 ) -> list[np.ndarray]:
     """Unit displacement, shift of positions and imbalance with the pad where it truly was."""
-    position, force = seen.tracks.position_mm, seen.force_N
-    zero = [seen.tracks.unit_displacement, np.zeros_like(position), np.zeros((len(position), 6))]
-    if pad not in seen.pad_names:
+    position, force = recording.tracks.position_mm, recording.force_N
+    zero = [recording.tracks.unit_displacement, np.zeros_like(position), np.zeros((len(position), 6))]
+    if pad not in recording.pad_names:
         return zero
-    number = seen.pad_names.index(pad)
-    own = seen.pad_of_marker == number
+    number = recording.pad_names.index(pad)
+    own = recording.pad_of_marker == number
     cos, sin = np.cos(np.radians(theta[2])), np.sin(np.radians(theta[2]))
     back = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
-    axes = turn_of(seen, number)
+    axes = turn_of(recording, number)
     turn = axes @ back @ axes.T
     shift = turn @ axes[:, :2] @ theta[:2]
-    origin = seen.pose[number][:, None, :3, 3]
+    origin = recording.pose[number][:, None, :3, 3]
     truly = position.copy()
     truly[:, own] = (position[:, own] - origin) @ turn.T + origin - shift
     pushed = force.copy()
     pushed[:, own] = force[:, own] @ turn.T
-    history = seen.case.history.pads[number]
+    history = recording.case.history.pads[number]
     where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - shift
-    link = pad_link(replace(history, surface_mm=where), ground.base.solid_of(seen))
-    links = tuple(link if k == number else other for k, other in enumerate(seen.links))
-    patterns = seen.patterns.copy()
-    patterns[:, own] = seen.patterns[:, own] @ turn.T
-    there = replace(seen, links=links, patterns=patterns)
-    unit = seen.over_time(response_to(ground, there, patterns))
+    link = pad_link(replace(history, surface_mm=where), forward.base.solid_of(recording))
+    links = tuple(link if k == number else other for k, other in enumerate(recording.links))
+    patterns = recording.patterns.copy()
+    patterns[:, own] = recording.patterns[:, own] @ turn.T
+    there = replace(recording, links=links, patterns=patterns)
+    unit = recording.over_time(response_to(forward, there, patterns))
     centre = position.mean(axis=(0, 1))
     balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
-    elsewhere = np.zeros_like(seen.tracks.place_mm)
+    elsewhere = np.zeros_like(recording.tracks.place_mm)
     elsewhere[own] = where - history.surface_mm
-    place = seen.tracks.place_mm + elsewhere
-    turns = _turns(ground, seen, place, truly, unit)
+    place = recording.tracks.place_mm + elsewhere
+    turns = _turns(forward, recording, place, truly, unit)
     # the equations turn the markers where they seem to sit: once more without what that leaves out
-    turns = _turns(ground, seen, place, truly - _ridden(turns, elsewhere), unit)
+    turns = _turns(forward, recording, place, truly - _ridden(turns, elsewhere), unit)
     return [unit, position - truly + _ridden(turns, elsewhere), balance]
 
 
 def _turns(
-    ground: ForwardModel,
-    seen: GraspResponse,
+    forward: ForwardModel,
+    recording: GraspResponse,
     place_mm: Float[np.ndarray, "n 3"],
     position_mm: Float[np.ndarray, "f n 3"],
     unit: Float[np.ndarray, "f n 3"],
 ) -> Float[np.ndarray, "f 3"]:
     """w of the markers at these places, but for a part that is the same in all frames of a contact."""
-    return marker_equations(ground, seen).turns(position_mm - place_mm - ground.compliance * unit)
+    return marker_equations(forward, recording).turns(position_mm - place_mm - forward.compliance * unit)
 
 
 def _ridden(turns: Float[np.ndarray, "f 3"], elsewhere_mm: Float[np.ndarray, "n 3"]) -> np.ndarray:

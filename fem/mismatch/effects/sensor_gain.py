@@ -36,27 +36,27 @@ class SensorGain:
         ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_share=0.003),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Minus the response to that pad's forces, and the imbalance that they leave."""
         found = []
-        for pad in pads_of(ground):
+        for pad in pads_of(forward):
             fields = [
-                ObservationDelta(markers=-ground.compliance * alone, balance=balance)
-                for alone, balance in _of_pad(ground, pad)
+                ObservationDelta(markers=-forward.compliance * alone, balance=balance)
+                for alone, balance in _of_pad(forward, pad)
             ]
             columns = (Regressor(name=f"{pad} gain", sd=0.15, fields=fields),)
             found.append(Signature(label=pad, columns=columns))
         return found
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the gain less one, as 1 - 1/gain."""
         return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
 
-    def beside(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
         """ln of the pads' stiffness being as said with this gain, over that without."""
-        stiffer = [(pad, _stiffer(ground, pad)) for pad in pads_of(ground)]
+        stiffer = [(pad, _stiffer(forward, pad)) for pad in pads_of(forward)]
         known = [(pad, z) for pad, z in stiffer if z is not None]
         if not known:
             return 0.0
@@ -66,55 +66,57 @@ class SensorGain:
         found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
         return float(np.clip(found, -MOST_BESIDE, MOST_BESIDE))
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """The forces of that pad divided by the gain."""
         share = 1 - 1 / parameters["gain"]
-        parts = _of_pad(ground, choice)
+        parts = _of_pad(forward, choice)
         return Response(
             unit=[
-                seen.tracks.unit_displacement - share * alone
-                for seen, (alone, _) in zip(ground.base.grasps, parts, strict=True)
+                recording.tracks.unit_displacement - share * alone
+                for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
             ],
             balance=[share * balance for _, balance in parts],
         )
 
 
-def _stiffer(ground: ForwardModel, pad: str) -> float | None:
+def _stiffer(forward: ForwardModel, pad: str) -> float | None:
     """ln of a pad's normal force per displacement over what is said of its gel; None where nothing is."""
     said = [
         motion.gel_N_per_mm
-        for seen in ground.base.grasps
-        for motion in seen.case.pads
+        for recording in forward.base.grasps
+        for motion in recording.case.pads
         if motion.name == pad and motion.gel_N_per_mm is not None
     ]
-    felt = normal_stiffness(ground, pad)
+    felt = normal_stiffness(forward, pad)
     return float(np.log(felt / np.mean(said))) if said and felt > NO_SPRING else None
 
 
 def _of_pad(
-    ground: ForwardModel, pad: str
+    forward: ForwardModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
     found = []
-    for seen in ground.base.grasps:
-        if pad not in seen.pad_names:
-            found.append((np.zeros_like(seen.force_N), np.zeros((len(seen.force_N), 6))))
+    for recording in forward.base.grasps:
+        if pad not in recording.pad_names:
+            found.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
             continue
-        own = own_markers(seen, seen.pad_names.index(pad))
-        alone = ground.kept(
-            ("alone", seen.case.name, pad),
-            partial(_alone, ground, seen, own),
+        own = own_markers(recording, recording.pad_names.index(pad))
+        alone = forward.kept(
+            ("alone", recording.case.name, pad),
+            partial(_alone, forward, recording, own),
         )
-        position = seen.tracks.position_mm
-        balance = wrench(np.where(own, seen.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1)))
+        position = recording.tracks.position_mm
+        balance = wrench(
+            np.where(own, recording.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1))
+        )
         found.append((alone, balance))
     return found
 
 
 def _alone(
-    ground: ForwardModel, seen: GraspResponse, own: Bool[np.ndarray, "1 n 1"]
+    forward: ForwardModel, recording: GraspResponse, own: Bool[np.ndarray, "1 n 1"]
 ) -> Float[np.ndarray, "f n 3"]:
-    return seen.over_time(response_to(ground, seen, np.where(own, seen.patterns, 0.0)))
+    return recording.over_time(response_to(forward, recording, np.where(own, recording.patterns, 0.0)))
 
 
 EFFECT = SensorGain()

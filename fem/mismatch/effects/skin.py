@@ -13,12 +13,12 @@ from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
 
 
-def _operators(ground: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    matrix = ground.kept(
-        "membrane", lambda: membrane_stiffness(ground.base.mesh, poisson_ratio=ground.poisson_ratio)
+def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+    matrix = forward.kept(
+        "membrane", lambda: membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio)
     )
     stretched = matrix_operator(matrix)
-    return stretched, (plain_stiffness(ground), stretched)
+    return stretched, (plain_stiffness(forward), stretched)
 
 
 EFFECT = LinearLaw(
@@ -27,5 +27,5 @@ EFFECT = LinearLaw(
     sd=4.0,
     positive=True,
     operators=_operators,
-    amounts=lambda ground, theta: (1.0, theta),
+    amounts=lambda forward, theta: (1.0, theta),
 )

@@ -43,14 +43,14 @@ class Slip:
         ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True, model_share=0.2),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
-        least = least_mu(_ratios(ground))
+        least = least_mu(_ratios(forward))
         found = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
             label = f"mu {mu:.4f}"
             try:
-                paths = _paths(ground, mu)
+                paths = _paths(forward, mu)
             except FemFailure as failure:
                 found.append(Signature(label=label, columns=(), untried=failure.detail))
                 continue
@@ -62,46 +62,46 @@ class Slip:
 
     def start(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
         return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
 
-    def beside(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
         """Markers piled up on this cone."""
-        return max(_ratios(ground).log_ratio(parameters[MU]), 0.0)
+        return max(_ratios(forward).log_ratio(parameters[MU]), 0.0)
 
     def respond(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         parameters: Mapping[str, float],
         choice: str,
     ) -> Response:
         """The markers behind the skin by the path slid."""
         return Response(
-            unit=[seen.tracks.unit_displacement for seen in ground.base.grasps],
-            shift_mm=[-path for path in _paths(ground, parameters[MU])],
+            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
+            shift_mm=[-path for path in _paths(forward, parameters[MU])],
         )
 
 
 EFFECT = Slip()
 
 
-def _ratios(ground: ForwardModel) -> ShearRatios:
-    return ground.kept("shear ratios", lambda: shear_ratios(ground))
+def _ratios(forward: ForwardModel) -> ShearRatios:
+    return forward.kept("shear ratios", lambda: shear_ratios(forward))
 
 
-def _paths(ground: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
-    stiffness = {name: spring_ratio(ground, name) for name in pads_of(ground)}
+def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
+    stiffness = {name: spring_ratio(forward, name) for name in pads_of(forward)}
     return [
         slip_path(
-            seen,
-            marker_equations(ground, seen),
-            compliance=ground.compliance,
+            recording,
+            marker_equations(forward, recording),
+            compliance=forward.compliance,
             mu=mu,
-            spring_ratio=np.array([stiffness[name] for name in seen.pad_names])[seen.pad_of_marker],
+            spring_ratio=np.array([stiffness[name] for name in recording.pad_names])[recording.pad_of_marker],
         )
-        for seen in ground.base.grasps
+        for recording in forward.base.grasps
     ]

@@ -43,45 +43,48 @@ class SoftSpot:
         ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95, model_share=0.12),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
-        spots = best_spots(ground, ground.sight.observed(_left(ground)))
-        sd = drop_of(MIDDLE_RATIO, ground.poisson_ratio)
+        spots = best_spots(forward, forward.sight.observed(_left(forward)))
+        sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
         return [
             Signature(
                 label=label_of(spot),
-                columns=(Regressor(name="drop", sd=sd, fields=_fields(ground, spot), positive=True),),
+                columns=(Regressor(name="drop", sd=sd, fields=_fields(forward, spot), positive=True),),
             )
             for spot in spots
         ]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The signature's own ball, with whichever of a few ratios explains most of what is left.
 
         Where the drop is more than such a ball can give, a larger one.
         """
         centre_mm, radius_mm = place_of(signature.label)
-        largest = drop_of(RATIOS[0], ground.poisson_ratio)
+        largest = drop_of(RATIOS[0], forward.poisson_ratio)
         radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
-        inside = _inside(ground, centre_mm, radius_mm)
-        left = ground.sight.observed(_left(ground))
-        grasps = ground.base.grasps
-        moved = softened(ground.base, inside, RATIOS)
+        inside = _inside(forward, centre_mm, radius_mm)
+        left = forward.sight.observed(_left(forward))
+        grasps = forward.base.grasps
+        moved = softened(forward.base, inside, RATIOS)
         lost = []
         for units in zip(*moved, strict=True):
-            more = [unit - seen.tracks.unit_displacement for unit, seen in zip(units, grasps, strict=True)]
-            beyond = left - ground.compliance * ground.sight.observed(more)
+            more = [
+                unit - recording.tracks.unit_displacement
+                for unit, recording in zip(units, grasps, strict=True)
+            ]
+            beyond = left - forward.compliance * forward.sight.observed(more)
             lost.append(float(beyond @ beyond))
         place = dict(zip(CENTRE, map(float, centre_mm), strict=True))
         return {**place, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
-        inside = _inside(ground, centre_mm, parameters[RADIUS])
-        return Response(unit=[own[0] for own in softened(ground.base, inside, [parameters[RATIO]])])
+        inside = _inside(forward, centre_mm, parameters[RADIUS])
+        return Response(unit=[own[0] for own in softened(forward.base, inside, [parameters[RATIO]])])
 
 
 EFFECT = SoftSpot()
@@ -99,19 +102,19 @@ def place_of(label: str) -> tuple[Float[np.ndarray, "3"], float]:
     return np.array([float(word) for word in words[:3]]), float(words[4])
 
 
-def _inside(ground: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
-    mesh, nu = ground.base.mesh, ground.poisson_ratio
+def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
+    mesh, nu = forward.base.mesh, forward.poisson_ratio
     return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
 
 
-def _left(ground: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
+def _left(forward: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
-    tracks = [seen.tracks for seen in ground.base.grasps]
-    return [own.position_mm - own.place_mm - ground.compliance * own.unit_displacement for own in tracks]
+    tracks = [recording.tracks for recording in forward.base.grasps]
+    return [own.position_mm - own.place_mm - forward.compliance * own.unit_displacement for own in tracks]
 
 
-def _fields(ground: ForwardModel, spot: Spot) -> list[ObservationDelta | None]:
+def _fields(forward: ForwardModel, spot: Spot) -> list[ObservationDelta | None]:
     """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
-    inside = _inside(ground, spot.centre_mm, spot.radius_mm)
-    moved = to_first_order(ground.base, inside)
-    return [None if own is None else ObservationDelta(markers=ground.compliance * own) for own in moved]
+    inside = _inside(forward, spot.centre_mm, spot.radius_mm)
+    moved = to_first_order(forward.base, inside)
+    return [None if own is None else ObservationDelta(markers=forward.compliance * own) for own in moved]

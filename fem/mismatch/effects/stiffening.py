@@ -65,10 +65,10 @@ class Stiffening:
         ),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
-        state = path_state(ground, frames=FRAMES, remembers=False)
-        nu, s = ground.poisson_ratio, ground.compliance
+        state = path_state(forward, frames=FRAMES, remembers=False)
+        nu, s = forward.poisson_ratio, forward.compliance
         mu = unit_lame_constants(nu)[0]
 
         def law(gradient: Tensors) -> Tensors:
@@ -76,12 +76,12 @@ class Stiffening:
             return np.asarray(grown[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
 
         more = -state.response(
-            FleshPieces.whole(ground.points, workers=ground.workers).forces(s * state.linear, law)
+            FleshPieces.whole(forward.points, workers=forward.workers).forces(s * state.linear, law)
         )
         fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
         found = [Signature(label="", columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
         try:
-            moved = _beyond_linear(ground, self.parameters[0].low, guess=None)
+            moved = _beyond_linear(forward, self.parameters[0].low, guess=None)
         except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
             return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(), untried=failure.detail)]
         large = state.at_markers(moved)
@@ -91,7 +91,7 @@ class Stiffening:
 
     def start(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         signature: Signature,
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
@@ -110,28 +110,28 @@ class Stiffening:
             "deformation by itself, which no soft fruit is without."
         )
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
-        b, s = parameters[B], ground.compliance
-        state = path_state(ground, frames=FRAMES, remembers=False)
+        b, s = parameters[B], forward.compliance
+        state = path_state(forward, frames=FRAMES, remembers=False)
         place = np.log([b * s**2, s])
-        more = _beyond_linear(ground, b, guess=first_guess(ground, self.name, place))
-        keep_run(ground, self.name, place, more)
+        more = _beyond_linear(forward, b, guess=first_guess(forward, self.name, place))
+        keep_run(forward, self.name, place, more)
         return Response(
             unit=[
-                seen.tracks.unit_displacement + own
-                for seen, own in zip(ground.base.grasps, state.at_markers(more), strict=True)
+                recording.tracks.unit_displacement + own
+                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
             ]
         )
 
 
 def _beyond_linear(
-    ground: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
+    forward: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0 (fem.mismatch.model.stress_history), from a guess of it."""
-    nu, s = ground.poisson_ratio, ground.compliance
-    state = path_state(ground, frames=FRAMES, remembers=False)
-    pieces = FleshPieces.whole(ground.points, workers=ground.workers)
+    nu, s = forward.poisson_ratio, forward.compliance
+    state = path_state(forward, frames=FRAMES, remembers=False)
+    pieces = FleshPieces.whole(forward.points, workers=forward.workers)
     shrunk, steepest = _shrunk(pieces, state, b, s, nu)
 
     def law(gradient: Tensors) -> Tensors:

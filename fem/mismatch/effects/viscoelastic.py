@@ -33,7 +33,7 @@ class Viscoelastic:
         ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True, model_share=0.05),
     )
 
-    def signatures(self, ground: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """g / (1 - g) h, one for each tau."""
         return [
             Signature(
@@ -44,8 +44,8 @@ class Viscoelastic:
                         sd=0.5,
                         positive=True,
                         fields=[
-                            ObservationDelta(markers=ground.compliance * crept)
-                            for crept in _crept(ground, tau)
+                            ObservationDelta(markers=forward.compliance * crept)
+                            for crept in _crept(forward, tau)
                         ],
                     ),
                 ),
@@ -54,32 +54,32 @@ class Viscoelastic:
         ]
 
     def start(
-        self, ground: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """From the retarded share and time to those of relaxation."""
         ratio = float(np.clip(amounts[0], 0.02, 5.0))
         g = ratio / (1 + ratio)
         return {"g": g, "tau_s": float(signature.label.split()[1]) * (1 - g)}
 
-    def respond(self, ground: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
         """Exact for force histories that run straight between frames."""
         g, tau_s = parameters["g"], parameters["tau_s"]
-        crept = _crept(ground, tau_s / (1 - g))
-        grasps = ground.base.grasps
+        crept = _crept(forward, tau_s / (1 - g))
+        grasps = forward.base.grasps
         return Response(
             unit=[
-                seen.tracks.unit_displacement + g / (1 - g) * own
-                for seen, own in zip(grasps, crept, strict=True)
+                recording.tracks.unit_displacement + g / (1 - g) * own
+                for recording, own in zip(grasps, crept, strict=True)
             ]
         )
 
 
-def _crept(ground: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
+def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
     """h: nothing at once, in time all of c."""
     found = []
-    for seen in ground.base.grasps:
-        whole = over_all_frames(seen, seen.tracks.unit_displacement)
-        found.append(lagging(whole, seen.case.history.time_s, retardation_s)[seen.used])
+    for recording in forward.base.grasps:
+        whole = over_all_frames(recording, recording.tracks.unit_displacement)
+        found.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
     return found
 
 

@@ -27,28 +27,28 @@ DISCREPANCY: Mapping[str, tuple[float, float]] = {
 """Mean and standard deviation of the amount of an effect's signature, of each pad's where it has one. Of the
 bank's fruit: skin alone first, Poisson's ratio and the jaws with that in place (`benchmarks/mismatch_nulls.py
 --without`); gains and drifts as root mean squares."""
-AS_FLESH_GIVES_WAY = ("gripper_compliance",)
+SCALES_WITH_COMPLIANCE = ("gripper_compliance",)
 """Of these the amount grows as the flesh gives way: times 1/E and Ground.softness."""
-BEND_OVER = ("skin",)
+SATURATING = ("skin",)
 """Responses that level off as their parameter grows: beside a true one the seeming amount would be much less.
 Their own refit goes without it, and the whole of it counts as error of the parameter."""
 
 
 def discrepancy_columns(
-    ground: ForwardModel,
+    forward: ForwardModel,
     found: Iterable[tuple[Effect, Signature]],
-    seeming: Mapping[str, tuple[float, float]] = DISCREPANCY,
+    discrepancy: Mapping[str, tuple[float, float]] = DISCREPANCY,
 ) -> list[Regressor]:
-    """Columns of the effects in `seeming`, one for each alternative of theirs.
+    """Columns of the effects in `discrepancy`, one for each alternative of theirs.
 
     What pads feel in the air is no error of the model, and not among it.
     """
     columns = []
     for effect, signature in found:
-        if effect.name not in seeming:
+        if effect.name not in discrepancy:
             continue
-        mean, sd = seeming[effect.name]
-        size = ground.compliance * ground.softness if effect.name in AS_FLESH_GIVES_WAY else 1.0
+        mean, sd = discrepancy[effect.name]
+        size = forward.compliance * forward.compliance_ratio if effect.name in SCALES_WITH_COMPLIANCE else 1.0
         (column,) = signature.columns
         fields = [None if field is None else replace(field, rest=None) for field in column.fields]
         name = f"as if {effect.name}"
@@ -60,10 +60,10 @@ def discrepancy_columns(
 
 def beside(effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]) -> tuple[int, ...]:
     """Of the chosen columns those that stand beside these effects' own refits."""
-    left_out = {f"as if {effect.name}" for effect in effects if effect.name in BEND_OVER}
+    left_out = {f"as if {effect.name}" for effect in effects if effect.name in SATURATING}
     return tuple(j for j in chosen if columns[j].name not in left_out)
 
 
-def seeming_spread(effect: Effect) -> float:
+def discrepancy_spread(effect: Effect) -> float:
     """What BEND_OVER adds to the standard deviation of an effect's parameter."""
-    return float(np.hypot(*DISCREPANCY[effect.name])) if effect.name in BEND_OVER else 0.0
+    return float(np.hypot(*DISCREPANCY[effect.name])) if effect.name in SATURATING else 0.0

@@ -8,22 +8,24 @@ NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
 
 
-def marker_equations(ground: ForwardModel, seen: GraspResponse) -> MarkerEquations:
+def marker_equations(forward: ForwardModel, recording: GraspResponse) -> MarkerEquations:
     """Those of its markers, with the case's own spread of marker scales."""
 
     def compute() -> MarkerEquations:
-        gel_scale_sd = ground.base.case.budget.gel_scale_sd
-        return MarkerEquations.of(seen, compliance=ground.compliance, gel_scale_sd=gel_scale_sd)
+        gel_scale_sd = forward.base.case.budget.gel_scale_sd
+        return MarkerEquations.of(recording, compliance=forward.compliance, gel_scale_sd=gel_scale_sd)
 
-    return ground.kept(("marker equations", seen.case.name, ground.compliance), compute)
+    return forward.kept(("marker equations", recording.case.name, forward.compliance), compute)
 
 
-def balance_equations(ground: ForwardModel, seen: GraspResponse) -> BalanceEquations | None:
+def balance_equations(forward: ForwardModel, recording: GraspResponse) -> BalanceEquations | None:
     """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
 
     def compute() -> BalanceEquations | None:
-        if seen.case.support != "free" or len(seen.links) < 2:
+        if recording.case.support != "free" or len(recording.links) < 2:
             return None
-        return BalanceEquations.of(seen, weight_N=NEWTON_PER_MM3 * float(ground.points.volume_mm3.sum()))
+        return BalanceEquations.of(
+            recording, weight_N=NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum())
+        )
 
-    return ground.kept(("balance equations", seen.case.name), compute)
+    return forward.kept(("balance equations", recording.case.name), compute)

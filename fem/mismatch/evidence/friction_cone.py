@@ -70,15 +70,15 @@ class ShearRatios:
         return self.pile_up(mu) - self.loss(mu) - float(np.log(len(TRIED)))
 
 
-def shear_ratios(ground: ForwardModel) -> ShearRatios:
+def shear_ratios(forward: ForwardModel) -> ShearRatios:
     """Of all markers of all recordings."""
-    scale = np.sqrt(2) * ground.base.case.budget.force_scale_sd
-    names = {name for seen in ground.base.grasps for name in seen.pad_names}
-    springs = {name: _springs(ground, name) for name in names}
+    scale = np.sqrt(2) * forward.base.case.budget.force_scale_sd
+    names = {name for recording in forward.base.grasps for name in recording.pad_names}
+    springs = {name: _springs(forward, name) for name in names}
     ratio, sd, marker, before = [], [], [], 0
-    for seen in ground.base.grasps:
-        for pad in range(len(seen.links)):
-            normal, shear, normal_sd, shear_sd = _pressed(seen, pad, springs[seen.pad_names[pad]])
+    for recording in forward.base.grasps:
+        for pad in range(len(recording.links)):
+            normal, shear, normal_sd, shear_sd = _pressed(recording, pad, springs[recording.pad_names[pad]])
             frame, who = np.nonzero(normal > FIRM * normal_sd)
             size = np.linalg.norm(shear[frame, who], axis=1) / normal[frame, who]
             ratio.append(size)
@@ -95,34 +95,38 @@ def least_mu(ratios: ShearRatios) -> float:
 
 
 def in_pad_frame(
-    seen: GraspResponse, pad: int, values: Float[np.ndarray, "f n 3"]
+    recording: GraspResponse, pad: int, values: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f m 3"]:
     """Vectors of the fruit frame, of one pad's markers, in that pad's axes."""
-    turn = seen.pose[pad][:, :3, :3]
-    return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, seen.pad_of_marker == pad]))
+    turn = recording.pose[pad][:, :3, :3]
+    return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, recording.pad_of_marker == pad]))
 
 
-def spring_ratio(ground: ForwardModel, pad_name: str) -> float:
+def spring_ratio(forward: ForwardModel, pad_name: str) -> float:
     """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
-    normal, shear, _ = _springs(ground, pad_name)
+    normal, shear, _ = _springs(forward, pad_name)
     return shear / normal
 
 
-def normal_stiffness(ground: ForwardModel, pad_name: str) -> float:
+def normal_stiffness(forward: ForwardModel, pad_name: str) -> float:
     """k_n of one marker of a pad's gel, N/mm, all recordings together."""
-    return _springs(ground, pad_name)[0]
+    return _springs(forward, pad_name)[0]
 
 
-def _springs(ground: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
+def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
     found, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
         work = moved = left = noise = 0.0
         pairs = [
-            (in_pad_frame(seen, pad, seen.force_N)[..., part], _gel(seen, pad)[..., part], _noise(seen, pad))
-            for seen in ground.base.grasps
-            for pad in range(len(seen.links))
-            if seen.pad_names[pad] == pad_name
+            (
+                in_pad_frame(recording, pad, recording.force_N)[..., part],
+                _gel(recording, pad)[..., part],
+                _noise(recording, pad),
+            )
+            for recording in forward.base.grasps
+            for pad in range(len(recording.links))
+            if recording.pad_names[pad] == pad_name
         ]
         for force, gel, (gel_sd, _) in pairs:
             work -= float((force * gel).sum())
@@ -136,23 +140,25 @@ def _springs(ground: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     return found[0], found[1], local
 
 
-def _gel(seen: GraspResponse, pad: int) -> Float[np.ndarray, "f m 3"]:
-    return in_pad_frame(seen, pad, seen.tracks.gel_displacement_mm)
+def _gel(recording: GraspResponse, pad: int) -> Float[np.ndarray, "f m 3"]:
+    return in_pad_frame(recording, pad, recording.tracks.gel_displacement_mm)
 
 
-def _noise(seen: GraspResponse, pad: int) -> tuple[float, float]:
+def _noise(recording: GraspResponse, pad: int) -> tuple[float, float]:
     """Standard deviations of one component of displacement, mm, and force, N."""
-    return float(seen.tracks.sd_mm[seen.pad_of_marker == pad][0]), seen.case.history.pads[pad].force_sd_N
+    return float(recording.tracks.sd_mm[recording.pad_of_marker == pad][0]), recording.case.history.pads[
+        pad
+    ].force_sd_N
 
 
 def _pressed(
-    seen: GraspResponse, pad: int, springs: tuple[float, float, bool]
+    recording: GraspResponse, pad: int, springs: tuple[float, float, bool]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m 2"], float, float]:
     """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such."""
     normal, shear, local = springs
-    gel_sd, force_sd = _noise(seen, pad)
+    gel_sd, force_sd = _noise(recording, pad)
     if not local:
-        force = in_pad_frame(seen, pad, seen.force_N)
+        force = in_pad_frame(recording, pad, recording.force_N)
         return force[..., 2], force[..., :2], force_sd, force_sd
-    gel = _gel(seen, pad)
+    gel = _gel(recording, pad)
     return -normal * gel[..., 2], shear * gel[..., :2], normal * gel_sd, shear * gel_sd

@@ -39,7 +39,7 @@ class GraspEquations:
     `own_weighed` are its rows, `inverse` is (own . W own + L)^-1.
     """
 
-    seen: GraspResponse
+    recording: GraspResponse
     markers: MarkerEquations
     balance: BalanceEquations | None
     rest: RestingForces
@@ -48,28 +48,28 @@ class GraspEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, ground: ForwardModel, seen: GraspResponse) -> "GraspEquations":
+    def of(cls, forward: ForwardModel, recording: GraspResponse) -> "GraspEquations":
         """The recording's equations, with the case's own spreads of marker scales."""
-        markers = marker_equations(ground, seen)
+        markers = marker_equations(forward, recording)
         none = np.zeros((0, 0))
-        balance = balance_equations(ground, seen)
+        balance = balance_equations(forward, recording)
         bare = cls(
-            seen,
+            recording,
             markers,
             balance,
-            RestingForces.of(seen.case.history, seen.pose[:, 0, :3, 2]),
+            RestingForces.of(recording.case.history, recording.pose[:, 0, :3, 2]),
             none,
             none,
             none,
         )
-        found = own_nuisances(ground, seen)
+        found = own_nuisances(forward, recording)
         plain, weighed = bare.rows([field for _, _, field in found])
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
         return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
 
     def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
         """The fields and their W-images, laid out flat: markers in contact, sums of force, pads at rest."""
-        touching = self.seen.tracks.episode >= 0
+        touching = self.recording.tracks.episode >= 0
         cut = 3 * int(touching.sum())
         end = cut + (0 if self.balance is None else self.balance.measured.size)
         width = end + len(self.rest.measured)
@@ -90,7 +90,7 @@ class GraspEquations:
 
 
 def plain_data(
-    ground: ForwardModel,
+    forward: ForwardModel,
     recorded: GraspEquations,
     *,
     unit: np.ndarray | None = None,
@@ -100,9 +100,9 @@ def plain_data(
 
     `unit` stands for c, `shift_mm` is taken out of the positions: an effect's nonlinear model.
     """
-    tracks = recorded.seen.tracks
+    tracks = recorded.recording.tracks
     response = tracks.unit_displacement if unit is None else unit
-    beyond = tracks.position_mm - tracks.place_mm - ground.compliance * response
+    beyond = tracks.position_mm - tracks.place_mm - forward.compliance * response
     return ObservationDelta(
         markers=beyond if shift_mm is None else beyond - shift_mm,
         balance=None if recorded.balance is None else recorded.balance.measured,
@@ -135,24 +135,24 @@ class GramMatrix:
     """
 
     def __init__(
-        self, ground: ForwardModel, recorded: Sequence[GraspEquations], columns: Sequence[Regressor]
+        self, forward: ForwardModel, recorded: Sequence[GraspEquations], columns: Sequence[Regressor]
     ) -> None:
         self.columns = [
-            Regressor(name="1/E", sd=PLAIN_SD, fields=[_plain(ground, one) for one in recorded]),
+            Regressor(name="1/E", sd=PLAIN_SD, fields=[_plain(forward, one) for one in recorded]),
             *columns,
         ]
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
         self.data = [
-            _beyond_means(plain_data(ground, one), self.columns, k) for k, one in enumerate(recorded)
+            _beyond_means(plain_data(forward, one), self.columns, k) for k, one in enumerate(recorded)
         ]
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
             return known, *recorded[k].rows([self.data[k], *(self.columns[j].fields[k] for j in known)])
 
-        for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=ground.workers):
+        for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(heavy @ plain.T)
             self.weighed.append(heavy)
@@ -160,7 +160,7 @@ class GramMatrix:
 
     def about(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         response: Response,
         chosen: Sequence[int],
         more: Sequence[Regressor] = (),
@@ -168,14 +168,14 @@ class GramMatrix:
         """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
         other = copy(self)
         old = [self.columns[j] for j in chosen]
-        plain_fields = [ObservationDelta(markers=ground.compliance * unit) for unit in response.unit]
+        plain_fields = [ObservationDelta(markers=forward.compliance * unit) for unit in response.unit]
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
         for k, one in enumerate(self._recorded):
             unit = response.unit[k]
             shift = None if response.shift_mm is None else response.shift_mm[k]
-            data = plain_data(ground, one, unit=unit, shift_mm=shift)
+            data = plain_data(forward, one, unit=unit, shift_mm=shift)
             if response.balance is not None and data.balance is not None:
                 data = replace(data, balance=data.balance - response.balance[k])
             if response.rest is not None and data.rest is not None:
@@ -252,5 +252,5 @@ def _beyond_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) 
     return data
 
 
-def _plain(ground: ForwardModel, one: GraspEquations) -> ObservationDelta:
-    return ObservationDelta(markers=ground.compliance * one.seen.tracks.unit_displacement)
+def _plain(forward: ForwardModel, one: GraspEquations) -> ObservationDelta:
+    return ObservationDelta(markers=forward.compliance * one.recording.tracks.unit_displacement)

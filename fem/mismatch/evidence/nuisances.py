@@ -34,28 +34,32 @@ LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 FEWEST = 8
 
 
-def common_nuisances(ground: ForwardModel) -> list[Regressor]:
+def common_nuisances(forward: ForwardModel) -> list[Regressor]:
     """Those that all recordings share."""
-    budget = ground.base.case.budget
-    inner = [_inner(ground, seen) for seen in ground.base.grasps]
+    budget = forward.base.case.budget
+    inner = [_inner(forward, recording) for recording in forward.base.grasps]
     names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
     columns = [
         Regressor(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
     ]
-    dents = [ObservationDelta(markers=ground.compliance * _dent(seen)) for seen in ground.base.grasps]
+    dents = [
+        ObservationDelta(markers=forward.compliance * _dent(recording)) for recording in forward.base.grasps
+    ]
     return [*columns, Regressor(name="dent", sd=DENT, fields=dents)]
 
 
-def own_nuisances(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
+def own_nuisances(
+    forward: ForwardModel, recording: GraspResponse
+) -> list[tuple[str, float, ObservationDelta]]:
     """Those of one recording: name, prior standard deviation, field."""
-    budget = ground.base.case.budget
+    budget = forward.base.case.budget
     found = [
-        (name, budget.sd_of(name, history=seen.case.history), field)
-        for name, field in _inner(ground, seen).items()
+        (name, budget.sd_of(name, history=recording.case.history), field)
+        for name, field in _inner(forward, recording).items()
         if name in SURFACE
     ]
-    found += [(name, budget.pose_sd_mm, field) for name, field in _places(ground, seen)]
-    return found + _departures(ground, seen) + _approaches(ground, seen)
+    found += [(name, budget.pose_sd_mm, field) for name, field in _places(forward, recording)]
+    return found + _departures(forward, recording) + _approaches(forward, recording)
 
 
 def _sd(name: str, budget: ErrorBudget) -> float:
@@ -63,29 +67,29 @@ def _sd(name: str, budget: ErrorBudget) -> float:
     return max(sd, SMALLEST_POISSON_SD) if name == POISSON_RATIO else sd
 
 
-def _inner(ground: ForwardModel, seen: GraspResponse) -> dict[str, ObservationDelta]:
+def _inner(forward: ForwardModel, recording: GraspResponse) -> dict[str, ObservationDelta]:
     return {
-        cause: ObservationDelta(markers=ground.compliance * change)
-        for cause, change in inner_changes(ground, seen).items()
+        cause: ObservationDelta(markers=forward.compliance * change)
+        for cause, change in inner_changes(forward, recording).items()
     }
 
 
-def _places(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, ObservationDelta]]:
+def _places(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, ObservationDelta]]:
     """Each pad along its own x and y over the skin."""
     return [
-        (f"{name} {axis}", ObservationDelta(markers=ground.compliance * moved))
-        for pad, name in enumerate(seen.pad_names)
-        for axis, moved in zip("xy", slid_response(ground, seen, pad), strict=True)
+        (f"{name} {axis}", ObservationDelta(markers=forward.compliance * moved))
+        for pad, name in enumerate(recording.pad_names)
+        for axis, moved in zip("xy", slid_response(forward, recording, pad), strict=True)
     ]
 
 
-def _dent(seen: GraspResponse) -> Float[np.ndarray, "f n 3"]:
+def _dent(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
-    response, touching = seen.tracks.unit_displacement, seen.tracks.episode >= 0
+    response, touching = recording.tracks.unit_displacement, recording.tracks.episode >= 0
     dent = np.zeros_like(response)
-    for pad in range(len(seen.links)):
-        mine = seen.pad_of_marker == pad
-        modes = rigid_motion(seen.tracks.place_mm[mine])
+    for pad in range(len(recording.links)):
+        mine = recording.pad_of_marker == pad
+        modes = rigid_motion(recording.tracks.place_mm[mine])
         for frame, on in enumerate(touching[:, mine]):
             if on.sum() < FEWEST:
                 continue
@@ -97,41 +101,41 @@ def _dent(seen: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     return dent
 
 
-def _departures(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
+def _departures(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
     found = []
-    for pad, name in enumerate(seen.pad_names):
-        mine = own_markers(seen, pad)[0, :, 0]
-        normal = mean_normal(seen.links[pad].place.normal)
-        axes = np.vstack([tangents(seen.links[pad].place.normal), normal])
-        size = _greatest_response(ground, seen, pad)
-        x, y = ((seen.tracks.place_mm - seen.tracks.place_mm[mine].mean(axis=0)) @ axes[:2].T).T
+    for pad, name in enumerate(recording.pad_names):
+        mine = own_markers(recording, pad)[0, :, 0]
+        normal = mean_normal(recording.links[pad].place.normal)
+        axes = np.vstack([tangents(recording.links[pad].place.normal), normal])
+        size = _greatest_response(forward, recording, pad)
+        x, y = ((recording.tracks.place_mm - recording.tracks.place_mm[mine].mean(axis=0)) @ axes[:2].T).T
         x, y = x / np.abs(x[mine]).max(), y / np.abs(y[mine]).max()
         shapes = np.stack([np.ones_like(x), x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3]) * mine
         for way, axis in enumerate(axes):
             sd = size * (DEPARTURE if way == 2 else ALONG)
             for k, shape in enumerate(shapes):
                 for power in (1, 2):
-                    field = (seen.load**power)[:, None, None] * (shape[:, None] * axis)
+                    field = (recording.load**power)[:, None, None] * (shape[:, None] * axis)
                     found.append((f"{name} departure {way}{k}{power}", sd, ObservationDelta(markers=field)))
     return found
 
 
-def _greatest_response(ground: ForwardModel, seen: GraspResponse, pad: int) -> float:
+def _greatest_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> float:
     """Root mean square over a pad's markers of their response at the greatest load, mm."""
-    mine = own_markers(seen, pad)[0, :, 0]
-    response = ground.compliance * seen.tracks.unit_displacement[int(np.argmax(seen.load)), mine]
+    mine = own_markers(recording, pad)[0, :, 0]
+    response = forward.compliance * recording.tracks.unit_displacement[int(np.argmax(recording.load)), mine]
     return float(np.sqrt((response**2).sum(axis=1).mean()))
 
 
-def _approaches(ground: ForwardModel, seen: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
+def _approaches(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Each pad along its normal, near each of LOADS, loading and unloading alike."""
     found = []
-    near = [np.interp(seen.load, LOADS, own) for own in np.eye(len(LOADS))]
-    for pad, name in enumerate(seen.pad_names):
-        mine = own_markers(seen, pad)[0, :, 0]
-        normal = mean_normal(seen.links[pad].place.normal)
-        sd = APPROACH * _greatest_response(ground, seen, pad)
+    near = [np.interp(recording.load, LOADS, own) for own in np.eye(len(LOADS))]
+    for pad, name in enumerate(recording.pad_names):
+        mine = own_markers(recording, pad)[0, :, 0]
+        normal = mean_normal(recording.links[pad].place.normal)
+        sd = APPROACH * _greatest_response(forward, recording, pad)
         for k, share in enumerate(near):
             field = share[:, None, None] * (mine[:, None] * normal)
             found.append((f"{name} approach {k}", sd, ObservationDelta(markers=field)))

@@ -29,7 +29,7 @@ from scipy.spatial import cKDTree
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.localisation.spot_search import bounded_score
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.marker_equations import ALIKE, MARKER_EXCESS
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
 from fem.mismatch.result import FruitMap
 from fem.solid.inclusion import drop_of, fading
 from fem.solid.strain_field import COLUMN, COUNT, ROW, FleshStrain, elastic_stress
@@ -39,10 +39,10 @@ STANDARD_RATIO = 0.4
 SIX = 6
 
 
-def fruit_map(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
+def fruit_map(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
     """All four maps at the skin's corner nodes; `numbers` as Sight.observed gives them of what a fit
     leaves."""
-    mesh, points, sight = ground.base.mesh, ground.points, ground.sight
+    mesh, points, sight = forward.base.mesh, forward.points, forward.sight
     vertices, triangles = skin_triangles(mesh)
     inward = -_normals(vertices, triangles)
     volume = points.volume_mm3.sum(axis=1)
@@ -50,11 +50,11 @@ def fruit_map(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMa
     within = _within(vertices + BELOW_MM * inward, middle)
     cells = sight.cells.reshape(len(volume), 4, -1).sum(axis=1)
     drop = sight.without_modulus(within @ cells)
-    stress, density, expected = _adjoint_fields(ground, numbers)
+    stress, density, expected = _adjoint_fields(forward, numbers)
     by_volume = csr_array(within * volume)
     pushed = (by_volume @ stress.reshape(len(volume), -1)).reshape(len(vertices), SIX, -1)
     pushed = sight.without_modulus(pushed * COUNT[:, None])
-    thinned = np.sqrt(ALIKE * MARKER_EXCESS)
+    thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
     law = (by_volume @ density) / np.maximum(by_volume @ expected, np.finfo(float).tiny)
     return FruitMap(
         vertices_mm=vertices,
@@ -62,7 +62,7 @@ def fruit_map(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMa
         modulus_score=-bounded_score(drop, numbers)[0] / thinned,
         eigenstrain_score=_standard(pushed, numbers / thinned),
         law_error=np.sqrt(law),
-        visible=np.linalg.norm(drop, axis=1) * drop_of(STANDARD_RATIO, ground.poisson_ratio) / thinned,
+        visible=np.linalg.norm(drop, axis=1) * drop_of(STANDARD_RATIO, forward.poisson_ratio) / thinned,
     )
 
 
@@ -93,20 +93,20 @@ def _within(centres: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "m 3"])
 
 
 def _adjoint_fields(
-    ground: ForwardModel, numbers: Float[np.ndarray, " k"]
+    forward: ForwardModel, numbers: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, "m 6 k"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Of every element: D eps(Lambda_k); the density of lambda's law error; its mean in noise."""
-    slope = _mean_slope(ground.points)
-    elements = len(ground.points.volume_mm3)
+    slope = _mean_slope(forward.points)
+    elements = len(forward.points.volume_mm3)
     stresses, density, expected, first = [], np.zeros(elements), np.zeros(elements), 0
-    for sight in ground.sight.grasps:
+    for sight in forward.sight.grasps:
         count = len(sight.moved)
         own = numbers[first : first + count]
         first += count
-        nodal = np.moveaxis(sight.moved, 0, 2).reshape(ground.points.n_nodes, -1)
+        nodal = np.moveaxis(sight.moved, 0, 2).reshape(forward.points.n_nodes, -1)
         gradient = (slope @ nodal).reshape(elements, 3, 3, count)
         strain = (gradient[:, ROW, COLUMN] + gradient[:, COLUMN, ROW]) / 2
-        stress = elastic_stress(np.moveaxis(strain, 1, 2), poisson_ratio=ground.poisson_ratio)
+        stress = elastic_stress(np.moveaxis(strain, 1, 2), poisson_ratio=forward.poisson_ratio)
         stress = np.ascontiguousarray(np.moveaxis(stress, 2, 1))
         expected += np.einsum("msk,msk,s->m", strain, stress, COUNT, optimize=True)
         density += np.einsum("ms,ms,s->m", strain @ own, stress @ own, COUNT, optimize=True)
@@ -127,10 +127,10 @@ def _standard(
     pushed: Float[np.ndarray, "v 6 k"], numbers: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, " v"]:
     """The standard score of what six strains explain together."""
-    seen = pushed @ numbers
+    recording = pushed @ numbers
     gram = pushed @ pushed.transpose(0, 2, 1)
     floor = 1e-10 * np.trace(gram, axis1=1, axis2=2) + np.finfo(float).tiny
     gram[:, np.arange(SIX), np.arange(SIX)] += floor[:, None]
-    chi2 = np.einsum("vi,vi->v", seen, np.linalg.solve(gram, seen[..., None])[..., 0])
+    chi2 = np.einsum("vi,vi->v", recording, np.linalg.solve(gram, recording[..., None])[..., 0])
     spread = 2 / (9 * SIX)
     return np.asarray((np.cbrt(chi2 / SIX) - (1 - spread)) / np.sqrt(spread))

@@ -36,26 +36,26 @@ class Cells:
     neighbour: Bool[np.ndarray, " n"]
 
 
-def modulus_cells(ground: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
+def modulus_cells(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
     """E per frame, pad (and all pads together) and grasp; `fits`: the plain fit of each recording."""
     return tuple(
         ModulusCell(
-            grasp=seen.case.name,
+            grasp=recording.case.name,
             pad=row.pad,
             time_s=row.time_s,
             phase=row.phase,
             E_MPa=row.E_MPa,
             E_sd_MPa=row.E_sd_MPa,
         )
-        for seen, table in zip(ground.base.grasps, _tables(ground, fits), strict=True)
+        for recording, table in zip(forward.base.grasps, _tables(forward, fits), strict=True)
         for row in table
         if np.isfinite(row.E_MPa)
     )
 
 
-def analysis_of_variance(ground: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[Variance, ...]:
+def analysis_of_variance(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[Variance, ...]:
     """Load, time, rate, grasp, pad, cycle and phase, the largest share first; what never varies left out."""
-    cells = _cells(ground, _tables(ground, fits))
+    cells = _cells(forward, _tables(forward, fits))
     return explained(cells) if len(cells.ln_modulus) > 2 else ()
 
 
@@ -99,23 +99,23 @@ def _left(
     return y - columns @ amounts, int(rank)
 
 
-def _tables(ground: ForwardModel, fits: Sequence[CompliantFit]) -> list[tuple[FrameModulus, ...]]:
+def _tables(forward: ForwardModel, fits: Sequence[CompliantFit]) -> list[tuple[FrameModulus, ...]]:
     return [
-        modulus_per_frame(seen.case.history, seen.tracks, fit, seen.used)
-        for seen, fit in zip(ground.base.grasps, fits, strict=True)
+        modulus_per_frame(recording.case.history, recording.tracks, fit, recording.used)
+        for recording, fit in zip(forward.base.grasps, fits, strict=True)
     ]
 
 
-def _cells(ground: ForwardModel, tables: Sequence[tuple[FrameModulus, ...]]) -> Cells:
+def _cells(forward: ForwardModel, tables: Sequence[tuple[FrameModulus, ...]]) -> Cells:
     """Rows of single pads with enough force."""
     rows: list[tuple[float, ...]] = []
     kinds: list[tuple[str, str, str, str]] = []
-    for seen, table in zip(ground.base.grasps, tables, strict=True):
-        history = seen.case.history
+    for recording, table in zip(forward.base.grasps, tables, strict=True):
+        history = recording.case.history
         greatest = max(row.force_N for row in table)
-        names = seen.pad_names
+        names = recording.pad_names
         cycle = np.max([pad.episode.max(axis=1) for pad in history.pads], axis=0)
-        start = history.time_s[np.flatnonzero(seen.used)[0]]
+        start = history.time_s[np.flatnonzero(recording.used)[0]]
         for name in names:
             own = [row for row in table if row.pad == name and row.pad != BOTH]
             pace = (
@@ -131,7 +131,7 @@ def _cells(ground: ForwardModel, tables: Sequence[tuple[FrameModulus, ...]]) -> 
                     continue
                 sd = np.hypot(row.E_sd_MPa / row.E_MPa, FLOOR_SD)
                 rows.append((np.log(row.E_MPa), sd, row.force_N, row.time_s - start, speed, not fresh))
-                kinds.append((seen.case.name, name, str(cycle[row.frame]), row.phase))
+                kinds.append((recording.case.name, name, str(cycle[row.frame]), row.phase))
                 fresh = False
     values = np.array(rows, dtype=float).reshape(len(rows), 6)
     words = np.array(kinds).reshape(len(rows), 4)

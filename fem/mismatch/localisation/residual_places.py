@@ -17,7 +17,7 @@ from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.localisation.adjoint_maps import fruit_map
 from fem.mismatch.localisation.spot_search import best_spots
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.marker_equations import MARKER_EXCESS
+from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import FruitMap, Where
 
@@ -57,43 +57,43 @@ class ExcessVariance:
         return int(share.argmax()) if enough and share.max() > MOST * total and len(share) > 1 else None
 
 
-def located(ground: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
+def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
     """`residual`: what a fit leaves of the markers' positions per recording, mm; motions may be in it."""
-    excess = excess_of(ground, residual)
-    numbers = ground.sight.observed(residual)
+    excess = excess_of(forward, residual)
+    numbers = forward.sight.observed(residual)
     return Located(
-        where=_where(ground, excess, numbers),
+        where=_where(forward, excess, numbers),
         when=_when(excess),
         component=_component(excess),
-        maps=fruit_map(ground, numbers),
+        maps=fruit_map(forward, numbers),
     )
 
 
-def excess_of(ground: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> ExcessVariance:
+def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> ExcessVariance:
     """The sums that where, when and component are read from."""
-    grasps = ground.base.grasps
-    names = pads_of(ground)
+    grasps = forward.base.grasps
+    names = pads_of(forward)
     shape = (len(grasps), len(names), len(PHASES), 2)
     amount, count = np.zeros(shape), np.zeros(shape)
-    for k, (seen, sight, field) in enumerate(zip(grasps, ground.sight.grasps, residual, strict=True)):
-        touching = seen.tracks.episode >= 0
+    for k, (recording, sight, field) in enumerate(zip(grasps, forward.sight.grasps, residual, strict=True)):
+        touching = recording.tracks.episode >= 0
         left = sight.equations.left(field)
-        for pad in range(len(seen.links)):
-            own = np.flatnonzero(seen.pad_of_marker == pad)
-            left[:, own] -= _rigid(left[:, own], seen.tracks.place_mm[own], touching[:, own])
-        left /= seen.tracks.sd_mm[:, None]
-        normal = np.einsum("tnx,nx->tn", left, seen.tracks.normal) ** 2
+        for pad in range(len(recording.links)):
+            own = np.flatnonzero(recording.pad_of_marker == pad)
+            left[:, own] -= _rigid(left[:, own], recording.tracks.place_mm[own], touching[:, own])
+        left /= recording.tracks.sd_mm[:, None]
+        normal = np.einsum("tnx,nx->tn", left, recording.tracks.normal) ** 2
         shear = (left**2).sum(axis=2) - normal
-        phase = np.array(seen.case.history.phase)[seen.used]
-        for pad in range(len(seen.links)):
+        phase = np.array(recording.case.history.phase)[recording.used]
+        for pad in range(len(recording.links)):
             for at, name in enumerate(PHASES):
-                chosen = touching & (seen.pad_of_marker == pad) & (phase == name)[:, None]
-                place = names.index(seen.pad_names[pad])
+                chosen = touching & (recording.pad_of_marker == pad) & (phase == name)[:, None]
+                place = names.index(recording.pad_names[pad])
                 samples = float(chosen.sum())
                 for component, (squares, each) in enumerate(((normal, 1.0), (shear, 2.0))):
                     count[k, place, at, component] = each * samples
                     amount[k, place, at, component] = (
-                        float(squares[chosen].sum()) - MARKER_EXCESS * each * samples
+                        float(squares[chosen].sum()) - MARKER_VARIANCE_INFLATION * each * samples
                     )
     return ExcessVariance(amount=np.maximum(amount, 0.0), count=count)
 
@@ -110,13 +110,13 @@ def _rigid(
     return np.asarray(np.einsum("nxk,fk->fnx", modes, motion) * weight[..., None])
 
 
-def _where(ground: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:
-    spots = best_spots(ground, numbers)
+def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:
+    spots = best_spots(forward, numbers)
     best = max(spots, key=lambda spot: spot.score, default=None)
     if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
         x, y, z = map(float, best.centre_mm)
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
-    names = pads_of(ground)
+    names = pads_of(forward)
     if len(names) == 1:
         return Where(region=f"pad {names[0]}")
     pad = excess.most(excess.amount.sum(axis=(0, 2, 3)))

@@ -40,67 +40,67 @@ class Spot:
     drop: float
 
 
-def best_spots(ground: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
+def best_spots(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
     """The best ball of softer flesh in RADII_MM each, then the best at up to OTHERS other places.
 
     Depth and radius stand for each other to first order, hence the several radii at one place. `numbers` as
     Sight.observed gives them.
     """
-    centres = candidate_centres(ground)
-    balls_seen = ground.sight.without_modulus(balls(ground, centres, RADIUS_MM) @ ground.sight.cells)
+    centres = candidate_centres(forward)
+    balls_seen = forward.sight.without_modulus(balls(forward, centres, RADIUS_MM) @ forward.sight.cells)
     score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
-    found = [polished(ground, numbers, best, radius_mm=radius) for radius in RADII_MM]
+    found = [polished(forward, numbers, best, radius_mm=radius) for radius in RADII_MM]
     places = [best]
     for number in np.argsort(-score):
         if len(places) > OTHERS or score[number] <= 0:
             break
         if min(np.linalg.norm(centres[number] - place) for place in places) > APART_MM:
             places.append(centres[number])
-            found.append(polished(ground, numbers, centres[number], radius_mm=RADIUS_MM))
+            found.append(polished(forward, numbers, centres[number], radius_mm=RADIUS_MM))
     return tuple(spot for spot in found if spot.score > 0)
 
 
-def candidate_centres(ground: ForwardModel) -> Float[np.ndarray, "c 3"]:
+def candidate_centres(forward: ForwardModel) -> Float[np.ndarray, "c 3"]:
     """A grid of places in the flesh within CONE_DEG of some patch, seen from the fruit's middle."""
-    points = ground.points.point_mm.reshape(-1, 3)
+    points = forward.points.point_mm.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     axes = [np.arange(a, b, GRID_MM) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     grid = grid[cKDTree(points).query(grid)[0] < GRID_MM / 2]
     middle = (low + high) / 2
     way = (grid - middle) / np.maximum(np.linalg.norm(grid - middle, axis=1, keepdims=True), 1e-9)
-    patches = np.vstack([patch_centres(seen) for seen in ground.base.grasps]) - middle
+    patches = np.vstack([patch_centres(recording) for recording in forward.base.grasps]) - middle
     patches /= np.linalg.norm(patches, axis=1, keepdims=True)
     return np.asarray(grid[(way @ patches.T).max(axis=1) > np.cos(np.deg2rad(CONE_DEG))])
 
 
-def patch_centres(seen: GraspResponse) -> Float[np.ndarray, "p 3"]:
+def patch_centres(recording: GraspResponse) -> Float[np.ndarray, "p 3"]:
     """The middle of each pad's load on the fruit."""
-    load = np.linalg.norm(seen.force_N, axis=2).sum(axis=0)
-    own = [load * (seen.pad_of_marker == pad) for pad in range(len(seen.links))]
-    return np.stack([weight @ seen.tracks.place_mm / weight.sum() for weight in own])
+    load = np.linalg.norm(recording.force_N, axis=2).sum(axis=0)
+    own = [load * (recording.pad_of_marker == pad) for pad in range(len(recording.links))]
+    return np.stack([weight @ recording.tracks.place_mm / weight.sum() for weight in own])
 
 
-def balls(ground: ForwardModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
+def balls(forward: ForwardModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
     """How much of each of the flesh's points lies in each ball: (c, points)."""
-    points = ground.points.point_mm.reshape(-1, 3)
+    points = forward.points.point_mm.reshape(-1, 3)
     near = cKDTree(centres).sparse_distance_matrix(cKDTree(points), radius_mm + 0.5, output_type="coo_matrix")
     weight = fading(near.data, radius_mm)
     return csr_array(coo_array((weight, (near.row, near.col)), shape=(len(centres), len(points))).tocsr())
 
 
 def polished(
-    ground: ForwardModel,
+    forward: ForwardModel,
     numbers: Float[np.ndarray, " k"],
     centre_mm: Float[np.ndarray, "3"],
     *,
     radius_mm: float,
 ) -> Spot:
     """The ball of this radius that explains most among those within APART_MM / 2 of this place."""
-    points = ground.points.point_mm.reshape(-1, 3)
+    points = forward.points.point_mm.reshape(-1, 3)
     near = np.linalg.norm(points - centre_mm, axis=1) < radius_mm + 1.5 * APART_MM
-    points, cells = points[near], ground.sight.without_modulus(ground.sight.cells[near])
+    points, cells = points[near], forward.sight.without_modulus(forward.sight.cells[near])
 
     def observed_at(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
         return np.asarray(fading(np.linalg.norm(points - place, axis=1), radius_mm) @ cells)

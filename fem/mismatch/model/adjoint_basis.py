@@ -74,7 +74,9 @@ class AdjointBasis:
         """`compliance`: s = 1/E of the plain model."""
         grasps = tuple(
             parallel_map(
-                lambda seen: _grasp_sight(base, seen, points, compliance), base.grasps, workers=workers
+                lambda recording: _grasp_sight(base, recording, points, compliance),
+                base.grasps,
+                workers=workers,
             )
         )
         plain = np.concatenate([grasp.plain for grasp in grasps])
@@ -94,19 +96,21 @@ class AdjointBasis:
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-def _grasp_sight(base: Baseline, seen: GraspResponse, points: FleshStrain, compliance: float) -> GraspSight:
-    budget, solid = base.case.budget, base.solid_of(seen)
+def _grasp_sight(
+    base: Baseline, recording: GraspResponse, points: FleshStrain, compliance: float
+) -> GraspSight:
+    budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
-        seen,
+        recording,
         compliance=compliance,
         gel_scale_sd=budget.gel_scale_sd,
         alike=1.0,
     )
-    shapes, share = _polynomials(seen), seen.shares[:, 0]
+    shapes, share = _polynomials(recording), recording.shares[:, 0]
     waves = share[:, None, None] * shapes[:, None]
     weighed = np.stack([equations.weighed(wave) for wave in waves])
     covariance = np.tensordot(waves, weighed, axes=([1, 2, 3], [1, 2, 3]))
-    touching = (seen.tracks.episode >= 0)[:, :, None]
+    touching = (recording.tracks.episode >= 0)[:, :, None]
     whole = np.einsum("n,vtnx->v", equations.weight, (waves**2) * touching, optimize=True)
     scale = 1 / np.sqrt(whole)
     size, way = np.linalg.eigh(covariance * scale * scale[:, None])
@@ -114,10 +118,10 @@ def _grasp_sight(base: Baseline, seen: GraspResponse, points: FleshStrain, compl
     whitening = scale[:, None] * way[:, keep] / np.sqrt(size[keep])
     forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
     loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = seen.nodal_of(forces)
+    loads[:, solid.contact_nodes] = recording.nodal_of(forces)
     moved = solid.displacement(loads)
-    pushed = _push(points, seen.moved[0], solid.poisson_ratio)
-    plain = seen.tracks.unit_displacement * compliance
+    pushed = _push(points, recording.moved[0], solid.poisson_ratio)
+    plain = recording.tracks.unit_displacement * compliance
     return GraspSight(
         equations=equations,
         waves=waves,
@@ -128,16 +132,16 @@ def _grasp_sight(base: Baseline, seen: GraspResponse, points: FleshStrain, compl
     )
 
 
-def _polynomials(seen: GraspResponse) -> Float[np.ndarray, "v n 3"]:
+def _polynomials(recording: GraspResponse) -> Float[np.ndarray, "v n 3"]:
     """Legendre polynomials up to DEGREE over each pad's markers, in each of three directions."""
     orders = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
     shapes = []
-    for number, pad in enumerate(seen.case.history.pads):
+    for number, pad in enumerate(recording.case.history.pads):
         flat = pad.rest_mm[:, :2]
         low, high = flat.min(axis=0), flat.max(axis=0)
         x, y = (2 * (flat - low) / np.maximum(high - low, 1e-9) - 1).T
         values = legvander2d(x, y, [DEGREE, DEGREE]).reshape(len(flat), DEGREE + 1, DEGREE + 1)
-        own = seen.pad_of_marker == number
+        own = recording.pad_of_marker == number
         for i, j in orders:
             for way in np.eye(3):
                 shape = np.zeros((len(own), 3))

@@ -102,9 +102,9 @@ class Baseline:
         """The flesh round the prior's pit."""
         return self.case.mesh
 
-    def solid_of(self, seen: GraspResponse) -> UnitModulusSolid:
+    def solid_of(self, recording: GraspResponse) -> UnitModulusSolid:
         """The solid held as this recording's fruit was."""
-        return self.solids[seen.case.support]
+        return self.solids[recording.case.support]
 
     def displacements(
         self, nodal_N: Sequence[Float[np.ndarray, "_ m 3"]]
@@ -115,17 +115,19 @@ class Baseline:
         """
         found = [np.zeros(0)] * len(nodal_N)
         for support, solid in self.solids.items():
-            own = [k for k, seen in enumerate(self.grasps) if seen.case.support == support]
+            own = [k for k, recording in enumerate(self.grasps) if recording.case.support == support]
             moved = solid.displacement(np.concatenate([nodal_N[k] for k in own]))
             cuts = np.cumsum([len(nodal_N[k]) for k in own])[:-1]
             for k, part in zip(own, np.split(moved, cuts), strict=True):
                 found[k] = part
         return found
 
-    def answer(self, seen: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+    def answer(
+        self, recording: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]
+    ) -> Float[np.ndarray, "r n 3"]:
         """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
-        solid = self.solid_of(seen)
-        return seen.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
+        solid = self.solid_of(recording)
+        return recording.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
 
 
 def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
@@ -288,8 +290,8 @@ def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Floa
     """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
     found = []
     for link in links:
-        seen = link.at_markers(moved)
-        own = seen - seen.mean(axis=1, keepdims=True)
+        recording = link.at_markers(moved)
+        own = recording - recording.mean(axis=1, keepdims=True)
         found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
     return np.concatenate(found)
 

@@ -109,15 +109,15 @@ class ForwardModel:
         )
 
     @cached_property
-    def softness(self) -> float:
+    def compliance_ratio(self) -> float:
         """How many times farther the flesh gives way than the gel, over SOFT; at least 1.
 
         The softer flesh is, the more steeply the traction falls at a patch's rim and the farther the skin
         moves, and the more a model leaves of it.
         """
         ratio = []
-        for seen in self.base.grasps:
-            tracks = seen.tracks
+        for recording in self.base.grasps:
+            tracks = recording.tracks
             touching = tracks.episode >= 0
             flesh = float((self.compliance * tracks.unit_displacement[touching]).std())
             gel = float(np.sqrt((tracks.gel_displacement_mm[touching] ** 2).sum(axis=1).mean()))
@@ -125,22 +125,24 @@ class ForwardModel:
         return max(1.0, float(np.median(ratio)) / SOFT)
 
     def moved_by_stress(
-        self, seen: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
+        self, recording: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
     ) -> Float[np.ndarray, "r n 3"]:
         """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""
-        return -self.base.answer(seen, self.points.forces(stress))
+        return -self.base.answer(recording, self.points.forces(stress))
 
 
-def over_all_frames(seen: GraspResponse, values: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "t n 3"]:
+def over_all_frames(
+    recording: GraspResponse, values: Float[np.ndarray, "f n 3"]
+) -> Float[np.ndarray, "t n 3"]:
     """Values of the frames used, in all frames of the recording: zero in the air, in a line between.
 
     For what depends on the past.
     """
-    time = seen.case.history.time_s
-    touching = np.any([(pad.episode >= 0).any(axis=1) for pad in seen.case.history.pads], axis=0)
-    known = seen.used | ~touching
+    time = recording.case.history.time_s
+    touching = np.any([(pad.episode >= 0).any(axis=1) for pad in recording.case.history.pads], axis=0)
+    known = recording.used | ~touching
     whole = np.zeros((len(time), *values.shape[1:]))
-    whole[seen.used] = values
+    whole[recording.used] = values
     at = np.flatnonzero(known)
     for frame in np.flatnonzero(~known):
         after = int(np.searchsorted(at, frame))

@@ -11,18 +11,18 @@ LEADING = 4
 """Force patterns whose response is followed: the others are hundredths of the first."""
 
 
-def inner_changes(ground: ForwardModel, seen: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
+def inner_changes(forward: ForwardModel, recording: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
     """dc/dp, mm MPa, for what moves no pad in fem.estimation.sensitivity: pit, surface, Poisson's ratio."""
 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
-        chosen = seen.moved[:LEADING]
-        causes, forces = inner_forces(ground.base.solid_of(seen), chosen, list(seen.links))
-        moved = ground.base.answer(seen, forces.reshape(-1, *forces.shape[2:]))
+        chosen = recording.moved[:LEADING]
+        causes, forces = inner_forces(forward.base.solid_of(recording), chosen, list(recording.links))
+        moved = forward.base.answer(recording, forces.reshape(-1, *forces.shape[2:]))
         moved = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
-        shares = seen.shares[:, :LEADING]
+        shares = recording.shares[:, :LEADING]
         return {
             cause: np.asarray(np.tensordot(shares, own, axes=(1, 0)))
             for cause, own in zip(causes, moved, strict=True)
         }
 
-    return ground.kept(("inner", seen.case.name), compute)
+    return forward.kept(("inner", recording.case.name), compute)

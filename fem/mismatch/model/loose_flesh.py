@@ -70,22 +70,22 @@ class LooseFlesh:
         )
 
     def answer(
-        self, seen: GraspResponse
+        self, recording: GraspResponse
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
         """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
         the markers under each patch's pressure."""
-        loads = np.zeros((len(seen.patterns), len(self.solid.mesh.nodes_mm), 3))
-        loads[:, self.solid.contact_nodes] = seen.nodal_of(seen.patterns)
+        loads = np.zeros((len(recording.patterns), len(self.solid.mesh.nodes_mm), 3))
+        loads[:, self.solid.contact_nodes] = recording.nodal_of(recording.patterns)
         moved = self.solid.displacement(loads)
         opening = (self.load.T @ moved.reshape(len(moved), -1).T).T
-        at_markers = seen.at_markers(np.concatenate([moved[:, self.solid.contact_nodes], self.skin]))
+        at_markers = recording.at_markers(np.concatenate([moved[:, self.solid.contact_nodes], self.skin]))
         return at_markers[: len(moved)], opening, at_markers[len(moved) :]
 
 
-def loose_flesh(ground: ForwardModel, seen: GraspResponse) -> LooseFlesh:
+def loose_flesh(forward: ForwardModel, recording: GraspResponse) -> LooseFlesh:
     """The flesh of this recording's support, made once."""
-    support = seen.case.support
-    return ground.kept(("loose flesh", support), lambda: LooseFlesh.of(ground.base.solid_of(seen)))
+    support = recording.case.support
+    return forward.kept(("loose flesh", support), lambda: LooseFlesh.of(forward.base.solid_of(recording)))
 
 
 def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:

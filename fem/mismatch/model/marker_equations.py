@@ -28,9 +28,9 @@ from fem.estimation.compliance_fit import (
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.observation_delta import ARM_MM, wrench
 
-MARKER_EXCESS = 1.15
+MARKER_VARIANCE_INFLATION = 1.15
 """Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
-ALIKE = 15.0
+DESIGN_EFFECT = 15.0
 """How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame.
 So much less do they count together than if they were independent (a design effect). Effects that are not
 there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
@@ -59,19 +59,19 @@ class MarkerEquations:
 
     @classmethod
     def of(
-        cls, seen: GraspResponse, *, compliance: float, gel_scale_sd: float, alike: float = ALIKE
+        cls, recording: GraspResponse, *, compliance: float, gel_scale_sd: float, alike: float = DESIGN_EFFECT
     ) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
 
         `alike`: how many numbers count as one; 1 where what is left is held against noise itself.
         """
-        tracks = seen.tracks
-        weight = marker_weight(tracks) / (MARKER_EXCESS * alike)
-        noise_N = seen.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
-        felt = compliance * noise_N * np.moveaxis(seen.response, 0, 2)
-        free = seen.case.support == "free"
+        tracks = recording.tracks
+        weight = marker_weight(tracks) / (MARKER_VARIANCE_INFLATION * alike)
+        noise_N = recording.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
+        felt = compliance * noise_N * np.moveaxis(recording.response, 0, 2)
+        free = recording.case.support == "free"
         every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
-        load = np.broadcast_to(seen.load[:, None, None], tracks.position_mm.shape)
+        load = np.broadcast_to(recording.load[:, None, None], tracks.position_mm.shape)
         grows = about_episode_mean(load, tracks.episode)
         own = np.concatenate(
             [
@@ -80,7 +80,7 @@ class MarkerEquations:
             ],
             axis=3,
         )
-        scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * seen.uneven])
+        scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * recording.uneven])
         normal = np.einsum("n,tnxa,tnxb->nab", weight, own, own, optimize=True)
         normal[:, np.arange(4), np.arange(4)] += scale**-2
         inverse = np.linalg.inv(normal)
@@ -122,8 +122,8 @@ class MarkerEquations:
     ) -> tuple[Float[np.ndarray, "f k"], Float[np.ndarray, "n 4"]]:
         """Amounts of what each frame may have any amount of, and of what each marker may."""
         weighted = self.weight[:, None] * mine
-        seen = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
-        amounts = (self.inverse @ seen[..., None])[..., 0]
+        recording = np.einsum("tnx,tnxa->na", weighted, self.own, optimize=True)
+        amounts = (self.inverse @ recording[..., None])[..., 0]
         right = np.einsum("nxl,tnx->tl", self.every_frame, weighted, optimize=True)
         motion = cho_solve(self.motions, right.ravel() - np.einsum("nam,na->m", self.along, amounts))
         amounts -= (self.inverse @ (self.along @ motion)[..., None])[..., 0]
@@ -150,29 +150,29 @@ class BalanceEquations:
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
-    def of(cls, seen: GraspResponse, *, weight_N: float = 0.0) -> "BalanceEquations":
+    def of(cls, recording: GraspResponse, *, weight_N: float = 0.0) -> "BalanceEquations":
         """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
-        position, force = seen.tracks.position_mm, seen.force_N
+        position, force = recording.tracks.position_mm, recording.force_N
         centre = position.mean(axis=(0, 1))
         columns, spreads = [], []
-        for pad in range(len(seen.links)):
-            own = np.where((seen.pad_of_marker == pad)[None, :, None], force, 0.0)
+        for pad in range(len(recording.links)):
+            own = np.where((recording.pad_of_marker == pad)[None, :, None], force, 0.0)
             total = own.sum(axis=1)
             for way in np.eye(3):
                 columns.append(np.hstack([np.zeros_like(total), np.cross(way, total) / ARM_MM]))
                 columns.append(wrench(np.cross(way, own), position, centre_mm=centre) * np.pi / 180)
                 spreads += [SHIFT_SD_MM, TURN_SD_DEG]
-        load = np.linalg.norm(force, axis=2).sum(axis=1) / len(seen.links)
+        load = np.linalg.norm(force, axis=2).sum(axis=1) / len(recording.links)
         for way in np.eye(6):
             columns.append(load[:, None] * way)
             spreads.append(UNEVEN)
         for k, way in enumerate(np.eye(6)):
             columns.append(np.tile(way, (len(force), 1)))
             spreads.append(max(weight_N, NO_WEIGHT_N) * (1.0 if k < 3 else CENTRE_SD_MM / ARM_MM))
-        noise = seen.force_sd_N
+        noise = recording.force_sd_N
         around = np.abs(position - centre).reshape(-1, 3)
         reach = np.sqrt(np.array([np.mean(np.delete(around, k, axis=1) ** 2) * 2 for k in range(3)])) / ARM_MM
-        count = len(seen.pad_of_marker) * variance_inflation(seen.tracks.lag1[:1])[0]
+        count = len(recording.pad_of_marker) * variance_inflation(recording.tracks.lag1[:1])[0]
         weight = 1 / (noise**2 * count * np.concatenate([np.ones(3), reach**2]))
         nuisances = np.stack(columns)
         flat = nuisances.reshape(len(columns), -1)

@@ -16,36 +16,36 @@ SPREAD = np.array([1.0, 1.0, 1.0, 0.15])
 
 
 def pit_responses(
-    ground: ForwardModel, key: str, pit: Float[np.ndarray, "4"]
+    forward: ForwardModel, key: str, pit: Float[np.ndarray, "4"]
 ) -> list[Float[np.ndarray, "f n 3"]]:
     """c(t) of every recording, the pit moved by x, y, z (mm) and scaled by exp of the fourth.
 
     Raises FemFailure where the pit would leave the flesh.
     """
-    grasps = ground.base.grasps
+    grasps = forward.base.grasps
 
     def first_order(theta: Float[np.ndarray, "4"]) -> list[list[np.ndarray]]:
         found = []
-        for seen in grasps:
-            change = inner_changes(ground, seen)
+        for recording in grasps:
+            change = inner_changes(forward, recording)
             own = sum(x * change[name] for x, name in zip(theta * SPREAD, PIT, strict=True))
-            found.append([seen.tracks.unit_displacement + own])
+            found.append([recording.tracks.unit_displacement + own])
         return found
 
     def exact(theta: Float[np.ndarray, "4"]) -> list[list[np.ndarray]]:
-        mesh = with_pit_moved(ground.base.mesh, theta * SPREAD)
+        mesh = with_pit_moved(forward.base.mesh, theta * SPREAD)
         solids = {
-            support: UnitModulusSolid.factorise(mesh, poisson_ratio=ground.poisson_ratio, support=support)
-            for support in ground.base.solids
+            support: UnitModulusSolid.factorise(mesh, poisson_ratio=forward.poisson_ratio, support=support)
+            for support in forward.base.solids
         }
 
-        def moved_under(seen: GraspResponse) -> list[np.ndarray]:
-            skin = ground.base.solid_of(seen).contact_nodes
-            loads = np.zeros((len(seen.patterns), len(mesh.nodes_mm), 3))
-            loads[:, skin] = seen.nodal_of(seen.patterns)
-            moved = solids[seen.case.support].displacement(loads)[:, skin]
-            return [seen.over_time(seen.at_markers(moved))]
+        def moved_under(recording: GraspResponse) -> list[np.ndarray]:
+            skin = forward.base.solid_of(recording).contact_nodes
+            loads = np.zeros((len(recording.patterns), len(mesh.nodes_mm), 3))
+            loads[:, skin] = recording.nodal_of(recording.patterns)
+            moved = solids[recording.case.support].displacement(loads)[:, skin]
+            return [recording.over_time(recording.at_markers(moved))]
 
-        return ground.each(moved_under)
+        return forward.each(moved_under)
 
-    return [own[0] for own in anchored(ground, key, pit / SPREAD, first_order=first_order, exact=exact)]
+    return [own[0] for own in anchored(forward, key, pit / SPREAD, first_order=first_order, exact=exact)]

@@ -11,60 +11,60 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.pad_link import slid
 
 
-def pads_of(ground: ForwardModel) -> list[str]:
+def pads_of(forward: ForwardModel) -> list[str]:
     """Names of all pads of a case's recordings."""
-    return list(dict.fromkeys(pad for seen in ground.base.grasps for pad in seen.pad_names))
+    return list(dict.fromkeys(pad for recording in forward.base.grasps for pad in recording.pad_names))
 
 
-def own_markers(seen: GraspResponse, pad: int) -> Bool[np.ndarray, "1 n 1"]:
+def own_markers(recording: GraspResponse, pad: int) -> Bool[np.ndarray, "1 n 1"]:
     """Which markers are this pad's, ready to mask fields."""
-    return np.asarray(seen.pad_of_marker == pad)[None, :, None]
+    return np.asarray(recording.pad_of_marker == pad)[None, :, None]
 
 
-def turn_of(seen: GraspResponse, pad: int) -> Float[np.ndarray, "3 3"]:
+def turn_of(recording: GraspResponse, pad: int) -> Float[np.ndarray, "3 3"]:
     """Pad axes in the fruit frame, as columns, at the greatest force."""
     return np.asarray(
-        seen.pose[pad, int(np.argmax(np.linalg.norm(seen.force_N, axis=2).sum(axis=1))), :3, :3]
+        recording.pose[pad, int(np.argmax(np.linalg.norm(recording.force_N, axis=2).sum(axis=1))), :3, :3]
     )
 
 
-def pad_force(seen: GraspResponse, pad: int) -> Float[np.ndarray, "f 3"]:
+def pad_force(recording: GraspResponse, pad: int) -> Float[np.ndarray, "f 3"]:
     """Total force of one pad on the fruit, N."""
-    return np.asarray(seen.force_N[:, seen.pad_of_marker == pad].sum(axis=1))
+    return np.asarray(recording.force_N[:, recording.pad_of_marker == pad].sum(axis=1))
 
 
 def response_to(
-    ground: ForwardModel, seen: GraspResponse, force_N: Float[np.ndarray, "r n 3"]
+    forward: ForwardModel, recording: GraspResponse, force_N: Float[np.ndarray, "r n 3"]
 ) -> Float[np.ndarray, "r n 3"]:
     """Displacement (times E) of all markers under any forces on the markers."""
-    solid = ground.base.solid_of(seen)
-    loads = np.zeros((len(force_N), len(ground.base.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = seen.nodal_of(force_N)
-    return ground.base.answer(seen, loads)
+    solid = forward.base.solid_of(recording)
+    loads = np.zeros((len(force_N), len(forward.base.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = recording.nodal_of(force_N)
+    return forward.base.answer(recording, loads)
 
 
-def slid_response(ground: ForwardModel, seen: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
+def slid_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
     """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
 
     By central differences; of all pads at once, kept.
     """
-    kept = ground.kept(("slid", seen.case.name), partial(_slid_responses, ground, seen))
+    kept = forward.kept(("slid", recording.case.name), partial(_slid_responses, forward, recording))
     return np.asarray(kept[pad])
 
 
-def _slid_responses(ground: ForwardModel, seen: GraspResponse) -> Float[np.ndarray, "p 2 f n 3"]:
-    solid, pads = ground.base.solid_of(seen), range(len(seen.links))
-    split = np.cumsum([len(other.rest_mm) for other in seen.case.history.pads])[:-1]
-    patterns = np.split(seen.patterns, split, axis=1)
-    unmoved = [link.nodal_force(own) for link, own in zip(seen.links, patterns, strict=True)]
+def _slid_responses(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "p 2 f n 3"]:
+    solid, pads = forward.base.solid_of(recording), range(len(recording.links))
+    split = np.cumsum([len(other.rest_mm) for other in recording.case.history.pads])[:-1]
+    patterns = np.split(recording.patterns, split, axis=1)
+    unmoved = [link.nodal_force(own) for link, own in zip(recording.links, patterns, strict=True)]
     links, loads = [], []
     for pad in pads:
-        for way in turn_of(seen, pad).T[:2]:
+        for way in turn_of(recording, pad).T[:2]:
             for step in (SLIDE_MM, -SLIDE_MM):
-                link = slid(seen.links[pad], solid, step * way)
+                link = slid(recording.links[pad], solid, step * way)
                 nodal = [link.nodal_force(patterns[k]) if k == pad else unmoved[k] for k in pads]
-                links.append([link if k == pad else seen.links[k] for k in pads])
-                whole = np.zeros((len(seen.patterns), len(ground.base.mesh.nodes_mm), 3))
+                links.append([link if k == pad else recording.links[k] for k in pads])
+                whole = np.zeros((len(recording.patterns), len(forward.base.mesh.nodes_mm), 3))
                 whole[:, solid.contact_nodes] = sum(nodal)
                 loads.append(whole)
     moved = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
@@ -73,7 +73,7 @@ def _slid_responses(ground: ForwardModel, seen: GraspResponse) -> Float[np.ndarr
         for several, own in zip(links, np.split(moved, len(links)), strict=True)
     ]
     found = [
-        seen.over_time((ahead - back) / (2 * SLIDE_MM))
+        recording.over_time((ahead - back) / (2 * SLIDE_MM))
         for ahead, back in zip(ends[::2], ends[1::2], strict=True)
     ]
-    return np.stack(found).reshape(len(seen.links), 2, *found[0].shape)
+    return np.stack(found).reshape(len(recording.links), 2, *found[0].shape)

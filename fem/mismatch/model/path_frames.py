@@ -35,7 +35,7 @@ def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool)
 
     A law that does not remember is known without load: nothing.
     """
-    paths = [_Path.of(seen.shares, remembers=remembers) for seen in grasps]
+    paths = [_Path.of(recording.shares, remembers=remembers) for recording in grasps]
     count = min(count, sum(len(path.states) for path in paths))
     while sum(len(path.chosen) for path in paths) < count:
         path = max(paths, key=lambda path: path.unknown.max())

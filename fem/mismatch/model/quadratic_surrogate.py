@@ -31,7 +31,7 @@ class Anchored:
 
 
 def anchored(
-    ground: ForwardModel,
+    forward: ForwardModel,
     key: object,
     theta: Float[np.ndarray, " p"],
     *,
@@ -40,7 +40,7 @@ def anchored(
     far: float = FAR,
 ) -> list[list[np.ndarray]]:
     """The quantities at theta (in spreads); `exact` is called where no anchor of the search lies near."""
-    known: tuple[Anchored, ...] = ground.found_before(("anchored", key))
+    known: tuple[Anchored, ...] = forward.found_before(("anchored", key))
     size = float(np.linalg.norm(theta))
     if size < NEAR:
         return [list(own) for own in first_order(theta)]
@@ -48,7 +48,7 @@ def anchored(
     if nearest is None or np.linalg.norm(theta - nearest.anchor) > far * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
         nearest = Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
-        ground.keep_found(("anchored", key), (*known, nearest))
+        forward.keep_found(("anchored", key), (*known, nearest))
     share = nearest.share(theta)
     return [
         [q + share * more for q, more in zip(own, beyond, strict=True)]

@@ -25,11 +25,11 @@ Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 
 @dataclass(frozen=True)
 class ReducedLaw:
-    """One recording. `parts`: V' K_i V; `load`: V' f; `seen`: the markers' displacement in each of V."""
+    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V."""
 
     parts: Float[np.ndarray, "i q q"]
     load: Float[np.ndarray, "q r"]
-    seen: Float[np.ndarray, "q n 3"]
+    recording: Float[np.ndarray, "q n 3"]
     shares: Float[np.ndarray, "f r"]
     first: Float[np.ndarray, "f n 3"]
 
@@ -39,43 +39,50 @@ class ReducedLaw:
         size = np.sqrt(np.diag(self.parts[0]))
         scaled = stiffness / np.outer(size, size)
         moved = np.linalg.lstsq(scaled, self.load / size[:, None], rcond=1e-10)[0] / size[:, None]
-        return np.asarray(np.tensordot(self.shares @ moved.T, self.seen, axes=(1, 0)))
+        return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)))
 
 
 def reduced_laws(
-    ground: ForwardModel, *, derivative: Operator, parts: Sequence[Operator]
+    forward: ForwardModel, *, derivative: Operator, parts: Sequence[Operator]
 ) -> list[ReducedLaw]:
     """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
-    grasps = ground.base.grasps
-    first = np.cumsum([0, *(len(seen.moved) for seen in grasps)])
-    steps = [np.concatenate([seen.moved for seen in grasps])]
+    grasps = forward.base.grasps
+    first = np.cumsum([0, *(len(recording.moved) for recording in grasps)])
+    steps = [np.concatenate([recording.moved for recording in grasps])]
     for _ in range(CORRECTIONS):
         cost = np.split(derivative(steps[-1]), first[1:-1])
-        steps.append(-np.concatenate(ground.base.displacements(cost)))
+        steps.append(-np.concatenate(forward.base.displacements(cost)))
     pulled = [[part(step) for step in steps] for part in parts]
     return [
         _of_recording(
-            ground,
-            seen,
+            forward,
+            recording,
             np.concatenate([step[a:b] for step in steps]),
             [np.concatenate([step[a:b] for step in own]) for own in pulled],
         )
-        for seen, a, b in zip(grasps, first, first[1:], strict=False)
+        for recording, a, b in zip(grasps, first, first[1:], strict=False)
     ]
 
 
 def _of_recording(
-    ground: ForwardModel, seen: GraspResponse, space: Float[np.ndarray, "q m 3"], pulled: Sequence[np.ndarray]
+    forward: ForwardModel,
+    recording: GraspResponse,
+    space: Float[np.ndarray, "q m 3"],
+    pulled: Sequence[np.ndarray],
 ) -> ReducedLaw:
     """`pulled`: what each part's law costs of each field of the space."""
-    solid, count = ground.base.solid_of(seen), len(seen.moved)
+    solid, count = forward.base.solid_of(recording), len(recording.moved)
     flat = space.reshape(len(space), -1)
     projected = []
     for force in pulled:
         own = flat @ force.reshape(len(space), -1).T
         projected.append((own + own.T) / 2)
-    load = flat @ (solid.stiffness @ seen.moved.reshape(count, -1).T)
-    at_markers = seen.at_markers(space[:, solid.contact_nodes])
+    load = flat @ (solid.stiffness @ recording.moved.reshape(count, -1).T)
+    at_markers = recording.at_markers(space[:, solid.contact_nodes])
     return ReducedLaw(
-        np.stack(projected), load, at_markers, seen.shares, seen.over_time(at_markers[count : 2 * count])
+        np.stack(projected),
+        load,
+        at_markers,
+        recording.shares,
+        recording.over_time(at_markers[count : 2 * count]),
     )

@@ -34,7 +34,7 @@ FARTHEST_BACK = 1.2
 
 
 def slip_path(
-    seen: GraspResponse,
+    recording: GraspResponse,
     equations: MarkerEquations,
     *,
     compliance: float,
@@ -46,8 +46,8 @@ def slip_path(
     `spring_ratio`: k_t / k_n of each marker's gel. Raises FemFailure (NOT_CONVERGED) where the paths still
     change after all rounds.
     """
-    tracks = seen.tracks
-    axes = np.moveaxis(seen.pose[:, :, :3, :3], 0, 1)[:, seen.pad_of_marker]
+    tracks = recording.tracks
+    axes = np.moveaxis(recording.pose[:, :, :3, :3], 0, 1)[:, recording.pad_of_marker]
     pressed = -np.einsum("fnj,fnj->fn", axes[..., 2], tracks.gel_displacement_mm)
     firm = (tracks.episode >= 0) & (pressed > FIRM * tracks.sd_mm)
     at_least = pressed - FAR_OFF * tracks.sd_mm

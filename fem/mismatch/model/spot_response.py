@@ -15,15 +15,15 @@ LEAST_SHARE = 1e-5
 
 def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, "f n 3"] | None]:
     """K0^-1 K1 U at each recording's markers, for E = 1 MPa; None where nothing bears on the ball."""
-    chosen = [_bearing(seen, inside) for seen in base.grasps]
+    chosen = [_bearing(recording, inside) for recording in base.grasps]
     moved = _given_way(base, inside, _of_chosen(base, chosen))
     found: list[Float[np.ndarray, "f n 3"] | None] = []
-    for seen, own, field in zip(base.grasps, chosen, moved, strict=True):
+    for recording, own, field in zip(base.grasps, chosen, moved, strict=True):
         if not own.any():
             found.append(None)
             continue
-        at_markers = seen.at_markers(field[:, base.solid_of(seen).contact_nodes])
-        found.append(np.tensordot(seen.shares[:, own], at_markers, axes=(1, 0)))
+        at_markers = recording.at_markers(field[:, base.solid_of(recording).contact_nodes])
+        found.append(np.tensordot(recording.shares[:, own], at_markers, axes=(1, 0)))
     return found
 
 
@@ -31,39 +31,41 @@ def softened(
     base: Baseline, inside: csr_array, ratios: Sequence[float]
 ) -> list[list[Float[np.ndarray, "f n 3"]]]:
     """Each recording's markers, for E = 1 MPa outside the ball and each of these ratios of it inside."""
-    chosen = [_bearing(seen, inside) for seen in base.grasps]
+    chosen = [_bearing(recording, inside) for recording in base.grasps]
     plain = _of_chosen(base, chosen)
     first = _given_way(base, inside, plain)
     second = _given_way(base, inside, first)
     return [
-        _of_recording(base, seen, inside, ratios, own, fields) if own.any() else _as_it_is(seen, ratios)
-        for seen, own, *fields in zip(base.grasps, chosen, plain, first, second, strict=True)
+        _of_recording(base, recording, inside, ratios, own, fields)
+        if own.any()
+        else _as_it_is(recording, ratios)
+        for recording, own, *fields in zip(base.grasps, chosen, plain, first, second, strict=True)
     ]
 
 
 def _of_recording(
     base: Baseline,
-    seen: GraspResponse,
+    recording: GraspResponse,
     inside: csr_array,
     ratios: Sequence[float],
     chosen: Bool[np.ndarray, " r"],
     fields: Sequence[Float[np.ndarray, "c n 3"]],
 ) -> list[Float[np.ndarray, "f n 3"]]:
     """`fields`: U of the chosen patterns, K0^-1 K1 U, and that once more."""
-    reduced = Softened.of(inside, *fields, work=_work(base, seen)[np.ix_(chosen, chosen)])
-    skin = base.solid_of(seen).contact_nodes
-    at_markers = np.stack([seen.at_markers(field[:, skin]) for field in fields])
+    reduced = Softened.of(inside, *fields, work=_work(base, recording)[np.ix_(chosen, chosen)])
+    skin = base.solid_of(recording).contact_nodes
+    at_markers = np.stack([recording.at_markers(field[:, skin]) for field in fields])
     found = []
     for ratio in ratios:
         amounts = reduced.amounts(ratio)
         amounts[0] -= np.eye(len(amounts[0]))
-        more = np.einsum("fs,prs,prnx->fnx", seen.shares[:, chosen], amounts, at_markers, optimize=True)
-        found.append(np.asarray(seen.tracks.unit_displacement + more))
+        more = np.einsum("fs,prs,prnx->fnx", recording.shares[:, chosen], amounts, at_markers, optimize=True)
+        found.append(np.asarray(recording.tracks.unit_displacement + more))
     return found
 
 
-def _as_it_is(seen: GraspResponse, ratios: Sequence[float]) -> list[Float[np.ndarray, "f n 3"]]:
-    return [seen.tracks.unit_displacement] * len(ratios)
+def _as_it_is(recording: GraspResponse, ratios: Sequence[float]) -> list[Float[np.ndarray, "f n 3"]]:
+    return [recording.tracks.unit_displacement] * len(ratios)
 
 
 def _given_way(
@@ -74,18 +76,22 @@ def _given_way(
 
 
 def _of_chosen(base: Baseline, chosen: Sequence[Bool[np.ndarray, " _"]]) -> list[Float[np.ndarray, "_ m 3"]]:
-    return [seen.moved[own] for seen, own in zip(base.grasps, chosen, strict=True)]
+    return [recording.moved[own] for recording, own in zip(base.grasps, chosen, strict=True)]
 
 
-def _bearing(seen: GraspResponse, inside: csr_array) -> Bool[np.ndarray, " r"]:
+def _bearing(recording: GraspResponse, inside: csr_array) -> Bool[np.ndarray, " r"]:
     """Which patterns do work inside the ball that counts."""
-    own = (seen.moved * times(inside, seen.moved)).sum(axis=(1, 2)) * (seen.shares**2).sum(axis=0)
-    whole = float((seen.tracks.unit_displacement * seen.force_N).sum())
+    own = (recording.moved * times(inside, recording.moved)).sum(axis=(1, 2)) * (recording.shares**2).sum(
+        axis=0
+    )
+    whole = float((recording.tracks.unit_displacement * recording.force_N).sum())
     return np.asarray(own > LEAST_SHARE * whole)
 
 
-def _work(base: Baseline, seen: GraspResponse) -> Float[np.ndarray, "r r"]:
+def _work(base: Baseline, recording: GraspResponse) -> Float[np.ndarray, "r r"]:
     """U_r' f_s."""
-    skin = base.solid_of(seen).contact_nodes
-    work = np.tensordot(seen.moved[:, skin], seen.nodal_of(seen.patterns), axes=([1, 2], [1, 2]))
+    skin = base.solid_of(recording).contact_nodes
+    work = np.tensordot(
+        recording.moved[:, skin], recording.nodal_of(recording.patterns), axes=([1, 2], [1, 2])
+    )
     return np.asarray((work + work.T) / 2)

@@ -50,7 +50,7 @@ class PathState:
     @classmethod
     def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
         """Under the recordings' forces."""
-        fields = [_combined(seen, own) for seen, own in zip(base.grasps, frames, strict=True)]
+        fields = [_combined(recording, own) for recording, own in zip(base.grasps, frames, strict=True)]
         return cls(base=base, frames=frames, linear=np.concatenate(fields))
 
     @property
@@ -61,7 +61,7 @@ class PathState:
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 of nodal forces, each recording with its own support."""
         found = np.empty_like(force)
-        held = np.repeat([seen.case.support for seen in self.base.grasps], np.diff(self.first))
+        held = np.repeat([recording.case.support for recording in self.base.grasps], np.diff(self.first))
         for support, solid in self.base.solids.items():
             own = np.flatnonzero(held == support)
             turn, parts = _few(force[own])
@@ -71,8 +71,10 @@ class PathState:
     def at_markers(self, field: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
         """Of every recording, in all frames used."""
         found = []
-        for seen, own, a, b in zip(self.base.grasps, self.frames, self.first, self.first[1:], strict=False):
-            seen_at = seen.at_markers(field[a:b][:, self.base.solid_of(seen).contact_nodes])
+        for recording, own, a, b in zip(
+            self.base.grasps, self.frames, self.first, self.first[1:], strict=False
+        ):
+            seen_at = recording.at_markers(field[a:b][:, self.base.solid_of(recording).contact_nodes])
             found.append(np.tensordot(own.mix, seen_at, axes=1))
         return found
 
@@ -88,8 +90,8 @@ def _few(
     return turn[:, kept], (turn[:, kept].T @ flat).reshape(-1, *fields.shape[1:])
 
 
-def _combined(seen: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
-    return np.asarray(np.tensordot(seen.shares[own.chosen], seen.moved, axes=1))
+def _combined(recording: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
+    return np.asarray(np.tensordot(recording.shares[own.chosen], recording.moved, axes=1))
 
 
 def settled(
@@ -177,13 +179,13 @@ NEAR, FARTHEST = 1e-2, 20.0
 """A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
 
 
-def path_state(ground: ForwardModel, *, frames: int, remembers: bool) -> PathState:
+def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
     """The ground's recordings by about so many frames, chosen once."""
 
     def compute() -> PathState:
-        return PathState.of(ground.base, path_frames(ground.base.grasps, frames, remembers=remembers))
+        return PathState.of(forward.base, path_frames(forward.base.grasps, frames, remembers=remembers))
 
-    return ground.kept(("path", frames, remembers), compute)
+    return forward.kept(("path", frames, remembers), compute)
 
 
 @dataclass(frozen=True)
@@ -212,15 +214,15 @@ def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray
 
 
 def keep_run(
-    ground: ForwardModel, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
+    forward: ForwardModel, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
 ) -> None:
     """One more run of the search, the newest first, in the place of the oldest."""
     run = Run(law, more.astype(np.float32))
-    ground.keep_found(("runs", name), (run, *ground.found_before(("runs", name)))[:MOST_RUNS])
+    forward.keep_found(("runs", name), (run, *forward.found_before(("runs", name)))[:MOST_RUNS])
 
 
 def first_guess(
-    ground: ForwardModel, name: str, law: Float[np.ndarray, " p"]
+    forward: ForwardModel, name: str, law: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, "f n 3"] | None:
     """`guess` from the search's own runs with a law of this name."""
-    return guess(ground.found_before(("runs", name)), law)
+    return guess(forward.found_before(("runs", name)), law)

@@ -27,32 +27,34 @@ def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) ->
     """The same recordings on the places where their markers touched, for 1/E = `compliance`."""
     scale_sd = base.case.budget.force_scale_sd
 
-    def again(seen: GraspResponse) -> GraspResponse:
-        aside = _pushed_aside(seen, compliance)
-        history = seen.case.history
+    def again(recording: GraspResponse) -> GraspResponse:
+        aside = _pushed_aside(recording, compliance)
+        history = recording.case.history
         pads = tuple(
             replace(pad, surface_mm=pad.surface_mm - aside[history.pad_of_marker == k])
             for k, pad in enumerate(history.pads)
         )
-        case = replace(seen.case, history=replace(history, pads=pads))
-        return project_recording(case, base.solid_of(seen), force_scale_sd=scale_sd)
+        case = replace(recording.case, history=replace(history, pads=pads))
+        return project_recording(case, base.solid_of(recording), force_scale_sd=scale_sd)
 
     return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 
 
-def _pushed_aside(seen: GraspResponse, compliance: float) -> Float[np.ndarray, "n 3"]:
+def _pushed_aside(recording: GraspResponse, compliance: float) -> Float[np.ndarray, "n 3"]:
     """The skin's motion along itself at each marker's first touch, mm; zero where it never touches."""
-    moved = compliance * seen.tracks.unit_displacement
-    touches = np.concatenate([pad.episode[seen.used] >= 0 for pad in seen.case.history.pads], axis=1)
+    moved = compliance * recording.tracks.unit_displacement
+    touches = np.concatenate(
+        [pad.episode[recording.used] >= 0 for pad in recording.case.history.pads], axis=1
+    )
     first, who = touches.argmax(axis=0), np.arange(touches.shape[1])
     before = np.where((first > 0)[:, None], moved[np.maximum(first - 1, 0), who], 0.0)
     there = (before + moved[first, who]) / 2
     aside = np.zeros_like(there)
-    for k, link in enumerate(seen.links):
-        mine = touches.any(axis=0) & (seen.pad_of_marker == k)
+    for k, link in enumerate(recording.links):
+        mine = touches.any(axis=0) & (recording.pad_of_marker == k)
         if mine.sum() < FEWEST:
             continue
-        modes = rigid_motion(seen.tracks.place_mm[mine]).reshape(-1, 6)
+        modes = rigid_motion(recording.tracks.place_mm[mine]).reshape(-1, 6)
         own = there[mine].ravel()
         own = (own - modes @ np.linalg.lstsq(modes, own, rcond=None)[0]).reshape(-1, 3)
         normal = mean_normal(link.place.normal)

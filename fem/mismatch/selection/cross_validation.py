@@ -11,7 +11,7 @@ from fem.mismatch.result import HeldOut
 
 
 def held_out(
-    ground: ForwardModel,
+    forward: ForwardModel,
     recorded: Sequence[GraspEquations],
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
@@ -27,7 +27,7 @@ def held_out(
     lost = [
         sum(_left(products, columns, k, count) for k in range(count)) for products, columns in (before, after)
     ]
-    whole = sum(_size(ground, one) for one in recorded)
+    whole = sum(_size(forward, one) for one in recorded)
     noise = sum(
         float((one.markers.tracks.sd_mm**2 * (3 * (one.markers.tracks.episode >= 0)).sum(axis=0)).sum())
         for one in recorded
@@ -57,7 +57,7 @@ def _left(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> f
     return float((products.beyond(k, others) ** 2).sum())
 
 
-def _size(ground: ForwardModel, one: GraspEquations) -> float:
-    tracks = one.seen.tracks
-    response = about_episode_mean(ground.compliance * tracks.unit_displacement, tracks.episode)
+def _size(forward: ForwardModel, one: GraspEquations) -> float:
+    tracks = one.recording.tracks
+    response = about_episode_mean(forward.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())

@@ -28,17 +28,17 @@ LEVEL = 0.05
 """p-values below it are a mismatch."""
 
 
-def best_beyond_usual(gains: Iterable[tuple[str, float]], softness: float) -> float:
+def best_beyond_quantile(gains: Iterable[tuple[str, float]], compliance_ratio: float) -> float:
     """The first statistic, from what every kind of signature gains."""
-    return max((gain / softness - NULL_QUANTILE.get(kind, 0.0) for kind, gain in gains), default=0.0)
+    return max((gain / compliance_ratio - NULL_QUANTILE.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
-def usual_gain(kind: str, softness: float) -> float:
+def null_gain(kind: str, compliance_ratio: float) -> float:
     """What a kind of signature gains on most sound recordings at most."""
-    return softness * NULL_QUANTILE.get(kind, 0.0)
+    return compliance_ratio * NULL_QUANTILE.get(kind, 0.0)
 
 
-def usual_in_full(effect: str, softness: float) -> float:
+def null_gain_in_full(effect: str, compliance_ratio: float) -> float:
     """What an effect's full model does, or the more usual of two joined by "+".
 
     It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
@@ -48,7 +48,7 @@ def usual_in_full(effect: str, softness: float) -> float:
         [value for kind, value in NULL_QUANTILE.items() if kind.split()[0] == part]
         for part in effect.split("+")
     ]
-    return softness * max(min(values, default=0.0) for values in own)
+    return compliance_ratio * max(min(values, default=0.0) for values in own)
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:

@@ -18,7 +18,7 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
     plain = beside(known.effects, linear.products.columns, linear.nuisances)
-    products, chosen = linear.products.about(known.ground, known.response, [*plain, *columns], slopes)
+    products, chosen = linear.products.about(known.forward, known.response, [*plain, *columns], slopes)
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]
     before = products.fit(free).log_evidence

@@ -15,13 +15,13 @@ from fem.mismatch.effect import AuxiliaryLikelihood
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.detection import of_sound, usual_gain, usual_in_full
+from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_sound
 from fem.mismatch.selection.forward_selection import added
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 
 SINGLES, PAIRS = 5, 2
-TEMPER = 1.5
+TEMPERATURE = 1.5
 HOPE = 0.15
 """Share of the best linear gain from which an effect is worth its nonlinear refit."""
 ENOUGH, EQUAL = 0.9, 0.5
@@ -45,7 +45,7 @@ PAIR_SHARE = 0.01
 """Share of the single's gain that it must add where that one's law bends: such a law is never right to the
 last percent, and its neighbours stand for what is left. Beside a hard plastic set that gains 50,000 a damage
 that is not there adds 80, and 15 % to E; a gain that is there adds 5 % to another's."""
-NOT_DETECTED = TEMPER * 3.0
+NOT_DETECTED = TEMPERATURE * 3.0
 """By so much ln evidence none leads where nothing was detected: 95 % to 5."""
 LEFT, MUCH = 0.6, 0.3
 """Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
@@ -89,29 +89,29 @@ class _Tried:
 class NullCase:
     """What sound recordings of this size and flesh show (fem.mismatch.selection.null_reference).
 
-    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few; `softness`: of
-    this flesh (fem.mismatch.model.forward_model).
+    `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few;
+    `compliance_ratio`: of this flesh (fem.mismatch.model.forward_model).
     """
 
     chi2: float
     most_chi2: float
-    softness: float
+    compliance_ratio: float
 
     def beyond(self, one: LinearFit, gain: float | None = None) -> float:
         """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
-        return (one.gain if gain is None else gain) - usual_gain(one.kind, self.softness)
+        return (one.gain if gain is None else gain) - null_gain(one.kind, self.compliance_ratio)
 
     def in_full(self, name: str) -> float:
         """What a refitted effect gains even there."""
-        return usual_in_full(name, self.softness)
+        return null_gain_in_full(name, self.compliance_ratio)
 
     @property
     def least(self) -> float:
         """What the best effect gains beyond its usual on all but a few: less names nothing."""
-        return self.softness * max(of_sound("best single", 0.95), 0.0)
+        return self.compliance_ratio * max(of_sound("best single", 0.95), 0.0)
 
 
-def named(ground: ForwardModel, linear: LinearRound, *, detected: bool, sound: NullCase) -> ModelSelection:
+def named(forward: ForwardModel, linear: LinearRound, *, detected: bool, sound: NullCase) -> ModelSelection:
     """Refits the best singles and pairs; where nothing was detected none is the first."""
     best: dict[str, LinearFit] = {}
     for one in sorted(linear.shown, key=sound.beyond, reverse=True):
@@ -119,19 +119,19 @@ def named(ground: ForwardModel, linear: LinearRound, *, detected: bool, sound: N
     found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
     polished, failed = None, list[_Tried]()
     if detected:
-        found = _singles(ground, linear, found, sound)
+        found = _singles(forward, linear, found, sound)
         if found and found[0].refit is not None:
             # first: a second effect must not stand for what more rounds would still gain
-            found[0] = polished = _polished(ground, linear, found[0], found[0].refit, sound)
+            found[0] = polished = _polished(forward, linear, found[0], found[0].refit, sound)
         if found and found[0].refit is not None:
-            pairs = _pairs(ground, linear, found[0], found[0].refit, sound)
+            pairs = _pairs(forward, linear, found[0], found[0].refit, sound)
             found += [one for one in pairs if one.refit is not None]
             failed = [one for one in pairs if one.refit is None]
     none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None and found[0] is not polished:
-        found[0] = _polished(ground, linear, found[0], found[0].refit, sound)
-    weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPER)
+        found[0] = _polished(forward, linear, found[0], found[0].refit, sound)
+    weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPERATURE)
     weight /= weight.sum()
     ranking = tuple(
         Hypothesis(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
@@ -143,7 +143,7 @@ def named(ground: ForwardModel, linear: LinearRound, *, detected: bool, sound: N
 
 
 def _singles(
-    ground: ForwardModel, linear: LinearRound, found: Sequence[_Tried], sound: NullCase
+    forward: ForwardModel, linear: LinearRound, found: Sequence[_Tried], sound: NullCase
 ) -> list[_Tried]:
     """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
     most = max((one.gain for one in found), default=0.0)
@@ -151,24 +151,26 @@ def _singles(
     for number, one in enumerate(found):
         enough = best > ENOUGH * (linear.null.chi2 - sound.chi2) / 2
         hopeful = number < SINGLES and one.gain > (EQUAL if enough else HOPE) * most
-        again = _refitted(ground, linear, one, best, sound) if hopeful or one.name in ALWAYS else one
+        again = _refitted(forward, linear, one, best, sound) if hopeful or one.name in ALWAYS else one
         tried.append(again)
         best = max(best, again.gain if again.refit is not None else 0.0)
     for _ in found:
         tried.sort(key=lambda one: -one.gain)
         if tried[0].refit is not None:
             break
-        again = _refitted(ground, linear, tried[0], best, sound)
+        again = _refitted(forward, linear, tried[0], best, sound)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
     return tried
 
 
-def _refitted(ground: ForwardModel, linear: LinearRound, one: _Tried, best: float, sound: NullCase) -> _Tried:
+def _refitted(
+    forward: ForwardModel, linear: LinearRound, one: _Tried, best: float, sound: NullCase
+) -> _Tried:
     """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
     found, failed = [], ""
-    for shown in _pads_that_may_be(ground, [(own.gain, own) for own in linear.shown], *one.shown):
+    for shown in _pads_that_may_be(forward, [(own.gain, own) for own in linear.shown], *one.shown):
         try:
-            again = refit(ground, linear, (shown,), beat=best)
+            again = refit(forward, linear, (shown,), beat=best)
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -179,13 +181,13 @@ def _refitted(ground: ForwardModel, linear: LinearRound, one: _Tried, best: floa
 
 
 def _pads_that_may_be(
-    ground: ForwardModel, gains: Sequence[tuple[float, LinearFit]], one: LinearFit
+    forward: ForwardModel, gains: Sequence[tuple[float, LinearFit]], one: LinearFit
 ) -> list[LinearFit]:
     """A signature, and where it is a pad's those of other pads that gain nearly as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    pads = pads_of(ground)
+    pads = pads_of(forward)
     if one.signature.label not in pads:
         return [one]
     same = [(gain, own) for gain, own in gains if own.effect.name == one.effect.name]
@@ -205,7 +207,7 @@ def _pads_that_may_be(
 def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
     """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
     beside = sum(
-        effect.beside(again.ground, own, choice)
+        effect.beside(again.forward, own, choice)
         for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
         if isinstance(effect, AuxiliaryLikelihood)
     )
@@ -214,7 +216,7 @@ def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
 
 
 def _pairs(
-    ground: ForwardModel, linear: LinearRound, best: _Tried, single: Refit, sound: NullCase
+    forward: ForwardModel, linear: LinearRound, best: _Tried, single: Refit, sound: NullCase
 ) -> list[_Tried]:
     """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
     no model could be computed, without a refit.
@@ -222,7 +224,7 @@ def _pairs(
     found = []
     least = max(PAIR_GAIN, sound.least)
     if single.fit.chi2 <= sound.most_chi2:
-        least = max(least, PAIR_PLAIN * sound.softness)
+        least = max(least, PAIR_PLAIN * sound.compliance_ratio)
     if any(spec.strain_power for effect in single.effects for spec in effect.parameters):
         least = max(least, PAIR_SHARE * best.gain)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
@@ -236,10 +238,10 @@ def _pairs(
         if gain < least:
             continue
         tried, failed = [], ""
-        for second in _pads_that_may_be(ground, gains, other):
+        for second in _pads_that_may_be(forward, gains, other):
             both = (*best.shown, second)
             try:
-                again = refit(ground, linear, both, starts=[*single.parameters, None], near=single.ground)
+                again = refit(forward, linear, both, starts=[*single.parameters, None], near=single.forward)
             except FemFailure as failure:
                 failed = failure.detail
                 continue
@@ -256,11 +258,11 @@ def _pairs(
 
 
 def _polished(
-    ground: ForwardModel, linear: LinearRound, one: _Tried, first: Refit, sound: NullCase
+    forward: ForwardModel, linear: LinearRound, one: _Tried, first: Refit, sound: NullCase
 ) -> _Tried:
     """The refit carried on for as long as it gains."""
     try:
-        again = refit(ground, linear, one.shown, known=first)
+        again = refit(forward, linear, one.shown, known=first)
     except FemFailure:
         return one
     if again.log_evidence <= first.log_evidence:

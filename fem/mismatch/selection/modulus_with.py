@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.mismatch.effect import Response
-from fem.mismatch.evidence.discrepancy_prior import seeming_spread
+from fem.mismatch.evidence.discrepancy_prior import discrepancy_spread
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
@@ -23,14 +23,14 @@ SYSTEMATIC = 1.5
 (fem.mismatch.model.marker_equations)."""
 
 
-def modulus_of(ground: ForwardModel, response: Response | None = None) -> Modulus:
+def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modulus:
     """E by least squares over all markers of each recording, their mean; with an effect's response in place.
 
     The standard deviation: scatter between recordings, and LEAST_RELATIVE_SD for what they have in common.
     """
     found = []
-    for k, seen in enumerate(ground.base.grasps):
-        tracks = seen.tracks
+    for k, recording in enumerate(forward.base.grasps):
+        tracks = recording.tracks
         if response is not None:
             shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
             tracks = replace(
@@ -38,8 +38,8 @@ def modulus_of(ground: ForwardModel, response: Response | None = None) -> Modulu
             )
         fit = fit_compliance(
             tracks,
-            scale_sd=ground.base.case.budget.gel_scale_sd,
-            fruit_moves=seen.case.support == "free",
+            scale_sd=forward.base.case.budget.gel_scale_sd,
+            fruit_moves=recording.case.support == "free",
         )
         found.append(max(fit.compliance, 1e-9))
     logs = -np.log(found)
@@ -63,11 +63,11 @@ class ModulusWith:
 
 def modulus_with(again: Refit) -> ModulusWith:
     """What the parameters are off by (their covariance, the model's error) is in the modulus' spread."""
-    plain = modulus_of(again.ground, again.response)
+    plain = modulus_of(again.forward, again.response)
     own = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
     change = np.array(
-        [np.log(modulus_of(again.ground, ahead).value / plain.value) / step for step, ahead in again.ahead]
+        [np.log(modulus_of(again.forward, ahead).value / plain.value) / step for step, ahead in again.ahead]
     )
     spread = float(np.sqrt(change @ laws @ change))
     return ModulusWith(
@@ -84,6 +84,6 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     for effect, values in zip(again.effects, again.parameters, strict=True):
         for spec in effect.parameters:
             value = values[spec.name]
-            off = [spec.model_sd, spec.model_share * value, seeming_spread(effect)]
+            off = [spec.model_sd, spec.model_share * value, discrepancy_spread(effect)]
             found.append(np.linalg.norm(off) / (value if spec.log else 1.0))
     return np.array(found)

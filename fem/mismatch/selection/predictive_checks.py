@@ -24,8 +24,8 @@ def checks(
 ) -> tuple[Check, ...]:
     """Measured, and foretold by both models; sd from the markers' noise."""
     found = []
-    for trace, seen in zip(traces, grasps, strict=True):
-        noise = _noise_mm(seen) * rng.standard_normal((COPIES, len(trace.time_s)))
+    for trace, recording in zip(traces, grasps, strict=True):
+        noise = _noise_mm(recording) * rng.standard_normal((COPIES, len(trace.time_s)))
         copies = [_numbers(trace, trace.after_mm + one) for one in noise]
         measured, before, after = (
             _numbers(trace, x) for x in (trace.given_mm, trace.before_mm, trace.after_mm)
@@ -44,9 +44,9 @@ def checks(
     return tuple(found)
 
 
-def _noise_mm(seen: GraspResponse) -> Float[np.ndarray, " f"]:
+def _noise_mm(recording: GraspResponse) -> Float[np.ndarray, " f"]:
     """Of the mean of the markers in contact, frame by frame."""
-    tracks = seen.tracks
+    tracks = recording.tracks
     sd = float((tracks.sd_mm * np.sqrt(variance_inflation(tracks.lag1))).mean())
     return np.asarray(sd / np.sqrt(np.maximum((tracks.episode >= 0).sum(axis=1), 1)))
 

@@ -49,7 +49,7 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `ground`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
+    `forward`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
     bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
     """
@@ -65,7 +65,7 @@ class Refit:
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
-    ground: ForwardModel
+    forward: ForwardModel
     at_an_end: tuple[bool, ...]
     last_gain: float
 
@@ -93,7 +93,7 @@ class Refit:
 
 
 def refit(
-    ground: ForwardModel,
+    forward: ForwardModel,
     linear: LinearRound,
     shown: Sequence[LinearFit],
     *,
@@ -112,9 +112,9 @@ def refit(
     """
     specs = [spec for one in shown for spec in one.effect.parameters]
     if known is not None:
-        starts, near = known.parameters, known.ground
-    search = _Search(ground if near is None else near, linear, tuple(shown), specs)
-    now, _ = search.followed(search.begun(ground, starts or [None] * len(shown)))
+        starts, near = known.parameters, known.forward
+    search = _Search(forward if near is None else near, linear, tuple(shown), specs)
+    now, _ = search.followed(search.begun(forward, starts or [None] * len(shown)))
     gained = float("inf")
     for _ in range(ROUNDS if known is None else POLISH):
         if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
@@ -160,7 +160,7 @@ def refit(
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
         log_evidence=now.log_evidence,
-        ground=search.ground,
+        forward=search.forward,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
     )
@@ -185,13 +185,13 @@ class _Search:
 
     def __init__(
         self,
-        ground: ForwardModel,
+        forward: ForwardModel,
         linear: LinearRound,
         shown: tuple[LinearFit, ...],
         specs: Sequence[ParameterSpec],
     ) -> None:
-        found_before = ground.warm_starts or WarmStarts()
-        self.ground = replace(ground, warm_starts=found_before.copy())
+        found_before = forward.warm_starts or WarmStarts()
+        self.forward = replace(forward, warm_starts=found_before.copy())
         self.linear, self.shown = linear, shown
         effects = [one.effect for one in shown]
         self.nuisances = beside(effects, linear.products.columns, linear.nuisances)
@@ -211,7 +211,7 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, ground: ForwardModel, starts: Sequence[dict[str, float] | None]) -> _Linearised:
+    def begun(self, forward: ForwardModel, starts: Sequence[dict[str, float] | None]) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -222,7 +222,9 @@ class _Search:
         while True:
             values: list[float] = []
             for one, start in zip(self.shown, starts, strict=True):
-                own = one.effect.start(ground, one.signature, share * one.amounts) if start is None else start
+                own = (
+                    one.effect.start(forward, one.signature, share * one.amounts) if start is None else start
+                )
                 values += [own[spec.name] for spec in one.effect.parameters]
             try:
                 now = self.linearised(self.scaled(values))
@@ -236,7 +238,7 @@ class _Search:
         for one, start in zip(self.shown, starts, strict=True):
             end = first + len(one.effect.parameters)
             if start is None and isinstance(one.effect, StartsElsewhere):
-                other = one.effect.other_start(ground, one.signature.label)
+                other = one.effect.other_start(forward, one.signature.label)
                 if other is not None:
                     tried = [*values[:first], *other.values(), *values[end:]]
                     plain = self.linear.null.log_evidence
@@ -271,15 +273,15 @@ class _Search:
             own = dict(zip(names, values[first : first + len(names)], strict=True))
             found.append(self._alone(one, own))
             first += len(names)
-        return found[0] if len(found) == 1 else _together(self.ground, found)
+        return found[0] if len(found) == 1 else _together(self.forward, found)
 
     def _alone(self, one: LinearFit, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (one.effect.name, one.signature.label, tuple(own.values()), self.ground.compliance)
+        key = (one.effect.name, one.signature.label, tuple(own.values()), self.forward.compliance)
         if key not in self.alone:
             if len(self.alone) >= MOST_ALONE:
                 del self.alone[next(iter(self.alone))]
-            self.alone[key] = one.effect.respond(self.ground, own, one.signature.label)
+            self.alone[key] = one.effect.respond(self.forward, own, one.signature.label)
         return self.alone[key]
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
@@ -294,7 +296,7 @@ class _Search:
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False
-        self.ground = replace(self.ground, compliance=self.ground.compliance * share)
+        self.forward = replace(self.forward, compliance=self.forward.compliance * share)
         self.known = {}
         return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
 
@@ -309,7 +311,7 @@ class _Search:
         key = at.tobytes()
         if key not in self.known:
             response = self.respond(at)
-            products, chosen = self.linear.products.about(self.ground, response, self.nuisances)
+            products, chosen = self.linear.products.about(self.forward, response, self.nuisances)
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
 
@@ -331,10 +333,10 @@ class _Search:
             steps.append((float(step), ahead))
             slopes.append(
                 Regressor(
-                    name=f"slope {k}", sd=float(spread), fields=_slope(self.ground, response, ahead, step)
+                    name=f"slope {k}", sd=float(spread), fields=_slope(self.forward, response, ahead, step)
                 )
             )
-        products, chosen = self.linear.products.about(self.ground, response, self.nuisances, slopes)
+        products, chosen = self.linear.products.about(self.forward, response, self.nuisances, slopes)
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
         still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
@@ -350,11 +352,11 @@ class _Search:
         )
 
 
-def _slope(ground: ForwardModel, here: Response, ahead: Response, step: float) -> list[ObservationDelta]:
+def _slope(forward: ForwardModel, here: Response, ahead: Response, step: float) -> list[ObservationDelta]:
     """d(what the recordings show) / d(parameter)."""
     fields = []
     for k in range(len(here.unit)):
-        markers = ground.compliance * (ahead.unit[k] - here.unit[k])
+        markers = forward.compliance * (ahead.unit[k] - here.unit[k])
         if here.shift_mm is not None and ahead.shift_mm is not None:
             markers = markers + ahead.shift_mm[k] - here.shift_mm[k]
         balance = None
@@ -367,17 +369,17 @@ def _slope(ground: ForwardModel, here: Response, ahead: Response, step: float) -
     return fields
 
 
-def _together(ground: ForwardModel, responses: Sequence[Response]) -> Response:
+def _together(forward: ForwardModel, responses: Sequence[Response]) -> Response:
     """Small departures add."""
     unit, shift, balance, rest = [], [], [], []
-    for k, seen in enumerate(ground.base.grasps):
-        plain = seen.tracks.unit_displacement
+    for k, recording in enumerate(forward.base.grasps):
+        plain = recording.tracks.unit_displacement
         unit.append(plain + sum(own.unit[k] - plain for own in responses))
         shift.append(
             sum((own.shift_mm[k] for own in responses if own.shift_mm is not None), np.zeros_like(plain))
         )
         zero = np.zeros((len(plain), 6))
         balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
-        nothing = np.zeros(len(seen.links))
+        nothing = np.zeros(len(recording.links))
         rest.append(sum((own.rest[k] for own in responses if own.rest is not None), nothing))
     return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)

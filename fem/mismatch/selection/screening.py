@@ -56,36 +56,36 @@ class LinearRound:
 
 
 def screened(
-    ground: ForwardModel,
+    forward: ForwardModel,
     recorded: Sequence[GraspEquations],
     effects: Sequence[Effect],
     *,
-    seeming: Mapping[str, tuple[float, float]] = DISCREPANCY,
+    discrepancy: Mapping[str, tuple[float, float]] = DISCREPANCY,
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
 
-    `seeming`: mean and standard deviation of what the model's own error seems to show of some of them.
+    `discrepancy`: mean and standard deviation of what the model's own error seems to show of some of them.
     """
-    seen: list[tuple[Effect, Signature]] = []
+    recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
-    answers = parallel_map(lambda effect: _signatures(ground, effect), effects, workers=ground.workers)
+    answers = parallel_map(lambda effect: _signatures(forward, effect), effects, workers=forward.workers)
     for effect, answer in zip(effects, answers, strict=True):
         if isinstance(answer, FemFailure):
             without[effect.name] = answer.detail
         else:
-            seen += [(effect, signature) for signature in answer if not signature.untried]
+            recording += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.name} ({s.label})": s.untried for s in answer if s.untried}
-    known = [*common_nuisances(ground), *discrepancy_columns(ground, seen, seeming)]
+    known = [*common_nuisances(forward), *discrepancy_columns(forward, recording, discrepancy)]
     columns: list[Regressor] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
-    for effect, signature in seen:
+    for effect, signature in recording:
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    products = GramMatrix(ground, recorded, columns)
+    products = GramMatrix(forward, recorded, columns)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
-    shown = tuple(_shown(ground, products, own, null, *one) for one in found)
+    shown = tuple(_shown(forward, products, own, null, *one) for one in found)
     best: dict[str, LinearFit] = {}
     for one in sorted(shown, key=lambda s: -s.gain):
         best.setdefault(one.effect.name, one)
@@ -106,15 +106,15 @@ def screened(
     )
 
 
-def _signatures(ground: ForwardModel, effect: Effect) -> Sequence[Signature] | FemFailure:
+def _signatures(forward: ForwardModel, effect: Effect) -> Sequence[Signature] | FemFailure:
     try:
-        return effect.signatures(ground)
+        return effect.signatures(forward)
     except FemFailure as failure:
         return failure
 
 
 def _shown(
-    ground: ForwardModel,
+    forward: ForwardModel,
     products: GramMatrix,
     own: tuple[int, ...],
     null: Fit,
@@ -128,7 +128,7 @@ def _shown(
     moved = fit.log_evidence - null.log_evidence
     beside = 0.0
     if isinstance(effect, AuxiliaryLikelihood):
-        said = effect.beside(ground, effect.start(ground, signature, amounts), signature.label)
+        said = effect.beside(forward, effect.start(forward, signature, amounts), signature.label)
         beside = min(said, max(moved, 0.0))
     gain = moved + beside
     return LinearFit(
