@@ -149,8 +149,8 @@ def better_otherwise(
     if best > TILT_FITS or tilted(prints, surface_sd_mm) ** 2 - best**2 < OTHERWISE:
         return None
     what = {
-        FindingKind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, are "
-        "exchanged (left and right), or the mesh is turned or of another fruit",
+        FindingKind.PADS_EXCHANGED: "with each pad at the other's place: the pads' signals, or their poses, "
+        "are exchanged (left and right), or the mesh is turned or of another fruit",
         FindingKind.MESH_TURNED: "on the mesh turned by a quarter: the mesh is turned or of another fruit, "
         "or a pose is wrong",
     }[kind]
