@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -69,23 +69,33 @@ for command in (grade, check, explain, convert, calibrate, mat, sample):
 
 
 @contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
-    """Being told to end (SIGTERM, a terminal that is closed) is an interruption; a second time, the end."""
+def _ended_like_ctrl_c() -> Iterator[list[int]]:
+    """Being told to end (SIGTERM, a terminal that is closed) is an interruption; a second time, the end.
+
+    Gives the list of the signals that came. A native library that is being imported just then turns the
+    interruption into an error of its own ("ImportError: initialization failed"): the list tells them apart.
+    """
+    came: list[int] = []
 
     def interrupt(number: int, _frame: object) -> None:
-        signal.signal(number, signal.SIG_DFL)
+        came.append(number)
+        if number != signal.SIGINT:
+            signal.signal(number, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    told = [
-        number for number in (signal.SIGTERM, signal.SIGHUP) if signal.getsignal(number) == signal.SIG_DFL
-    ]
+    usual: dict[signal.Signals, Any] = {
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+        signal.SIGINT: signal.default_int_handler,
+    }
+    told = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
     for number in told:
         signal.signal(number, interrupt)
     try:
-        yield
+        yield came
     finally:
         for number in told:
-            signal.signal(number, signal.SIG_DFL)
+            signal.signal(number, usual[number])
 
 
 def _not_ours(error: Exception) -> str:
@@ -109,8 +119,9 @@ def _not_ours(error: Exception) -> str:
 
 def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
+    came: list[int] = []
     try:
-        with _ended_like_ctrl_c():
+        with _ended_like_ctrl_c() as came:
             app(prog_name="drupe")
     except KeyboardInterrupt:
         sys.stderr.write("drupe: interrupted\n")
@@ -123,6 +134,9 @@ def main() -> None:
             sys.stderr.write(f"drupe: {problem}\n")
         sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
+        if came:
+            sys.stderr.write("drupe: interrupted\n")
+            sys.exit(INTERRUPTED)
         if said := _not_ours(error):
             sys.stderr.write(f"drupe: {said}\n")
             sys.exit(USAGE)

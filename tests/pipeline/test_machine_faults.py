@@ -4,8 +4,10 @@ import errno
 import fcntl
 import os
 import pickle
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -200,3 +202,21 @@ def test_a_process_whose_parent_was_gone_before_it_began_ends(monkeypatch):
     monkeypatch.setattr(runner.os, "_exit", ended.append)
     runner._end_with(os.getppid() + 1)
     assert ended == [1]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_a_stop_that_a_library_takes_for_an_error_of_its_own_is_an_interruption(monkeypatch, capsys, number):
+    def importing(**_):
+        try:
+            os.kill(os.getpid(), number)
+            time.sleep(5)
+        except KeyboardInterrupt as stop:
+            raise ImportError("initialization failed") from stop
+
+    monkeypatch.setattr(cli, "app", importing)
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 130
+    assert capsys.readouterr().err == "drupe: interrupted\n"
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
