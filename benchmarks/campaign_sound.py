@@ -81,7 +81,7 @@ def write_sound(root: Path) -> None:
     (batch / "batch.toml").write_text(BATCH)
     (batch / "fruits.csv").write_text(TABLE)
     (batch / "mat.json").write_text(json.dumps(mat_mapping(standard_mat()), indent=1))
-    (batch / "mine.toml").write_bytes((ROOT / "recon" / "priors" / "nectarine.toml").read_bytes())
+    (batch / "mine.toml").write_bytes((ROOT / "recon" / "pit" / "priors" / "nectarine.toml").read_bytes())
     (batch / "model.onnx").write_bytes(_small_onnx())
     fruit = (28 * directions, faces)
     (first / "fruit.ply").write_bytes(mesh_bytes(*fruit))

@@ -38,7 +38,7 @@ from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
 USUALLY = 0.9
-BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "null_bank.py"
+BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "selection" / "null_reference.py"
 
 
 def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = None) -> dict[str, Any]:
