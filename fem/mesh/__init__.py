@@ -1,0 +1,1 @@
+"""From closed surfaces of fruit and pit to a T10 mesh of the flesh between them."""

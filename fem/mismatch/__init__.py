@@ -1,0 +1,1 @@
+"""What the plain model leaves out of a fruit's recordings: whether, what, where and when."""

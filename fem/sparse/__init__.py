@@ -1,0 +1,1 @@
+"""A sparse direct solver: elimination order, multifrontal Cholesky, condensed compliance."""

@@ -1,0 +1,1 @@
+"""One fruit through its stages, from photos and recordings to its record."""

@@ -1,0 +1,1 @@
+"""From records to a ranking: maturity classes, reference bodies, control chart, report entries."""

@@ -1,0 +1,1 @@
+"""Whether photos and mesh can be believed: photo checks, rim evidence, surface error, verdicts."""

@@ -1,0 +1,1 @@
+"""Outlines of the fruit: background plate, segmentation, voxel hull, visual hull."""

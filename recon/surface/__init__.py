@@ -1,0 +1,1 @@
+"""The fruit's surface: relief by photo-consistency, Poisson reconstruction, underside, repair."""

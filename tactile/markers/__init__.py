@@ -1,0 +1,1 @@
+"""Markers in gel images: detected, matched, tracked, gaps filled."""

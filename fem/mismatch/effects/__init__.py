@@ -1,0 +1,1 @@
+"""The catalogue's effects, one per file: parameters, linear signature, nonlinear model."""

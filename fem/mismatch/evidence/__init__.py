@@ -1,0 +1,1 @@
+"""Linear Gaussian evidence of effects, with nuisances and the model-discrepancy prior."""

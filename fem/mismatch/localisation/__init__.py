@@ -1,0 +1,1 @@
+"""Where, when and in which component a mismatch sits: maps, analysis of variance, spot search."""

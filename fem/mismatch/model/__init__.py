@@ -1,0 +1,1 @@
+"""The plain model of all recordings, and the responses that effects are built from."""

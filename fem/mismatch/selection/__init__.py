@@ -1,0 +1,1 @@
+"""Which effect: screening, refinement, model selection, null reference set, cross-validation."""
