@@ -5,8 +5,8 @@
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
-those that are there are left alone. --write replaces fem/mismatch/selection/null_reference.py by the rows
-in JSONL.
+those that are there are left alone. --write replaces null_reference.csv and null_quantiles.csv in
+fem/mismatch/selection by the rows in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 fem.mismatch.evidence.discrepancy_prior states. --grasps takes only the first K recordings of each case,
 into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
@@ -14,12 +14,13 @@ holds for fewer.
 """
 
 import argparse
+import csv
+import io
 import json
 import tempfile
-import textwrap
 from collections.abc import Collection
 from dataclasses import replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +30,13 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.procedure import detection_statistics, plain_forward_model
-from fem.mismatch.selection.detection import LEVEL, NAMES, p_values_beside
-from fem.mismatch.selection.null_reference import FRUITS, NULLS
+from fem.mismatch.selection.detection import LEVEL, p_values_beside
+from fem.mismatch.selection.null_reference import (
+    QUANTILES_FILE,
+    STATISTICS,
+    STATISTICS_FILE,
+    null_reference,
+)
 from fem.mismatch.selection.screening import screened
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
@@ -38,7 +44,22 @@ from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
 USUALLY = 0.9
-BANK = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "selection" / "null_reference.py"
+SELECTION = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "selection"
+ORIGIN = """\
+# Detection statistics of sound recordings, four grasps a case: noise, surfaces, pits and places are
+# drawn anew and nothing is left out on purpose. {cases} cases of {fruits} fruits.
+# Pressed by the samples' own contact solver on hexahedra: python benchmarks/mismatch_bank.py FOLDER null
+# Written by: python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
+"""
+OF_STATISTICS = """\
+# best single: gain (ln evidence) of the best effect over the compliance ratio of flesh to gel, beyond the
+#   quantile of that effect on the other fruits (null_quantiles.csv); best pair: gain of the best two over the
+#   ratio squared; what is left: chi-square of the plain model per number. fruit: whose recording it is.
+"""
+OF_QUANTILES = """\
+# quantile: what nine of ten of these cases stay below of the gain (ln evidence) of a kind of signature over
+#   the compliance ratio of flesh to gel; 0 at least.
+"""
 
 
 def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = None) -> dict[str, Any]:
@@ -92,13 +113,14 @@ def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
 
 def _p_beside_others(row: dict[str, Any]) -> float:
     """Of the bank without the row's own fruit, which is the bank's number as its name says."""
-    bank, fruits = np.array(NULLS), np.array(FRUITS)
-    others = fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
-    return p_values_beside({name: row[name] for name in NAMES}, bank[others], fruits[others])[0]
+    known = null_reference()
+    others = known.fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
+    statistics = {name: row[name] for name in STATISTICS}
+    return p_values_beside(statistics, known.statistics[others], known.fruits[others])[0]
 
 
-def bank_of(rows: list[dict[str, Any]]) -> str:
-    """The source of the module that holds the bank."""
+def files_of(rows: list[dict[str, Any]], written: date) -> dict[str, str]:
+    """Name and text of the two files of the null reference, their origin in their first lines."""
     fruits = {_fruit(row) for row in rows}
     usual = _usual(rows)
     for row in rows:
@@ -106,26 +128,20 @@ def bank_of(rows: list[dict[str, Any]]) -> str:
         apart = _usual(others or rows)
         row["best single"] = max(_gain(row, name) - apart.get(name, 0.0) for name in row["shown"])
     rows = sorted(rows, key=lambda row: str(row["case"]))
-    lines = "".join(f"    ({', '.join(f'{row[name]:.4g}' for name in NAMES)}),\n" for row in rows)
     numbers = {fruit: k for k, fruit in enumerate(dict.fromkeys(_fruit(row) for row in rows))}
-    whose = textwrap.fill(
-        ", ".join(str(numbers[_fruit(row)]) for row in rows) + ",",
-        width=106, initial_indent="    ", subsequent_indent="    ",
-    )  # fmt: skip
-    return (
-        '"""Detection statistics of sound recordings: noise, surfaces, pits and places drawn anew.\n\n'
-        f"{len(rows)} cases of four grasps, {len(fruits)} fruits, by the samples' own contact solver on\n"
-        "hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, "
-        f"{datetime.now(UTC):%Y-%m-%d}.\nOne row per case, columns as in NAMES; FRUITS: whose it is. "
-        "USUAL: what nine of ten stay below of\neach effect's gain over the softness of the flesh, 0 at "
-        'least; a row\'s own best single counts beyond that of\nthe other fruits.\n"""\n\n'
-        f"NAMES = {json.dumps(NAMES).replace('[', '(').replace(']', ')')}\n"
-        "USUAL: dict[str, float] = {\n"
-        + "".join(f'    "{name}": {value:.3g},\n' for name, value in usual.items())
-        + "}\n"
-        f"NULLS: tuple[tuple[float, ...], ...] = (\n{lines})\n"
-        f"FRUITS: tuple[int, ...] = (\n{whose}\n)  # fmt: skip\n"
-    )
+    origin = ORIGIN.format(cases=len(rows), fruits=len(fruits), written=written)
+    lines = [[str(numbers[_fruit(row)]), *(f"{row[name]:.4g}" for name in STATISTICS)] for row in rows]
+    kinds = [[kind, f"{value:.3g}"] for kind, value in usual.items()]
+    return {
+        STATISTICS_FILE: origin + OF_STATISTICS + _csv([["fruit", *STATISTICS], *lines]),
+        QUANTILES_FILE: origin + OF_QUANTILES + _csv([["kind", "quantile"], *kinds]),
+    }
+
+
+def _csv(rows: list[list[str]]) -> str:
+    with io.StringIO() as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+        return file.getvalue()
 
 
 def main() -> None:
@@ -159,7 +175,7 @@ def main() -> None:
                 file.write(json.dumps(row) + "\n")
             print(
                 row["case"],
-                *(f"{one} {row[one]:.4g}" for one in NAMES),
+                *(f"{one} {row[one]:.4g}" for one in STATISTICS),
                 next(iter(row["shown"].items())),
                 flush=True,
             )
@@ -167,7 +183,8 @@ def main() -> None:
         p = [_p_beside_others(row) for row in known]
         print(f"p: {sum(x < LEVEL for x in p)} of {len(p)} below {LEVEL}, median {np.median(p):.2g}")
     if chosen.write:
-        BANK.write_text(bank_of(known))
+        for name, text in files_of(known, datetime.now(UTC).date()).items():
+            (SELECTION / name).write_text(text)
 
 
 if __name__ == "__main__":

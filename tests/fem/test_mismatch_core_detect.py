@@ -1,5 +1,7 @@
 """p-values against draws of the bank's own distribution; what to record next."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import kstest
@@ -8,8 +10,9 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.next_grasp import ACROSS, CYCLES, DEPTHS, SEPARATORS, SPEEDS, TURNED, next_grasp
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection import detection
+from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
-COUNT = len(detection.NAMES)
+COUNT = len(STATISTICS)
 
 
 def drawn(rng: np.random.Generator, fruits: int, records: int = 6) -> np.ndarray:
@@ -21,7 +24,7 @@ def drawn(rng: np.random.Generator, fruits: int, records: int = 6) -> np.ndarray
 
 def p_of(row: np.ndarray, bank: np.ndarray, records: int = 6) -> float:
     whose = np.repeat(np.arange(len(bank) // records), records)
-    return detection.p_values_beside(dict(zip(detection.NAMES, row.tolist(), strict=True)), bank, whose)[0]
+    return detection.p_values_beside(dict(zip(STATISTICS, row.tolist(), strict=True)), bank, whose)[0]
 
 
 @pytest.fixture
@@ -38,10 +41,10 @@ def test_p_values_of_sound_recordings_of_fresh_fruits_are_even():
 
 
 def test_the_shipped_bank_holds_against_its_own_fruits_left_out():
-    rows, whose = np.array(detection.NULLS), np.array(detection.FRUITS)
+    rows, whose = null_reference().statistics, null_reference().fruits
     p = []
     for row, fruit in zip(rows, whose, strict=True):
-        statistics = dict(zip(detection.NAMES, row.tolist(), strict=True))
+        statistics = dict(zip(STATISTICS, row.tolist(), strict=True))
         p.append(detection.p_values_beside(statistics, rows[whose != fruit], whose[whose != fruit])[0])
     assert len(rows) >= 100
     assert kstest(p, "uniform").statistic < 0.15
@@ -68,9 +71,9 @@ def test_statistics_far_beyond_the_bank_have_p_values_that_go_on_falling(bank):
 def test_a_middling_recording_is_sound_and_each_statistic_says_its_own(bank):
     middle = np.median(bank, axis=0)
     whose = np.repeat(np.arange(20), 6)
-    p, own = detection.p_values_beside(dict(zip(detection.NAMES, middle.tolist(), strict=True)), bank, whose)
+    p, own = detection.p_values_beside(dict(zip(STATISTICS, middle.tolist(), strict=True)), bank, whose)
     assert p > 0.3
-    assert set(own) == set(detection.NAMES)
+    assert set(own) == set(STATISTICS)
     assert all(0.3 < value < 0.7 for value in own.values())
 
 
@@ -81,7 +84,7 @@ def test_nothing_more_is_asked_for_where_nothing_is_left_to_tell():
 
 def test_what_a_signature_gains_for_want_of_the_rest_is_not_held_against_the_whole(monkeypatch):
     table = {"stiffening": 5.0, "stiffening neo-hookean": 0.5, "skin": 2.0}
-    monkeypatch.setattr(detection, "USUAL", table)
+    monkeypatch.setattr(detection, "null_reference", lambda: replace(null_reference(), quantiles=table))
     assert detection.null_gain("stiffening", 2.0) == 10.0
     assert detection.null_gain_in_full("stiffening", 2.0) == 1.0
     assert detection.null_gain_in_full("skin+stiffening", 2.0) == 4.0

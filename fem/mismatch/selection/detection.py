@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.stats import t as student
 
-from fem.mismatch.selection.null_reference import FRUITS, NAMES, NULL_QUANTILE, NULLS
+from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
 LEVEL = 0.05
 """p-values below it are a mismatch."""
@@ -30,12 +30,13 @@ LEVEL = 0.05
 
 def best_beyond_quantile(gains: Iterable[tuple[str, float]], compliance_ratio: float) -> float:
     """The first statistic, from what every kind of signature gains."""
-    return max((gain / compliance_ratio - NULL_QUANTILE.get(kind, 0.0) for kind, gain in gains), default=0.0)
+    usual = null_reference().quantiles
+    return max((gain / compliance_ratio - usual.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
 def null_gain(kind: str, compliance_ratio: float) -> float:
     """What a kind of signature gains on most sound recordings at most."""
-    return compliance_ratio * NULL_QUANTILE.get(kind, 0.0)
+    return compliance_ratio * null_reference().quantiles.get(kind, 0.0)
 
 
 def null_gain_in_full(effect: str, compliance_ratio: float) -> float:
@@ -45,7 +46,7 @@ def null_gain_in_full(effect: str, compliance_ratio: float) -> float:
     gain on sound recordings what the whole does not.
     """
     own = [
-        [value for kind, value in NULL_QUANTILE.items() if kind.split()[0] == part]
+        [value for kind, value in null_reference().quantiles.items() if kind.split()[0] == part]
         for part in effect.split("+")
     ]
     return compliance_ratio * max(min(values, default=0.0) for values in own)
@@ -53,21 +54,22 @@ def null_gain_in_full(effect: str, compliance_ratio: float) -> float:
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     """The one p-value, and each statistic's own."""
-    return p_values_beside(statistics, np.array(NULLS), np.array(FRUITS))
+    known = null_reference()
+    return p_values_beside(statistics, known.statistics, known.fruits)
 
 
 def p_values_beside(
     statistics: Mapping[str, float], bank: Float[np.ndarray, "n 3"], fruits: Int[np.ndarray, " n"]
 ) -> tuple[float, dict[str, float]]:
-    """The same beside any bank: a row per recording, columns as in NAMES, and whose it is."""
+    """The same beside any bank: a row per recording, columns as in STATISTICS, and whose it is."""
     known = _scaled(bank)
     mean, spread, freedom = _of_another_fruit(known, fruits)
-    z = (_scaled(np.array([[statistics[name] for name in NAMES]]))[0] - mean) / spread
+    z = (_scaled(np.array([[statistics[name] for name in STATISTICS]]))[0] - mean) / spread
     most = ((known - mean) / spread).max(axis=1, keepdims=True)
     usual, of_usual, _ = _of_another_fruit(most, fruits)
     p = float(student.sf((z.max() - usual[0]) / of_usual[0], freedom))
     each = student.sf(z, freedom)
-    return p, dict(zip(NAMES, each.tolist(), strict=True))
+    return p, dict(zip(STATISTICS, each.tolist(), strict=True))
 
 
 def _scaled(values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -89,4 +91,4 @@ def _of_another_fruit(
 
 def of_sound(name: str, share: float = 0.5) -> float:
     """What a share of the bank's recordings stay below in one statistic."""
-    return float(np.quantile(np.array(NULLS)[:, NAMES.index(name)], share))
+    return float(np.quantile(null_reference().statistics[:, STATISTICS.index(name)], share))

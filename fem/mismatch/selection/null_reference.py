@@ -1,152 +1,89 @@
-"""Detection statistics of sound recordings: noise, surfaces, pits and places drawn anew.
-
-114 cases of four grasps, 19 fruits, by the samples' own contact solver on
-hexahedra (`benchmarks/mismatch_bank.py`), through `benchmarks/mismatch_nulls.py`, 2026-11-21.
-One row per case, columns as in NAMES; FRUITS: whose it is. USUAL: what nine of ten stay below of
-each effect's gain over the softness of the flesh, 0 at least; a row's own best single counts beyond that of
-the other fruits.
+"""Reader of the null reference: detection statistics of sound recordings, which null_reference.csv and
+null_quantiles.csv beside it hold. Their own first lines say of how many fruits, and by which commands.
 """
 
-NAMES = ("best single", "best pair", "what is left")
-NULL_QUANTILE: dict[str, float] = {
-    "anisotropy": 0,
-    "clock_lag": 0,
-    "damage": 0,
-    "graded_modulus": 1.47,
-    "gripper_compliance": 0,
-    "pit_offset": 0,
-    "pit_size": 1.05,
-    "plastic_set": 0,
-    "poisson_ratio": 0,
-    "pose_error": 0,
-    "sensor_drift": 0,
-    "sensor_gain": 0.004,
-    "skin": 0.185,
-    "slip": 0,
-    "soft_spot": 1.93,
-    "stiffening": 5.68,
-    "stiffening neo-hookean": 0,
-    "viscoelastic": 0,
-}
-NULLS: tuple[tuple[float, ...], ...] = (
-    (0.0754, 6.53, 0.0457),
-    (0.1248, 5.726, 0.04605),
-    (0, 6.989, 0.04783),
-    (1.453, 8.735, 0.04722),
-    (0, 8.04, 0.04636),
-    (0, 8.67, 0.04662),
-    (0, -0.04266, 0.04528),
-    (0.9917, 2.723, 0.04551),
-    (0, 0.3626, 0.04559),
-    (0, 0.9452, 0.04611),
-    (0.4361, 1.986, 0.04572),
-    (0, -1.024, 0.04522),
-    (-0.25, 1.22, 0.05087),
-    (0, -1.765, 0.05149),
-    (-0.27, -1.011, 0.05004),
-    (-0.01, 0.382, 0.04842),
-    (0, 1.013, 0.0503),
-    (0, 0.4386, 0.04952),
-    (0, 0.8635, 0.04633),
-    (0, -0.3007, 0.04639),
-    (0, -0.07283, 0.04631),
-    (0, -0.2875, 0.04677),
-    (0.8065, 1.855, 0.04653),
-    (0, -0.8416, 0.04705),
-    (6.289, 6.816, 0.04896),
-    (6.939, 9.352, 0.04786),
-    (5.399, 5.967, 0.04887),
-    (6.149, 7.696, 0.04936),
-    (2.099, 2.733, 0.04903),
-    (3.579, 5.135, 0.04777),
-    (0.6588, 9.636, 0.05086),
-    (0.83, 6.873, 0.04853),
-    (1.843, 9.209, 0.05069),
-    (2.017, 10.13, 0.05034),
-    (3.8, 11.34, 0.05021),
-    (1.185, 9.262, 0.05134),
-    (0, 5.03, 0.04655),
-    (0.6556, 3.53, 0.04766),
-    (0.9431, 4.898, 0.0468),
-    (1.692, 5.587, 0.04791),
-    (0.6101, 4.268, 0.04717),
-    (1.308, 3.941, 0.04685),
-    (-0.004904, 4.235, 0.04729),
-    (0.8766, 5.849, 0.04916),
-    (0, 2.604, 0.04622),
-    (0, 1.637, 0.04988),
-    (-0.1078, 3.075, 0.04776),
-    (0, -0.2382, 0.04667),
-    (-0.02, 0.1888, 0.05306),
-    (-0.02, -0.1202, 0.05191),
-    (-0.5, -0.845, 0.05446),
-    (0, -0.276, 0.05423),
-    (-0.98, -0.1328, 0.05267),
-    (-0.01, 0.03555, 0.05544),
-    (2.283, 3.77, 0.04604),
-    (1.601, 1.613, 0.04767),
-    (2.307, 3.11, 0.04723),
-    (2.202, 3.441, 0.04736),
-    (1.139, 1.425, 0.04644),
-    (2.068, 2.75, 0.04622),
-    (0, 0.8925, 0.05053),
-    (0.169, 1.259, 0.05071),
-    (0, 0.9304, 0.0492),
-    (0, 1.116, 0.05168),
-    (0, 1.685, 0.05128),
-    (0, 2.114, 0.05071),
-    (-0.09118, 2.635, 0.05044),
-    (0, 2.64, 0.049),
-    (0, 3.019, 0.04991),
-    (0, 1.79, 0.0503),
-    (0, 2.24, 0.05187),
-    (0.1461, 2.52, 0.04978),
-    (0.01, 0.06091, 0.05286),
-    (0, -0.7398, 0.05266),
-    (0.21, 1.076, 0.05311),
-    (0.24, 1.404, 0.05293),
-    (0, 1.201, 0.05238),
-    (0.29, 1.008, 0.05297),
-    (0.35, 0.4853, 0.05536),
-    (0, -1.19, 0.05533),
-    (1.67, 1.003, 0.05589),
-    (0, 0.2269, 0.05628),
-    (0.16, -0.7772, 0.05491),
-    (1.96, 1.963, 0.05635),
-    (1.461, 7.115, 0.04644),
-    (3.475, 8.043, 0.04551),
-    (0.2066, 5.934, 0.04485),
-    (0, 5.912, 0.04723),
-    (0, 4.441, 0.04482),
-    (2.012, 8.991, 0.04744),
-    (0, 7.494, 0.04905),
-    (0, 6.612, 0.0485),
-    (0.3347, 7.178, 0.049),
-    (0.1193, 7.61, 0.04894),
-    (0.2366, 7.976, 0.04852),
-    (0.1429, 7.282, 0.04987),
-    (0.2016, 6.694, 0.04492),
-    (0, 5.289, 0.04592),
-    (0, -0.8716, 0.04604),
-    (0, 4.974, 0.04524),
-    (0, 5.414, 0.04533),
-    (0, 5.696, 0.04537),
-    (0.62, 2.451, 0.05456),
-    (0, 0.3084, 0.05442),
-    (0.67, 0.6295, 0.05292),
-    (1.26, 1.083, 0.05624),
-    (0.31, -0.1513, 0.05423),
-    (-0.16, 0.2232, 0.05335),
-    (3.377, 5.561, 0.04422),
-    (3.788, 5.792, 0.04374),
-    (2.02, 5.755, 0.04381),
-    (1.847, 5.112, 0.04443),
-    (0.1666, 4.812, 0.04457),
-    (1.221, 3.701, 0.04484),
-)
-FRUITS: tuple[int, ...] = (
-    0, 0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 1, 2, 2, 2, 2, 2, 2, 3, 3, 3, 3, 3, 3, 4, 4, 4, 4, 4, 4, 5, 5, 5, 5,
-    5, 5, 6, 6, 6, 6, 6, 6, 7, 7, 7, 7, 7, 7, 8, 8, 8, 8, 8, 8, 9, 9, 9, 9, 9, 9, 10, 10, 10, 10, 10, 10,
-    11, 11, 11, 11, 11, 11, 12, 12, 12, 12, 12, 12, 13, 13, 13, 13, 13, 13, 14, 14, 14, 14, 14, 14, 15,
-    15, 15, 15, 15, 15, 16, 16, 16, 16, 16, 16, 17, 17, 17, 17, 17, 17, 18, 18, 18, 18, 18, 18,
-)  # fmt: skip
+import csv
+import math
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from jaxtyping import Float, Int
+
+STATISTICS = ("best single", "best pair", "what is left")
+STATISTICS_FILE, QUANTILES_FILE = "null_reference.csv", "null_quantiles.csv"
+REMEDY = "Write both files anew with benchmarks/mismatch_nulls.py --write."
+
+
+@dataclass(frozen=True, kw_only=True)
+class NullReference:
+    """A row of `statistics` (columns as in STATISTICS) and a number in `fruits` (whose it is) per recording;
+    `quantiles`: what nine of ten stay below of each kind of signature's gain over the compliance ratio."""
+
+    statistics: Float[np.ndarray, "n 3"]
+    fruits: Int[np.ndarray, " n"]
+    quantiles: dict[str, float]
+
+
+@cache
+def null_reference() -> NullReference:
+    """The one that is shipped, read once."""
+    here = files("fem.mismatch.selection")
+    statistics, quantiles = ((here / name).read_text("utf-8") for name in (STATISTICS_FILE, QUANTILES_FILE))
+    return parse_null_reference(statistics, quantiles)
+
+
+def parse_null_reference(statistics: str, quantiles: str) -> NullReference:
+    """From the two files' text; a line that begins with # says where the numbers come from.
+
+    Raises ValueError, with file, line and remedy, where a column, number or name is not as written, where a
+    kind stands twice, or where there are not at least two fruits with two recordings each.
+    """
+    rows = _rows(statistics, STATISTICS_FILE, ("fruit", *STATISTICS))
+    fruits = [_whole(row[0], STATISTICS_FILE, line) for line, row in rows]
+    values = [[_finite(text, STATISTICS_FILE, line) for text in row[1:]] for line, row in rows]
+    recordings = np.unique(fruits, return_counts=True)[1]
+    if len(recordings) < 2 or recordings.min() < 2:
+        raise ValueError(
+            f"{STATISTICS_FILE} has {len(recordings)} fruits, the least recorded of them "
+            f"{recordings.min(initial=len(fruits))} times; at least two fruits are expected, each "
+            f"recorded twice or more. {REMEDY}"
+        )
+    of_kind: dict[str, float] = {}
+    for line, (kind, text) in _rows(quantiles, QUANTILES_FILE, ("kind", "quantile")):
+        if not kind or kind in of_kind:
+            raise ValueError(
+                f"{QUANTILES_FILE}, line {line}: kind is {kind!r}, a name not yet used is expected. {REMEDY}"
+            )
+        of_kind[kind] = _finite(text, QUANTILES_FILE, line)
+    return NullReference(statistics=np.array(values), fruits=np.array(fruits), quantiles=of_kind)
+
+
+def _rows(text: str, name: str, header: tuple[str, ...]) -> list[tuple[int, list[str]]]:
+    """Number and cells of each line below the header."""
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if not line.startswith("#")]
+    rows = [(number, row) for number, line in lines for row in csv.reader([line])]
+    if not rows or tuple(rows[0][1]) != header:
+        found = ",".join(rows[0][1]) if rows else "nothing"
+        raise ValueError(f"{name}: the columns are {found}; {','.join(header)} is expected. {REMEDY}")
+    for number, row in rows[1:]:
+        if len(row) != len(header):
+            raise ValueError(f"{name}, line {number}: {len(row)} cells, {len(header)} are expected. {REMEDY}")
+    return rows[1:]
+
+
+def _finite(text: str, name: str, line: int) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"{name}, line {line}: {text!r} is no finite number. {REMEDY}")
+    return value
+
+
+def _whole(text: str, name: str, line: int) -> int:
+    if not text.isdecimal():
+        raise ValueError(f"{name}, line {line}: {text!r} is no fruit's number (0, 1, ...). {REMEDY}")
+    return int(text)
