@@ -232,7 +232,7 @@ def main() -> None:
         for kind in ("photometric", "markers-stereo", "markers-mono"):
             if wanted.only in (None, kind):
                 fields, seconds = measured(kind, known, np.random.default_rng(5))
-                print(fields.strength)
+                print(fields.hyperparameters)
                 rows.append(row(kind, fields, known, seconds))
                 print(
                     {k: round(v, 3) if isinstance(v, float) else v for k, v in rows[-1].items()}, flush=True

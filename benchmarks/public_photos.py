@@ -56,14 +56,14 @@ from recon.recon_failure import ReconFailure
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import outline_of, sharpened, silhouette_of_outline
-from recon.silhouettes.tangent import settled
+from recon.silhouettes.tangent import fitted_to_outlines
 from recon.stage_clock import one_thread
 from recon.surface.mesh_file import write_mesh
 from recon.triangle_mesh import vertex_normals
 
 GRID = 128
-LEVEL, SETTLED_LEVEL = 6, 5
-DOUBT = 0.03
+LEVEL, FIT_LEVEL = 6, 5
+OUTLIER_SHARE = 0.03
 MAX_FACES = 6000
 """Levels of the ball, share of views that may be wrong, faces: as in recon.silhouettes.all_views and
 ReconOptions."""
@@ -163,15 +163,20 @@ def stages(views: Sequence[View], *, floor_mm: float | None) -> Iterator[tuple[s
 
     def hull(silhouettes: Sequence[Silhouette], level: int) -> Mesh:
         return visual_hull(
-            silhouettes, centre_mm=centre, longest_mm=longest, floor_mm=floor_mm, level=level, doubt=DOUBT
+            silhouettes,
+            centre_mm=centre,
+            longest_mm=longest,
+            floor_mm=floor_mm,
+            level=level,
+            outlier_share=OUTLIER_SHARE,
         )
 
     yield "hull of masks", hull(masks, LEVEL)
     outlines = [_sharp(v) for v in views]
     yield "hull", hull(outlines, LEVEL)
-    coarse = hull(outlines, SETTLED_LEVEL)
-    found = settled(*coarse, outlines, floor_mm=floor_mm)
-    vertices, faces = split(found.vertices, SETTLED_LEVEL, LEVEL), ball(LEVEL)[1]
+    coarse = hull(outlines, FIT_LEVEL)
+    found = fitted_to_outlines(*coarse, outlines, floor_mm=floor_mm)
+    vertices, faces = split(found.vertices, FIT_LEVEL, LEVEL), ball(LEVEL)[1]
     yield "settled", (vertices, faces)
     try:
         closed = closed_surface(vertices, vertex_normals(vertices, faces), max_faces=MAX_FACES)

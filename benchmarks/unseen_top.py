@@ -22,7 +22,7 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.hull import Silhouette, drawn, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, outline_of, silhouette_of_outline
-from recon.silhouettes.tangent import settled
+from recon.silhouettes.tangent import fitted_to_outlines
 from recon.surface.unseen_top import expected_excess
 
 ELEVATIONS_DEG = (6.0, 13.0, 20.0, 30.0, 38.0)
@@ -107,9 +107,9 @@ def main() -> int:
             seen = [silhouette(c, v, truth.faces, rng) for c in cameras]
             rough, faces = visual_hull(
                 seen, centre_mm=np.array([0, 0, tall_mm / 2]), longest_mm=2 * tall_mm, floor_mm=0.0, level=5,
-                doubt=0.03,
+                outlier_share=0.03,
             )  # fmt: skip
-            made = settled(rough, faces, seen, floor_mm=0.0).vertices
+            made = fitted_to_outlines(rough, faces, seen, floor_mm=0.0).vertices
             box = np.ptp(made, axis=0)
             away = np.array([c.place for c in cameras]) - [0, 0, box[2]]
             lowest = float(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1)).min())

@@ -28,7 +28,7 @@ def fruit_points(
     error.
 
     The more trusted 60 % of the points count. With a mat, the tag corners' points fix the similarity to the
-    mat's frame; without it, the ground's plane fixes z, the fruit's height the scale (settled later on the
+    mat's frame; without it, the ground's plane fixes z, the fruit's height the scale (fixed later on the
     mesh), and x points to where the model says that the first photo was taken: by convention from the
     suture's side. Raises ReconFailure: mat-not-found (fewer than four tags seen), bad-geometry-model (no mat
     and no poses), no-overlap (no ground, or a first photo from straight above), no-fruit.
@@ -51,15 +51,14 @@ def fruit_points(
         scale_sd = float("inf")
     points = moved(maps.points, world)
     turn = world[:3, :3] / np.cbrt(np.linalg.det(world[:3, :3]))
-    standing = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
-    if standing.sum() < FEWEST_POINTS:
+    above_ground = trusted & _inside(points, box) & (points[..., 2] > 0.02 * box[1][2])
+    if above_ground.sum() < FEWEST_POINTS:
         raise ReconFailure(
             ReconProblem.NO_FRUIT,
-            f"Only {int(standing.sum())} of the geometry model's trusted points stand over the ground where "
-            f"the fruit "
-            "should be; check the photos, or leave the model out.",
+            f"Only {int(above_ground.sum())} of the geometry model's trusted points stand over the ground "
+            "where the fruit should be; check the photos, or leave the model out.",
         )
-    found, outward = points[standing], normals[standing] @ turn.T
+    found, outward = points[above_ground], normals[above_ground] @ turn.T
     if len(found) > MOST_POINTS:
         pick = np.random.default_rng(SEED).choice(len(found), MOST_POINTS, replace=False)
         found, outward = found[pick], outward[pick]
@@ -102,9 +101,9 @@ def _world_from_ground(
     foot = np.median(over, axis=0)
     foot = foot - ((foot - middle) @ up) * up
     T = upright(up, foot, first_place - foot)
-    standing = moved(over, T)
-    tall = float(np.percentile(standing[:, 2], 99))
-    wide = float(np.percentile(np.hypot(standing[:, 0], standing[:, 1]), 90))
+    above_ground = moved(over, T)
+    tall = float(np.percentile(above_ground[:, 2], 99))
+    wide = float(np.percentile(np.hypot(above_ground[:, 0], above_ground[:, 1]), 90))
     T[:3] *= height_mm / tall
     half = 1.7 * height_mm / tall * max(wide, 0.5 * tall)
     return T, (np.array([-half, -half, 0.0]), np.array([half, half, 1.7 * height_mm]))

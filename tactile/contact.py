@@ -113,6 +113,7 @@ def _frames_in_air(pad: GelPad) -> int:
 
 
 def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
+    """One pad's noise, offset and contact episodes. Raises TactileFailure where it never touches."""
     # One frame of guard: the first touch begins between two frames.
     quiet = slice(0, max(air_frames - 1, 0))
     # A deadband writes exact zeros: such air says nothing, contact does.

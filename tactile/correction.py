@@ -1,6 +1,6 @@
-"""A recording with known faults of the jaws taken out: gain, drift, compliance, lag, a pad's place.
+"""A recording with known faults of pads and jaws removed: gain, drift, compliance, lag, pose.
 
-Each fault says how the recorded numbers came from the true ones; `corrected` undoes it.
+Each fault states how the recorded numbers follow from the true ones; `corrected` inverts it.
 """
 
 from collections.abc import Sequence
@@ -60,7 +60,7 @@ Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | LagFault | PoseFau
 def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
     """`recording` as it would be without the faults.
 
-    Forces are put right first, since a jaw's compliance is a matter of the true force; a fault of a pad that
+    Forces are corrected first, since a jaw's compliance is a matter of the true force; a fault of a pad that
     the recording does not have leaves it as it is. The result does not depend on the order of `faults`.
     """
     first = (DriftFault, GainFault, LagFault, ComplianceFault, PoseFault)
@@ -72,15 +72,17 @@ def _without(recording: Recording, fault: Fault) -> Recording:
         return _in_time(recording, fault.lag_s)
     if isinstance(fault, ComplianceFault):
         return _stiff(recording, fault.mm_per_N)
-    mended = tuple(
-        _mended(pad, fault, recording.time_s) if pad.name == fault.pad else pad for pad in recording.pads
+    corrected_pads = tuple(
+        _corrected_pad(pad, fault, recording.time_s) if pad.name == fault.pad else pad
+        for pad in recording.pads
     )
-    return replace(recording, pads=mended)
+    return replace(recording, pads=corrected_pads)
 
 
-def _mended(
+def _corrected_pad(
     pad: GelPad | IndenterPad, fault: GainFault | DriftFault | PoseFault, time_s: Float[np.ndarray, " t"]
 ) -> GelPad | IndenterPad:
+    """One pad without a fault of its pose, gain or drift."""
     if isinstance(fault, PoseFault):
         return replace(pad, pose=pad.pose @ np.linalg.inv(misplacement(fault)))
     gain, newton_per_s = (fault.gain, 0.0) if isinstance(fault, GainFault) else (1.0, fault.newton_per_s)

@@ -80,6 +80,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
 
 
 def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields:
+    """One pad's tracked markers and their displacement and force, in every frame that is not a repetition."""
     source = f"{raw.source}/{pad.name}"
     camera = camera_of(pad)
     tracked, doubled, places, notes = tracked_markers(pad, pad.view, camera, source, progress)
@@ -161,6 +162,7 @@ def _chosen(view: RawCamera, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.
 
 
 def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
+    """One pad's fields at the grasp's common times (s); rotations are those of the nearest frame."""
     pad = one.pad
     nearest = np.abs(one.time_s[None] - when[:, None]).argmin(axis=1) if len(one.time_s) else when.astype(int)
     pose = pad.pose[nearest].copy()

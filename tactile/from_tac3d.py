@@ -106,6 +106,7 @@ def _origin(rest_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
 
 
 def _said_of(sensor: Tac3D) -> list[str]:
+    """Notes on one sensor's frames: lost ones, a deadband, sums that differ from the sensor's own."""
     name, frames = sensor.serial, len(sensor.index)
     notes = []
     step = np.diff(sensor.index)

@@ -127,6 +127,7 @@ def _from_first_touch(
     *,
     budget: ErrorBudget,
 ) -> ModulusEstimate:
+    """The estimate by displacement since first touch: the fit's 1/E, its error from fit and energy ratio."""
     ratio = energy_ratio(
         tracks,
         force,

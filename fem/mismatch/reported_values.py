@@ -26,6 +26,7 @@ def candidates(forward: ForwardModel, found: ModelSelection, linear: LinearRound
 
 
 def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
+    """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
     if one.refit is None:
         drop = sum(shown.chi2_drop for shown in one.shown)
         return Candidate(
@@ -47,6 +48,7 @@ def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base
 
 
 def _parameters(forward: ForwardModel, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
+    """A refit's parameters by name, with standard deviation and 90 % interval; vectors are joined again."""
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0

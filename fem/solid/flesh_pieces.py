@@ -98,6 +98,7 @@ class FleshPieces:
 
 
 def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
+    """The arrays of one piece, its own elements given; slopes and weights in single precision."""
     tets = points.mesh.tets[own]
     nodes, local = np.unique(tets, return_inverse=True)
     slope = points.slope[own].astype(np.float32)

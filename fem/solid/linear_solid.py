@@ -135,6 +135,7 @@ class UnitModulusSolid:
         return np.asarray(np.linalg.lstsq(modes, moved.T, rcond=None)[0].T)
 
     def _columns(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "d f"]:
+        """The loads as columns (3 n, loads). Raises FemFailure (BAD_LOAD)."""
         n = len(self.mesh.nodes_mm)
         if (
             nodal_force_N.ndim != 3

@@ -78,6 +78,7 @@ def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"])
 def _linked(
     place: SurfacePoints, skin: SurfacePoints, weights: csr_array, solid: UnitModulusSolid
 ) -> PadLink:
+    """The maps between marker forces and nodes, from where markers and skin points sit."""
     field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
     plain, rigid, balance = field.matrices()
     nodes = solid.contact_nodes

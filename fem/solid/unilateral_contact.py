@@ -28,6 +28,7 @@ def pressures(
 def _one(
     compliance: Float[np.ndarray, "c c"], opening: Float[np.ndarray, " c"], closed: Bool[np.ndarray, " c"]
 ) -> tuple[Float[np.ndarray, " c"], Bool[np.ndarray, " c"]]:
+    """Pressures of one problem, and which points are closed; by non-negative least squares if need be."""
     for _ in range(MOST_CHANGES):
         pressure = np.zeros(len(opening))
         at = np.flatnonzero(closed)

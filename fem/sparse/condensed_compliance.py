@@ -30,10 +30,10 @@ def compliance(factor: CholeskyFactor, dofs: Int[np.ndarray, " c"]) -> Float[np.
         y = np.zeros((p + len(rows), high - low))
         y[chosen[own[s] : high] - fronts.start[s], np.arange(own[s], high) - low] = 1
         for child, update in pending[s]:
-            landing = fronts.landing[child]
-            if landing is not None:
+            relative_indices = fronts.relative_indices[child]
+            if relative_indices is not None:
                 begin = first[child] - low
-                for a, b, row in landing.runs:
+                for a, b, row in relative_indices.runs:
                     y[row : row + b - a, begin : begin + update.shape[1]] += update[a:b]
         pending[s].clear()
         solve_triangle(factor.triangle[s], y[:p])

@@ -37,42 +37,45 @@ class Front:
 
     triangle: Float[np.ndarray, "p p"]
     below: Float[np.ndarray, "p q"]
-    left: Float[np.ndarray, "q q"]
+    schur: Float[np.ndarray, "q q"]
 
 
 def extend_add(
     front: Front,
     update: Float[np.ndarray, "c c"],
-    landing: RelativeIndices,
+    relative_indices: RelativeIndices,
     *,
     buffer: Float[np.ndarray, " b"],
 ) -> None:
     """Add the update of a child to its parent's front; the buffer, of BUFFER numbers, is overwritten."""
-    wide = len(front.triangle) + len(front.left) > BUFFER
-    if wide or len(update) > LONG_STRETCH * len(landing.runs):
-        _add_blocks(front, update, landing)
+    wide = len(front.triangle) + len(front.schur) > BUFFER
+    if wide or len(update) > LONG_STRETCH * len(relative_indices.runs):
+        _add_blocks(front, update, relative_indices)
     else:
-        _add_spread(front, update, landing, buffer)
+        _add_spread(front, update, relative_indices, buffer)
 
 
-def _add_blocks(front: Front, update: np.ndarray, landing: RelativeIndices) -> None:
+def _add_blocks(front: Front, update: np.ndarray, relative_indices: RelativeIndices) -> None:
+    """Stretch by stretch: every pair of runs is one block of the parent's front."""
     p = len(front.triangle)
-    for k, (a, b, row) in enumerate(landing.runs):
-        for c, d, column in landing.runs[k:]:
+    for k, (a, b, row) in enumerate(relative_indices.runs):
+        for c, d, column in relative_indices.runs[k:]:
             if column < p:
                 target = front.triangle[row : row + b - a, column : column + d - c]
             elif row < p:
                 target = front.below[row : row + b - a, column - p : column - p + d - c]
             else:
-                target = front.left[row - p : row - p + b - a, column - p : column - p + d - c]
+                target = front.schur[row - p : row - p + b - a, column - p : column - p + d - c]
             np.add(target, update[a:b, c:d], out=target)
 
 
-def _add_spread(front: Front, update: np.ndarray, landing: RelativeIndices, buffer: np.ndarray) -> None:
+def _add_spread(
+    front: Front, update: np.ndarray, relative_indices: RelativeIndices, buffer: np.ndarray
+) -> None:
     """Some rows at a time: first to the parent's columns, zeros between, then stretch by stretch."""
-    place = landing.place
+    place = relative_indices.place
     p, count = len(front.triangle), len(place)
-    size = p + len(front.left)
+    size = p + len(front.schur)
     step = min(count, BUFFER // size)
     spread = buffer[: step * size].reshape(step, size)
     spread[:] = 0
@@ -80,7 +83,7 @@ def _add_spread(front: Front, update: np.ndarray, landing: RelativeIndices, buff
         high = min(count, low + step)
         spread[: high - low, place[low:]] = update[low:high, low:]
         first = int(place[low])
-        for a, b, row in landing.runs:
+        for a, b, row in relative_indices.runs:
             if b <= low or a >= high:
                 continue
             start, stop = max(a, low), min(b, high)
@@ -93,5 +96,5 @@ def _add_spread(front: Front, update: np.ndarray, landing: RelativeIndices, buff
                 np.add(target, rows[:, p:], out=target)
             else:
                 beyond = max(first, p)
-                target = front.left[to.start - p : to.stop - p, beyond - p :]
+                target = front.schur[to.start - p : to.stop - p, beyond - p :]
                 np.add(target, rows[:, beyond:], out=target)

@@ -31,10 +31,10 @@ class Fronts:
     start: list[int]
     rows: list[Int[np.ndarray, " _"]]
     parent: list[int]
-    landing: list[RelativeIndices | None]
+    relative_indices: list[RelativeIndices | None]
     entries: list[Entries]
-    shelf: list[tuple[int, int]]
-    shelf_size: list[int]
+    update_stack: list[tuple[int, int]]
+    update_stack_size: list[int]
     first_below: list[int]
 
 
@@ -62,7 +62,7 @@ def fronts(matrix: csr_array) -> Fronts:
     weight = np.concatenate([[0], np.cumsum(size[at])])
     rows = np.split(ranges(offset[at], size[at]), weight[split[:-1]])
     starts, parent = start.tolist(), nodes.parent
-    shelf, shelf_size = _shelves(rows, parent)
+    update_stack, update_stack_size = _update_stacks(rows, parent)
     first = list(range(len(parent)))
     for s, p in enumerate(parent):
         if p >= 0:
@@ -72,10 +72,10 @@ def fronts(matrix: csr_array) -> Fronts:
         start=starts,
         rows=rows,
         parent=parent,
-        landing=[_landing(s, starts, rows, parent) for s in range(len(parent))],
+        relative_indices=[_relative_indices(s, starts, rows, parent) for s in range(len(parent))],
         entries=front_entries(matrix, groups, group, order=order, start=starts, rows=rows),
-        shelf=shelf,
-        shelf_size=shelf_size,
+        update_stack=update_stack,
+        update_stack_size=update_stack_size,
         first_below=[starts[f] for f in first],
     )
 
@@ -115,7 +115,9 @@ def _in_long_runs(nodes: Supernodes, n: int) -> list[Int[np.ndarray, " _"]]:
     return np.split(ordered, np.cumsum([len(p) for p in nodes.pivots])[:-1])
 
 
-def _landing(s: int, start: list[int], rows: list[np.ndarray], parent: list[int]) -> RelativeIndices | None:
+def _relative_indices(
+    s: int, start: list[int], rows: list[np.ndarray], parent: list[int]
+) -> RelativeIndices | None:
     p = parent[s]
     if p < 0:
         return None
@@ -125,7 +127,7 @@ def _landing(s: int, start: list[int], rows: list[np.ndarray], parent: list[int]
     return RelativeIndices.at(np.concatenate([rows[s][:below] - start[p], among_rows]), n_pivots=n_pivots)
 
 
-def _shelves(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int, int]], list[int]]:
+def _update_stacks(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int, int]], list[int]]:
     """Shelf and place of what each front leaves for its parent, and the size of both shelves.
 
     Even and odd levels of the tree have a shelf each. A front's children lie on top of one when it puts

@@ -56,7 +56,7 @@ class NotPositiveDefinite(Exception):
 
 def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
     """Factorise the matrix whose stored values are given; raises NotPositiveDefinite."""
-    shelves = [_zeros(size) for size in fronts.shelf_size]
+    update_stacks = [_zeros(size) for size in fronts.update_stack_size]
     buffer = np.empty(BUFFER)
     triangles, rows_below = [], []
     pending: list[list[tuple[np.ndarray, RelativeIndices]]] = [[] for _ in fronts.rows]
@@ -68,22 +68,22 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
             panel[entries.target[mine]] = values[entries.source[mine]]
         triangle = panel[: p * p].reshape(p, p).T
         below = panel[p * p :].reshape(p, q).T
-        shelf, place = fronts.shelf[s]
-        left = shelves[shelf][place : place + q * q].reshape(q, q).T
-        left[:] = 0
-        front = Front(triangle.T, below.T, left.T)
-        for update, landing in pending[s]:
-            extend_add(front, update, landing, buffer=buffer)
+        update_stack, place = fronts.update_stack[s]
+        schur = update_stacks[update_stack][place : place + q * q].reshape(q, q).T
+        schur[:] = 0
+        front = Front(triangle.T, below.T, schur.T)
+        for update, relative_indices in pending[s]:
+            extend_add(front, update, relative_indices, buffer=buffer)
         pending[s].clear()
         if dpotrf(triangle, lower=1, clean=0, overwrite_a=1)[1]:
             raise NotPositiveDefinite
         triangles.append(triangle)
         rows_below.append(below)
-        to_parent = fronts.landing[s]
+        to_parent = fronts.relative_indices[s]
         if to_parent is not None:
             dtrsm(1.0, triangle, below, side=1, lower=1, trans_a=1, overwrite_b=1)
-            dsyrk(-1.0, below, beta=1.0, c=left, lower=1, overwrite_c=1)
-            pending[fronts.parent[s]].append((left.T, to_parent))
+            dsyrk(-1.0, below, beta=1.0, c=schur, lower=1, overwrite_c=1)
+            pending[fronts.parent[s]].append((schur.T, to_parent))
     return CholeskyFactor(fronts, triangles, rows_below)
 
 

@@ -111,6 +111,7 @@ def _cuts(entered: list[float], eliminated: list[int]) -> list[tuple[int, int]]:
 
 
 def _postordered(pivots: list[np.ndarray], rows: list[np.ndarray], n: int) -> Supernodes:
+    """The supernodes in postorder of their tree: children before parents, subtrees together."""
     owner = np.empty(n, dtype=np.int64)
     owner[np.concatenate(pivots)] = np.repeat(np.arange(len(pivots)), [len(p) for p in pivots])
     parent = [int(owner[r[0]]) if len(r) else -1 for r in rows]

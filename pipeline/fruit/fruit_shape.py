@@ -16,9 +16,9 @@ from pipeline.diagnosis.confirmed_effects import PitFound, pit_found
 from pipeline.fruit.photographed import photographed
 from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.placement import embed_pit, place_pit, require_closed
-from recon.surface.fruit_frame import stance_doubts
+from recon.surface.fruit_frame import orientation_warnings
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
-from recon.surface.orientation import stance_of
+from recon.surface.orientation import orientation_of
 from recon.triangle_mesh import volume_mm3
 
 
@@ -55,7 +55,7 @@ class EmbeddedPit:
 def fruit_shape(task: FruitTask) -> FruitShape:
     """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure.
 
-    Its warnings say where photos, size and stance are doubtful.
+    Its warnings say where photos, size and orientation are doubtful.
     """
     shape = _fruit_shape(task)
     on_mat = task.mat is not None
@@ -63,11 +63,11 @@ def fruit_shape(task: FruitTask) -> FruitShape:
     doubts = size_doubts(task.given, shape.record, task.prior, on_mat=on_mat, by_coin=by_coin, body=task.body)
     record = shape.record
     if task.body.stem_and_suture:
-        stance = stance_of(shape.vertices, shape.faces)
-        said = {name: getattr(stance, name) for name in StanceRecord.model_fields}
+        orientation = orientation_of(shape.vertices, shape.faces)
+        said = {name: getattr(orientation, name) for name in StanceRecord.model_fields}
         record = record.model_copy(update={"stance": StanceRecord(**said)})
         if not task.folder.pit_ply.is_file():
-            doubts = [*doubts, *stance_doubts(stance)]
+            doubts = [*doubts, *orientation_warnings(orientation)]
     return replace(shape, warnings=(*shape.warnings, *doubts), record=record)
 
 

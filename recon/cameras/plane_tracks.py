@@ -63,18 +63,23 @@ def ground_tracks(
     pictures, shown = zip(
         *(_from_above(photo, scene, i, grid, side) for i, photo in enumerate(photos)), strict=True
     )
-    plate = _median(pictures, shown)
+    median_picture = _median(pictures, shown)
     common = np.sum(shown, axis=0) >= FEWEST_VIEWS
     border = np.zeros_like(common)
     edge = PATCH_PX + search_px + 2
     border[edge:-edge, edge:-edge] = True
     corners = cv2.goodFeaturesToTrack(
-        plate, MOST_POINTS, 0.01, LEAST_APART_PX, mask=(common & border).astype(np.uint8), blockSize=9
+        median_picture,
+        MOST_POINTS,
+        0.01,
+        LEAST_APART_PX,
+        mask=(common & border).astype(np.uint8),
+        blockSize=9,
     )
     corners = np.empty((0, 2), int) if corners is None else np.rint(corners[:, 0]).astype(int)
     views, points, places, spreads = [], [], [], []
     for i, (picture, inside) in enumerate(zip(pictures, shown, strict=True)):
-        moved, found, spread = _searched(plate, picture, inside, corners, search_px)
+        moved, found, spread = _searched(median_picture, picture, inside, corners, search_px)
         at = (corners[found] + moved[found]) * unit + foot - REACH * distance
         height, width = photos[i].image.shape[:2]
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
@@ -125,7 +130,7 @@ def _median(
 
 
 def _searched(
-    plate: Float[np.ndarray, "s s"],
+    median_picture: Float[np.ndarray, "s s"],
     picture: Float[np.ndarray, "s s"],
     inside: Bool[np.ndarray, "s s"],
     corners: np.ndarray,
@@ -143,7 +148,7 @@ def _searched(
         rows, columns = slice(y - reach, y + reach + 1), slice(x - reach, x + reach + 1)
         if not inside[rows, columns].all():
             continue
-        patch = plate[y - PATCH_PX : y + PATCH_PX + 1, x - PATCH_PX : x + PATCH_PX + 1]
+        patch = median_picture[y - PATCH_PX : y + PATCH_PX + 1, x - PATCH_PX : x + PATCH_PX + 1]
         like = cv2.matchTemplate(picture[rows, columns], patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, (u, v) = cv2.minMaxLoc(like)
         if best < LEAST_LIKE or not (0 < u < 2 * search_px and 0 < v < 2 * search_px):

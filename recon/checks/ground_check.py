@@ -1,11 +1,11 @@
 """What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
 
-The outlines that a mesh was settled on agree with it by construction. This looks again, without the outlines
-and the plate that they came from: a point of the support plane that the mesh leaves free in several photos
-must keep its colour in them all. It is a second look, not independent evidence. Photos, cameras and support
-plane are the same, the mesh itself says where ground and skin are looked at, and the colours are modelled
-alike (shadows and histograms of recon/silhouettes/mask.py). What misleads both, such as a wrong camera or
-ground mirrored in the skin, goes unnoticed here.
+The outlines that a mesh was fitted to agree with it by construction. This looks again, without the outlines
+and the background plate that they came from: a point of the support plane that the mesh leaves free in
+several photos must keep its colour in them all. It is a second look, not independent evidence. Photos,
+cameras and support plane are the same, the mesh itself says where ground and skin are looked at, and the
+colours are modelled alike (shadows and histograms of recon/silhouettes/mask.py). What misleads both, such as
+a wrong camera or ground mirrored in the skin, goes unnoticed here.
 """
 
 from collections.abc import Sequence
@@ -116,16 +116,16 @@ def _evidence(
         lit, dim, skin, separable = _densities(profiles, mine, offsets)
         ok = profiles.known[mine]
         ground = (1 - SHADOW_SHARE) * lit + SHADOW_SHARE * dim
-        odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
+        log_odds = np.log(skin + LEAST_DENSITY) - np.log(ground + LEAST_DENSITY)
         least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
-        odds = np.where(ok, separable * np.clip(odds, least, MOST_EVIDENCE), 0.0)
+        log_odds = np.where(ok, separable * np.clip(log_odds, least, MOST_EVIDENCE), 0.0)
         step = _steps(profiles, mine)
-        mean, sd = _edge_of(odds, step, offsets, reach)
+        mean, sd = _edge_of(log_odds, step, offsets, reach)
         out["offset"][mine], out["sd"][mine] = mean, sd
         beside = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        out["dim"][mine] = ((dim > lit) & (odds < 0) & ok)[:, beside].mean(1)
-        out["through"][mine] = ((odds < -1.5) & (lit > dim))[:, within].mean(1)
+        out["dim"][mine] = ((dim > lit) & (log_odds < 0) & ok)[:, beside].mean(1)
+        out["through"][mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
     joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
     return RimEvidence(
@@ -215,13 +215,13 @@ def _steps(profiles: Profiles, mine: Bool[np.ndarray, " k"]) -> Float[np.ndarray
 
 
 def _edge_of(
-    odds: Float[np.ndarray, "k o"],
+    log_odds: Float[np.ndarray, "k o"],
     step: Float[np.ndarray, "k o"],
     offsets: Float[np.ndarray, " o"],
     reach: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Posterior mean and standard deviation of the edge's offset (px), pooled over the next samples."""
-    pooled = ndimage.convolve1d(odds, [0.5, 1.0, 0.5], axis=0, mode="wrap") * CORRELATED
+    pooled = ndimage.convolve1d(log_odds, [0.5, 1.0, 0.5], axis=0, mode="wrap") * CORRELATED
     total = np.cumsum(pooled, axis=1)
     score = 2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, STEP_POOLING, axis=0, mode="wrap")
     inner = np.abs(offsets) <= reach

@@ -59,7 +59,7 @@ def rims_of(
     sights = []
     for far, gain in zip(outside, gains, strict=True):
         image, camera = pairs.pop(0)  # hundreds of MB in all
-        sights.append(_sight(image, camera, far, gain))
+        sights.append(_visible(image, camera, far, gain))
     return sights, [_rim(s, vertices, normals, faces) for s in sights]
 
 
@@ -145,7 +145,7 @@ def ground_centre(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray,
     return np.array([middle[0], middle[1], 0.0]), float((high - low).max() / 2)
 
 
-def _sight(
+def _visible(
     image: UInt8[np.ndarray, "h w 3"],
     camera: Camera,
     outside_px: Float[np.ndarray, "h w"],

@@ -1,7 +1,7 @@
 """The fruit model: a small network (ONNX) that tells from a square picture alone which pixels are fruit.
 
-It is one voice more where outlines are found (`recon.silhouettes.segmentation`), beside the clean plate
-and the colours learned in each photo. The shipped one was trained by benchmarks/fruit_model_train.py.
+It adds its log odds where outlines are found (`recon.silhouettes.segmentation`), to those of the background
+plate and the colours learned in each photo. The shipped one was trained by benchmarks/fruit_model_train.py.
 """
 
 from collections.abc import Sequence
@@ -54,17 +54,17 @@ class FruitModel:
             [self._run(squares[first : first + AT_ONCE]) for first in range(0, len(squares), AT_ONCE)]
         )
         out = []
-        for odds, (start, side), corner, size, shrink in zip(
+        for logits, (start, side), corner, size, shrink in zip(
             made, maps, corners_px, sizes_px, shrinks, strict=True
         ):
             # cell of the model's picture -> pixel of the shrunk window, centres at whole numbers
-            cell = side / odds.shape[1]
+            cell = side / logits.shape[1]
             scale = cell / shrink
             shift = ((cell - 1) / 2 + start - np.array(corner) - (shrink - 1) / 2) / shrink
             M = np.array([[scale, 0, shift[0]], [0, scale, shift[1]]])
             out.append(
                 np.asarray(
-                    cv2.warpAffine(odds, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                    cv2.warpAffine(logits, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
                 )
             )
         return out

@@ -29,20 +29,20 @@ from recon.silhouettes.segmentation import (
     SegmentationScene,
     eroded,
     first_block,
-    learned_odds,
+    learned_log_odds,
     no_fruit,
     pixels_of,
 )  # fmt: skip
-from recon.silhouettes.tangent import settled
+from recon.silhouettes.tangent import fitted_to_outlines
 
 LOWEST_AGREEMENT = 0.85
 FEWEST_VIEWS = 3
 MOST_INWARD_PX = 3.5
-DOUBT = 0.03
-HULL_DOUBT = (0.25, 0.25, 0.15)
+OUTLIER_SHARE = 0.03
+HULL_OUTLIER_SHARE = (0.25, 0.25, 0.15)
 """Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
 again in the next round, too small a one bounds it wrongly."""
-HULL_LEVEL, SETTLED_LEVEL = 4, 5
+HULL_LEVEL, FIT_LEVEL = 4, 5
 SIDES_PX = (320, 420)
 COVER_SHRINK = 4
 SURE_SHARE = 0.06
@@ -51,8 +51,8 @@ SURE_SHARE = 0.06
 
 @dataclass(frozen=True, kw_only=True)
 class Cover:
-    """What may hide the ground while the plate is made: the hull grown by a share of the fruit's size, and a
-    foot under it, a disc on the ground as wide as a share of the hull.
+    """What may hide the ground while the background plate is made: the hull grown by a share of the fruit's
+    size, and a foot under it, a disc on the ground as wide as a share of the hull.
     """
 
     grown: float
@@ -64,30 +64,30 @@ COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may be wrong, how much a pixel's odds may count
+    """How far an outline may move, which share of views may be wrong, how much a pixel's log odds may count
     against a step of colour, and what is done with the outline found: kept near the hull's, sharpened on the
     photo's own pixels, and before that moved to the steepest step nearby.
     """
 
     reach_px: float
-    doubt: float
-    most_odds: float
+    outlier_share: float
+    most_log_odds: float
     keep: bool
     sharpen: bool
     search: bool
 
 
 ROUNDS = (
-    Round(reach_px=6.0, doubt=0.12, most_odds=2.5, keep=False, sharpen=False, search=False),
-    Round(reach_px=4.0, doubt=0.05, most_odds=0.8, keep=True, sharpen=True, search=True),
-    Round(reach_px=3.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
-    Round(reach_px=2.0, doubt=0.05, most_odds=0.4, keep=True, sharpen=True, search=False),
+    Round(reach_px=6.0, outlier_share=0.12, most_log_odds=2.5, keep=False, sharpen=False, search=False),
+    Round(reach_px=4.0, outlier_share=0.05, most_log_odds=0.8, keep=True, sharpen=True, search=True),
+    Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
+    Round(reach_px=2.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
 )
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundFruit:
-    """The fruit's outlines in the views that agree, the surface settled on them, how many rims hold each of
+    """The fruit's outlines in the views that agree, the surface fitted to them, how many rims hold each of
     its vertices, and how far photos and surface agree.
     """
 
@@ -102,7 +102,7 @@ class FoundFruit:
 
 @dataclass(frozen=True)
 class _Hull:
-    """The coarse hull of some outlines, settled on them."""
+    """The coarse hull of some outlines, fitted to them."""
 
     vertices: Float[np.ndarray, "n 3"]
     faces: Int[np.ndarray, "m 3"]
@@ -120,12 +120,11 @@ def find_fruit(
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
-    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown
-    in the plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the next.
-    `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is asked,
-    too, which pixels are fruit.
-    Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off (fewer than three photos hold it
-    whole).
+    Worked from the outside in: what may be fruit, first a coarse block and everything under it, is unknown in
+    the background plate instead of wrong, and there alone pixels may turn into fruit; each hull bounds the
+    next. `agreement`: the share of the views that must take a cell of the first block for fruit. `model` is
+    asked, too, which pixels are fruit. Raises ReconFailure: no-fruit (nothing stands there), fruit-cut-off
+    (fewer than three photos hold it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)
@@ -133,23 +132,23 @@ def find_fruit(
     centre = block.points.mean(0)
     longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())
 
-    def hull(silhouettes: Sequence[Silhouette], doubt: float, level: int = HULL_LEVEL) -> _Hull:
+    def hull(silhouettes: Sequence[Silhouette], outlier_share: float, level: int = HULL_LEVEL) -> _Hull:
         vertices, faces = visual_hull(
             silhouettes,
             centre_mm=centre,
             longest_mm=longest,
             floor_mm=0.0,
             level=level,
-            doubt=doubt,
+            outlier_share=outlier_share,
         )
         return _Hull(vertices, faces)
 
-    views, odds, masks = _cut_block(scene, block)
-    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], HULL_DOUBT[0])
-    for cover, side_px, doubt in zip(COVERS, SIDES_PX, HULL_DOUBT[1:], strict=True):
-        del views, odds, masks  # hundreds of MB, before as much is made anew
-        views, odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
-        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], doubt)
+    views, log_odds, masks = _cut_block(scene, block)
+    mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], HULL_OUTLIER_SHARE[0])
+    for cover, side_px, outlier_share in zip(COVERS, SIDES_PX, HULL_OUTLIER_SHARE[1:], strict=True):
+        del views, log_odds, masks  # hundreds of MB, before as much is made anew
+        views, log_odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
+        mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], outlier_share)
     overlaps = [
         _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
         for v, m in zip(views, masks, strict=True)
@@ -160,17 +159,17 @@ def find_fruit(
             f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
             f"{np.mean(overlaps):.2f})"
         )
-    views, odds = [views[i] for i in kept], [odds[i] for i in kept]
+    views, log_odds = [views[i] for i in kept], [log_odds[i] for i in kept]
     silhouettes: list[Silhouette] = []
     clear = 0.0
     for step in ROUNDS:
-        silhouettes, clear = _refined(views, odds, mesh, step)
-        rough = hull(silhouettes, step.doubt)
-        surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+        silhouettes, clear = _refined(views, log_odds, mesh, step)
+        rough = hull(silhouettes, step.outlier_share)
+        surface = fitted_to_outlines(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
         mesh = _Hull(surface.vertices, rough.faces)
-    coarse = max(HULL_LEVEL, min(level, SETTLED_LEVEL))
-    rough = hull(silhouettes, DOUBT, level=coarse)
-    surface = settled(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
+    coarse = max(HULL_LEVEL, min(level, FIT_LEVEL))
+    rough = hull(silhouettes, OUTLIER_SHARE, level=coarse)
+    surface = fitted_to_outlines(rough.vertices, rough.faces, silhouettes, floor_mm=0.0)
     overlap = [
         _overlap(drawn(surface.vertices, rough.faces, s.window, s.camera), s.distance_px > 0)
         for s in silhouettes
@@ -201,7 +200,7 @@ def _cut_block(
         bounds.append(
             Bounds(eroded(inner, 0.5 * SURE_SHARE * len(inner)), pixels_of(column, view.window, view.camera))
         )
-    return views, *learned_odds(views, bounds, scene.plate(covered), block.points.mean(0))
+    return views, *learned_log_odds(views, bounds, scene.background(covered), block.points.mean(0))
 
 
 def _cut_hull(
@@ -240,7 +239,7 @@ def _cut_hull(
     for view in views:
         inner = drawn(mesh.vertices, mesh.faces, view.window, view.camera)
         bounds.append(Bounds(eroded(inner, SURE_SHARE * len(inner)), perhaps(view.window, view.camera)))
-    return views, *learned_odds(views, bounds, scene.plate(covered), centre_mm)
+    return views, *learned_log_odds(views, bounds, scene.background(covered), centre_mm)
 
 
 def _of_mask(mask: Bool[np.ndarray, "h w"], view: CutPhoto) -> Silhouette:
@@ -248,7 +247,7 @@ def _of_mask(mask: Bool[np.ndarray, "h w"], view: CutPhoto) -> Silhouette:
 
 
 def _refined(
-    views: list[CutPhoto], odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
+    views: list[CutPhoto], log_odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
 ) -> tuple[list[Silhouette], float]:
     """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
     drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]
@@ -256,7 +255,11 @@ def _refined(
     if len(expected) < len(views):
         raise no_fruit("its outline was lost while it was refined")
     found = snapped(
-        expected, odds, [v.colours for v in views], reach_px=step.reach_px, most_odds=step.most_odds
+        expected,
+        log_odds,
+        [v.colours for v in views],
+        reach_px=step.reach_px,
+        most_log_odds=step.most_log_odds,
     )
     silhouettes, clear = [], []
     for view, outline, near in zip(views, found, expected, strict=True):

@@ -1,5 +1,5 @@
-"""The clean plate: the support plane without the fruit, put together from all views, since each sees another
-part.
+"""The background plate: the support plane without the fruit, put together from all views, since each sees
+another part.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ ROWS_AT_ONCE = 12
 
 
 @dataclass(frozen=True)
-class Plate:
+class BackgroundPlate:
     """Colours (BGR) of the plane z = 0 on a square grid about the origin, and where they are known.
 
     `dim` and `bright` are quantiles over the views (DIM, 1 - DIM): they part where the ground shines, where a
@@ -75,7 +75,9 @@ def ground_views(
     )
 
 
-def clean_plate(views: GroundViews, covered: Sequence[Bool[np.ndarray, "h w"]] | None = None) -> Plate:
+def background_plate(
+    views: GroundViews, covered: Sequence[Bool[np.ndarray, "h w"]] | None = None
+) -> BackgroundPlate:
     """Median (and spread) over the views of every cell's colour, each view brought to the others' exposure.
 
     `covered` marks the fruit's pixels in every photo, shrunk or not (they do not count); without it the
@@ -84,12 +86,12 @@ def clean_plate(views: GroundViews, covered: Sequence[Bool[np.ndarray, "h w"]] |
     seen = np.zeros(views.ahead.shape, bool)
     side = (SIDE_CELLS, SIDE_CELLS)
     for k, (i, H, size) in enumerate(zip(views.chosen, views.homographies, views.sizes_px, strict=True)):
-        sight = np.full(size[::-1], 255, np.uint8)
+        visible = np.full(size[::-1], 255, np.uint8)
         if covered is not None:
             cover = cv2.resize(covered[i].astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-            sight[cv2.dilate(cover, np.ones((5, 5), np.uint8)) > 0] = 0
+            visible[cv2.dilate(cover, np.ones((5, 5), np.uint8)) > 0] = 0
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        seen[k] = views.ahead[k] & (cv2.warpPerspective(sight, H, side, flags=flags) > 250)
+        seen[k] = views.ahead[k] & (cv2.warpPerspective(visible, H, side, flags=flags) > 250)
     known = seen.sum(0, dtype=np.uint8) >= FEWEST_VIEWS
     some, some_seen = views.layers[:, ::7, ::7], np.ascontiguousarray(seen[:, ::7, ::7])
     middle = _quantiles(some, some_seen, np.ones((len(some), 3)), (0.5,))[0]
@@ -101,7 +103,7 @@ def clean_plate(views: GroundViews, covered: Sequence[Bool[np.ndarray, "h w"]] |
     if np.abs(gains - 1).max() <= LEAST_GAIN:
         gains = np.ones_like(gains)
     dim, colours, bright = _quantiles(views.layers, seen, gains, (DIM, 0.5, 1 - DIM))
-    return Plate(colours, dim, bright, known, views.half_width_mm)
+    return BackgroundPlate(colours, dim, bright, known, views.half_width_mm)
 
 
 def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:
@@ -110,8 +112,8 @@ def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:
     return np.array([[step, 0, -half_width_mm], [0, step, -half_width_mm], [0, 0, 1.0]])
 
 
-def plate_seen_by(
-    plate: Plate,
+def background_in_view(
+    background: BackgroundPlate,
     camera: Camera,
     layers: Sequence[np.ndarray],
     *,
@@ -133,9 +135,11 @@ def plate_seen_by(
             [0, 0, 1],
         ]
     )
-    H = window @ image_from_plane(camera) @ plane_from_cell(plate.half_width_mm)
+    H = window @ image_from_plane(camera) @ plane_from_cell(background.half_width_mm)
     seen = [np.asarray(cv2.warpPerspective(layer, H, size_px, flags=cv2.INTER_LINEAR)) for layer in layers]
-    known = cv2.warpPerspective(plate.known.astype(np.uint8) * 255, H, size_px, flags=cv2.INTER_LINEAR) > 250
+    known = (
+        cv2.warpPerspective(background.known.astype(np.uint8) * 255, H, size_px, flags=cv2.INTER_LINEAR) > 250
+    )
     ahead = np.linalg.inv(H)[2]
     w = (ahead[0] * np.arange(size_px[0]) + ahead[2])[None, :] + (ahead[1] * np.arange(size_px[1]))[:, None]
     middle = H @ np.array([(SIDE_CELLS - 1) / 2, (SIDE_CELLS - 1) / 2, 1.0])
@@ -165,8 +169,8 @@ def _quantiles(
     for first in range(0, side, ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
         rows = []
-        for layer, sight, table in zip(layers[:, part], seen[:, part], tables, strict=True):
-            unseen = cv2.cvtColor(np.where(sight, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
+        for layer, visible, table in zip(layers[:, part], seen[:, part], tables, strict=True):
+            unseen = cv2.cvtColor(np.where(visible, 0, 255).astype(np.uint8), cv2.COLOR_GRAY2BGR)
             rows.append(cv2.bitwise_or(layer if plain else cv2.LUT(layer, table[None]), unseen))
         ordered = np.stack(_sorted_layers(rows)).reshape(len(layers), -1, 3)
         cells = np.arange(ordered.shape[1])

@@ -104,21 +104,21 @@ def visual_hull(
     longest_mm: float,
     floor_mm: float | None,
     level: int,
-    doubt: float = 0.0,
+    outlier_share: float = 0.0,
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and the half-space z >=
     floor.
 
-    phi(X) = min over views of the depth inside the cone, or with `doubt` the depth that this share of the
-    views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² / 2); a
-    ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines' own
-    precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included. The
-    mesh is closed and of genus 0.
+    phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
+    the views undercuts (so that some bad outlines do no harm; a ball of radius r grows by about r doubt² /
+    2); a ray advances by phi until phi = 0 (sphere tracing, Hart 1996), so a vertex is exact to the outlines'
+    own precision. Right for shapes seen whole from their centre, as stone fruits are, stem cavity included.
+    The mesh is closed and of genus 0.
     """
     directions, faces = ball(level)
     radius = np.zeros(len(directions))
     busy = np.arange(len(directions))
-    rank, part = divmod(doubt * len(silhouettes), 1.0)
+    rank, part = divmod(outlier_share * len(silhouettes), 1.0)
     ranks = [int(rank), min(int(rank) + 1, len(silhouettes) - 1)]
     for _ in range(STEPS):
         points = centre_mm + radius[busy, None] * directions[busy]

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from recon.cameras.camera import Camera
-from recon.silhouettes.background_plate import Plate, plate_seen_by
+from recon.silhouettes.background_plate import BackgroundPlate, background_in_view
 
 LIGHTNESS_WEIGHT = 0.4
 BINS = 24
@@ -127,21 +127,21 @@ def window_around(
     return Window(image[y0:y1, x0:x1], (x0, y0), shrink)
 
 
-def plate_scatter(plate: Plate) -> Float[np.ndarray, "s s 2"]:
+def background_scatter(background: BackgroundPlate) -> Float[np.ndarray, "s s 2"]:
     """How lightness and chroma scatter from view to view on the plate's grid (standard deviations, Lab)."""
-    apart = np.abs(lab(plate.bright) - lab(plate.dim))
+    apart = np.abs(lab(background.bright) - lab(background.dim))
     apart[..., 1] = np.hypot(apart[..., 1], apart[..., 2]) / np.float32(np.sqrt(2))
     return np.asarray(cv2.GaussianBlur(apart[..., :2] / np.float32(SPREAD_OF_QUANTILES), (3, 3), 0.7))
 
 
 def ground_behind(
-    window: Window, plate: Plate, scatter: Float[np.ndarray, "s s 2"], camera: Camera
+    window: Window, background: BackgroundPlate, scatter: Float[np.ndarray, "s s 2"], camera: Camera
 ) -> Behind:
-    """The plate, and its `plate_scatter`, as the camera's window would show them."""
-    (seen, apart), known = plate_seen_by(
-        plate,
+    """The plate, and its `background_scatter`, as the camera's window would show them."""
+    (seen, apart), known = background_in_view(
+        background,
         camera,
-        (plate.colours, scatter),
+        (background.colours, scatter),
         corner_px=window.corner_px,
         size_px=window.small_size_px,
         shrink=window.shrink,
@@ -164,7 +164,7 @@ def difference(colours: Float[np.ndarray, "*n 3"], behind: Behind) -> Float[np.n
     return np.asarray(colours - np.minimum(np.maximum(colours, behind.lowest), behind.highest))
 
 
-def first_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
+def first_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
     """Log odds from the plate alone, before the fruit's colours are known; 0 where the plate is not known.
 
     Lightness is weighted down, against shadows that were cast in some photos only.
@@ -286,7 +286,7 @@ def strange_share(
     return np.asarray(np.clip(share, *STRANGE_SHARES), np.float32)
 
 
-def colour_odds(
+def colour_log_odds(
     inside: Float[np.ndarray, "*n"],
     ground: Float[np.ndarray, "*n"],
     other: Float[np.ndarray, "*n"],
@@ -298,13 +298,13 @@ def colour_odds(
     a floor for colours that were not among its sure pixels.
     """
     outside = (1 - strange) * ground + strange * other
-    odds = np.log((inside + np.float32(UNSEEN_DENSITY)) / (outside + np.float32(UNSEEN_DENSITY)))
-    return np.asarray(np.clip(odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
+    log_odds = np.log((inside + np.float32(UNSEEN_DENSITY)) / (outside + np.float32(UNSEEN_DENSITY)))
+    return np.asarray(np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
 
 
-def tidy(odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.ndarray, "h w"]:
+def tidy(log_odds: Float[np.ndarray, "h w"], *, at_least: float = 0.0) -> Bool[np.ndarray, "h w"]:
     """Pixels with the odds for fruit, without specks and pinholes."""
-    smooth = cv2.GaussianBlur(odds.astype(np.float32), (5, 5), 1.0)
+    smooth = cv2.GaussianBlur(log_odds.astype(np.float32), (5, 5), 1.0)
     found = (smooth > at_least).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     found = cv2.morphologyEx(cv2.morphologyEx(found, cv2.MORPH_CLOSE, disc), cv2.MORPH_OPEN, disc)

@@ -1,4 +1,4 @@
-"""A fruit's outline to a fraction of a pixel: the best closed path across the odds, then the colour step
+"""A fruit's outline to a fraction of a pixel: the best closed path across the log odds, then the colour step
 itself.
 """
 
@@ -56,26 +56,25 @@ def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
 
 def snapped(
     outlines: Sequence[Outline],
-    odds: Sequence[Float[np.ndarray, "h w"]],
+    log_odds: Sequence[Float[np.ndarray, "h w"]],
     colours: Sequence[Float[np.ndarray, "h w 3"]],
     *,
     reach_px: float,
-    most_odds: float,
+    most_log_odds: float,
     step_px: float = 0.5,
     bend: float = 2.0,
 ) -> list[Outline]:
     """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
 
-    Sample i may shift by d along its normal; its gain is the sum of odds (each at most `most_odds`, so that a
-    likeness of colours does not outweigh a plain edge) inside d less those outside, plus
-    the colour step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole
-    reach. Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the
-    ring.
+    Sample i may shift by d along its normal; its gain is the sum of log odds (each at most `most_log_odds`,
+    so that a likeness of colours does not outweigh a plain edge) inside d less those outside, plus the colour
+    step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole reach.
+    Neighbours may differ by one step, at a cost of `bend`: maximised by dynamic programming over the ring.
     """
     shifts = np.arange(-reach_px, reach_px + step_px / 2, step_px)
     gains = [
-        _gain(outline, odd, colour, shifts, most_odds)
-        for outline, odd, colour in zip(outlines, odds, colours, strict=True)
+        _gain(outline, own, colour, shifts, most_log_odds)
+        for outline, own, colour in zip(outlines, log_odds, colours, strict=True)
     ]
     paths = best_rings(np.array(gains, np.float32), bend=bend, steepest=1)
     moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
@@ -84,10 +83,10 @@ def snapped(
 
 def _gain(
     outline: Outline,
-    odds: Float[np.ndarray, "h w"],
+    log_odds: Float[np.ndarray, "h w"],
     colours: Float[np.ndarray, "h w 3"],
     shifts: Float[np.ndarray, " k"],
-    most_odds: float,
+    most_log_odds: float,
 ) -> Float[np.ndarray, "n k"]:
     step_px = float(shifts[1] - shifts[0])
     reach_px = float(shifts[-1])
@@ -95,9 +94,13 @@ def _gain(
     longer = np.arange(-wide, len(shifts) + wide) * step_px - reach_px
     at = (outline.points[:, None] + longer[None, :, None] * outline.normals[:, None]).astype(np.float32)
     values = cv2.remap(
-        odds.astype(np.float32), at[:, wide:-wide], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        log_odds.astype(np.float32),
+        at[:, wide:-wide],
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
     )
-    values = np.clip(values, -most_odds, most_odds) * step_px
+    values = np.clip(values, -most_log_odds, most_log_odds) * step_px
     total = np.cumsum(values, axis=1)
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     sums = np.cumsum(np.pad(profile, ((0, 0), (1, 0), (0, 0))), axis=1)

@@ -1,4 +1,6 @@
-"""Which cells and pixels are fruit: a clean plate, each pixel's odds, each photo's cut, a block by vote."""
+"""Which cells and pixels are fruit: background plate, log odds of each pixel, cut of each photo, voxel block
+by vote of the photos.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,21 +14,21 @@ from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes import mask as colour
-from recon.silhouettes.background_plate import GroundViews, Plate, clean_plate, ground_views
+from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
 from recon.silhouettes.carve import AGREEMENT, Block, carve
 from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
-SURE_ODDS = 2.0
+SURE_LOG_ODDS = 2.0
 FEWEST_CELLS = 60
 CORE_SHARE = 0.4
 FEWEST_SURE_PIXELS = 500
-PRIOR_ODDS, PRIOR_SHARE = 8.0, 0.03
-UNKNOWN_ODDS = (-0.3, 0.5)
+PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
+UNKNOWN_LOG_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
-BLURRED_ODDS, MOST_LEARNED_ODDS = 2.0, 4.0
+BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
 """Log odds of the fruit model count less the first, at most the second: within 2 of nought lies its blurred
 edge, for it works at half its resolution. Counted whole, 18 photos of a nectarine were 0.46 instead of
 0.41 mm off (outlines alone). benchmarks/photo_bank_score.py --without-model measures what the model does."""
@@ -76,9 +78,9 @@ class SegmentationScene:
         half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
         return ground_views(self.images, self.cameras, half_width_mm=half_width)
 
-    def plate(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> Plate:
+    def background(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> BackgroundPlate:
         """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
-        return clean_plate(self.ground, covered)
+        return background_plate(self.ground, covered)
 
     def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[CutPhoto]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
@@ -98,15 +100,19 @@ class SegmentationScene:
         sizes = [w.small_size_px for w in windows.values()]
         if self.model is None or not windows:
             return [np.zeros(size[::-1], np.float32) for size in sizes]
-        told = self.model.log_odds(
+        log_odds = self.model.log_odds(
             [self.images[i] for i in windows],
             [w.corner_px for w in windows.values()],
             sizes,
             [w.shrink for w in windows.values()],
         )
         return [
-            np.clip(x - np.clip(x, -BLURRED_ODDS, BLURRED_ODDS), -MOST_LEARNED_ODDS, MOST_LEARNED_ODDS)
-            for x in told
+            np.clip(
+                x - np.clip(x, -BLURRED_LOG_ODDS, BLURRED_LOG_ODDS),
+                -MOST_LEARNED_LOG_ODDS,
+                MOST_LEARNED_LOG_ODDS,
+            )
+            for x in log_odds
         ]
 
 
@@ -118,24 +124,24 @@ def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Bl
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
-    plate = scene.plate(None)
-    scatter = colour.plate_scatter(plate)
-    odds, known, masks = [], [], []
+    background = scene.background(None)
+    scatter = colour.background_scatter(background)
+    log_odds, known, masks = [], [], []
     for view in views:
-        behind = colour.ground_behind(view.window, plate, scatter, view.camera)
-        odds.append(colour.first_odds(view.colours, behind) + view.learned)
+        behind = colour.ground_behind(view.window, background, scatter, view.camera)
+        log_odds.append(colour.first_log_odds(view.colours, behind) + view.learned)
         known.append(behind.known)
-        masks.append(colour.tidy(odds[-1]) | ~behind.known)
+        masks.append(colour.tidy(log_odds[-1]) | ~behind.known)
     try:
         return _carved(masks, views, scene, agreement)
     except ReconFailure:
-        alike = _alike(views, odds, known, scene.low_mm, scene.high_mm)
+        alike = _alike(views, log_odds, known, scene.low_mm, scene.high_mm)
         return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene, agreement)
 
 
 def _alike(
     views: list[CutPhoto],
-    odds: list[Float[np.ndarray, "h w"]],
+    log_odds: list[Float[np.ndarray, "h w"]],
     known: list[Bool[np.ndarray, "h w"]],
     low: Float[np.ndarray, "3"],
     high: Float[np.ndarray, "3"],
@@ -151,12 +157,12 @@ def _alike(
     core = middle + grid * half * CORE_SHARE
     core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
     sure = []
-    for view, odd, there in zip(views, odds, known, strict=True):
+    for view, own, there in zip(views, log_odds, known, strict=True):
         columns, rows = view.window.small_size_px
         hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
         inside = np.zeros((rows, columns), np.uint8)
         cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (odd > SURE_ODDS) & there])
+        sure.append(view.colours[(inside > 0) & (own > SURE_LOG_ODDS) & there])
     pixels = np.concatenate(sure)
     if len(pixels) < FEWEST_SURE_PIXELS:
         return [np.zeros_like(there) for there in known]
@@ -175,22 +181,28 @@ def _carved(
 
 
 @dataclass(frozen=True)
-class _Told:
-    """What does not change while the fruit's colours are learned: the pixels (counted line by line) of which
-    the odds are asked, elsewhere prior and fruit model say all; their densities under the plate and the
-    surroundings and the share of the strange; what prior and model say; and where the plate is known.
+class _ViewDensities:
+    """What does not change while the fruit's colours are learned, in one view.
+
+    `asked`: pixels (counted line by line) whose colours are compared; the others follow prior and fruit model
+    alone. `on_background`, `other`: densities of their colours under the background plate and under the
+    photo's own surroundings; `strange`: the share that is not as the plate predicts. `before`: log odds of
+    prior and fruit model; `known`: where the plate is known.
     """
 
     asked: Int[np.ndarray, " n"]
-    on_plate: Float[np.ndarray, " n"]
+    on_background: Float[np.ndarray, " n"]
     other: Float[np.ndarray, " n"]
     strange: Float[np.ndarray, " n"]
     before: Float[np.ndarray, "h w"]
     known: Bool[np.ndarray, "h w"]
 
 
-def learned_odds(
-    views: Sequence[CutPhoto], bounds: Sequence[Bounds], plate: Plate, centre_mm: Float[np.ndarray, "3"]
+def learned_log_odds(
+    views: Sequence[CutPhoto],
+    bounds: Sequence[Bounds],
+    background: BackgroundPlate,
+    centre_mm: Float[np.ndarray, "3"],
 ) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
@@ -206,30 +218,30 @@ def learned_odds(
     around = colour.colour_density(
         np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
     )
-    scatter = colour.plate_scatter(plate)
-    told = [
-        _told(v, b, out, colour.ground_behind(v.window, plate, scatter, v.camera), around)
+    scatter = colour.background_scatter(background)
+    densities = [
+        _view_densities(v, b, out, colour.ground_behind(v.window, background, scatter, v.camera), around)
         for v, b, out in zip(views, bounds, ground, strict=True)
     ]
     inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
     fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
-    odds = [
-        _odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
-        for v, own, t in zip(views, inside, told, strict=True)
+    log_odds = [
+        _log_odds(t, v.cells, (fruit_of_all + colour.colour_density(own)) / 2)
+        for v, own, t in zip(views, inside, densities, strict=True)
     ]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
-    masks = star_cuts(odds, [v.colours for v in views], centres)
-    return odds, masks
+    masks = star_cuts(log_odds, [v.colours for v in views], centres)
+    return log_odds, masks
 
 
-def _told(
+def _view_densities(
     view: CutPhoto,
     bound: Bounds,
     ground: Bool[np.ndarray, "h w"],
     behind: Behind,
     around: Float[np.ndarray, " c"],
-) -> _Told:
-    """One view's densities; how strange it is to the plate is asked of every THINNED-th pixel and line."""
+) -> _ViewDensities:
+    """One view's densities; its share of strange pixels is estimated on every THINNED-th pixel and line."""
     thin = (slice(None, None, THINNED), slice(None, None, THINNED))
     colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
     noise = colour.ground_noise(colours, few, out)
@@ -240,10 +252,12 @@ def _told(
     strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
     strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
     prior = _prior(bound)
-    asked = np.flatnonzero(np.abs(prior) < PRIOR_ODDS)
-    return _Told(
+    asked = np.flatnonzero(np.abs(prior) < PRIOR_LOG_ODDS)
+    return _ViewDensities(
         asked=asked,
-        on_plate=colour.ground_density(view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise),
+        on_background=colour.ground_density(
+            view.colours.reshape(-1, 3)[asked], behind.flat().at(asked), noise
+        ),
         other=colour.density_at(palette, view.cells.ravel()[asked]),
         strange=strange.ravel()[asked],
         before=prior + view.learned,
@@ -251,16 +265,19 @@ def _told(
     )
 
 
-def _odds(
-    told: _Told, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
+def _log_odds(
+    densities: _ViewDensities, cells: Int[np.ndarray, "h w"], fruit: Float[np.ndarray, " c"]
 ) -> Float[np.ndarray, "h w"]:
-    found = colour.colour_odds(
-        colour.density_at(fruit, cells.ravel()[told.asked]), told.on_plate, told.other, told.strange
+    found = colour.colour_log_odds(
+        colour.density_at(fruit, cells.ravel()[densities.asked]),
+        densities.on_background,
+        densities.other,
+        densities.strange,
     )
-    odds = told.before.copy()
-    known = told.known.ravel()[told.asked]
-    odds.ravel()[told.asked] += np.where(known, found, np.clip(found, *UNKNOWN_ODDS))
-    return odds
+    log_odds = densities.before.copy()
+    known = densities.known.ravel()[densities.asked]
+    log_odds.ravel()[densities.asked] += np.where(known, found, np.clip(found, *UNKNOWN_LOG_ODDS))
+    return log_odds
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
@@ -268,7 +285,7 @@ def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
     width = PRIOR_SHARE * len(bound.sure)
     outside = cv2.distanceTransform((~bound.perhaps).astype(np.uint8), cv2.DIST_L2, 3)
     inside = cv2.distanceTransform(bound.sure.astype(np.uint8), cv2.DIST_L2, 3)
-    prior = PRIOR_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1))
+    prior = PRIOR_LOG_ODDS * (np.clip(inside / width, 0, 1) - np.clip(outside / width, 0, 1))
     return np.asarray(prior, np.float32)
 
 

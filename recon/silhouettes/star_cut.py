@@ -11,7 +11,7 @@ from recon.silhouettes.ring_path import best_rings
 
 RAYS = 384
 STEP_PX = 1.0
-MOST_ODDS = 1.5
+MOST_LOG_ODDS = 1.5
 EDGE_GAIN = 18.0
 EDGE_LAB = 25.0
 EDGE_PX = 2
@@ -22,7 +22,7 @@ BEYOND_PX, FEWEST_RADII = 6.0, 8
 
 
 def star_cuts(
-    odds: Sequence[Float[np.ndarray, "h w"]],
+    log_odds: Sequence[Float[np.ndarray, "h w"]],
     colours: Sequence[Float[np.ndarray, "h w 3"]],
     centres: Sequence[Float[np.ndarray, "2"]],
 ) -> list[Bool[np.ndarray, "h w"]]:
@@ -33,14 +33,14 @@ def star_cuts(
     neighbouring rays differ by at most STEEPEST steps, at a cost of BEND a step. This is the minimum cut with
     a star-shape prior (Veksler 2008), found by dynamic programming round the ring.
     """
-    gains = [_gain(o, c, centre) for o, c, centre in zip(odds, colours, centres, strict=True)]
+    gains = [_gain(o, c, centre) for o, c, centre in zip(log_odds, colours, centres, strict=True)]
     longest = max(g.shape[1] for g in gains)
     stacked = np.full((len(gains), RAYS, longest), -1e6, np.float32)
     for row, gain in zip(stacked, gains, strict=True):
         row[:, : gain.shape[1]] = gain
     paths = best_rings(stacked, bend=BEND, steepest=STEEPEST)
     masks = []
-    for path, centre, picture in zip(paths, centres, odds, strict=True):
+    for path, centre, picture in zip(paths, centres, log_odds, strict=True):
         contour = centre + ((path + 1) * STEP_PX)[:, None] * _rays()
         mask = np.zeros(picture.shape, np.uint8)
         cv2.fillPoly(mask, [np.rint(contour * 16).astype(np.int32)], 1, shift=4)
@@ -49,17 +49,21 @@ def star_cuts(
 
 
 def _gain(
-    odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
+    log_odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "r k"]:
-    rows, columns = odds.shape
-    y, x = np.nonzero(odds > -MOST_ODDS)
+    rows, columns = log_odds.shape
+    y, x = np.nonzero(log_odds > -MOST_LOG_ODDS)
     furthest = float(np.hypot(x - centre[0], y - centre[1]).max()) if len(x) else 0.0
     radii = np.arange(STEP_PX, max(furthest + BEYOND_PX, FEWEST_RADII * STEP_PX), STEP_PX)
     at = (centre + radii[None, :, None] * _rays()[:, None]).astype(np.float32)
     u, v = at[..., 0], at[..., 1]
     inside = (u >= 0) & (v >= 0) & (u <= columns - 1) & (v <= rows - 1)
-    values = cv2.remap(odds.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    values = np.where(inside, np.clip(values, -MOST_ODDS, MOST_ODDS), np.float32(-0.5 * MOST_ODDS))
+    values = cv2.remap(
+        log_odds.astype(np.float32), at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+    )
+    values = np.where(
+        inside, np.clip(values, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32(-0.5 * MOST_LOG_ODDS)
+    )
     values *= np.float32(STEP_PX)
     total = np.cumsum(values, axis=1)
     profile = cv2.remap(colours, at, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -1,5 +1,5 @@
-"""A hull settled onto the outlines: where a view grazes the skin the outline says where it is, between views
-it bends least.
+"""A surface fitted to the outlines: where a view is tangent to it the outline gives its position, between
+those places its curvature is least.
 """
 
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ SPREADING = 6
 
 
 @dataclass(frozen=True)
-class SettledHull:
+class FittedSurface:
     """A surface that lies on the outlines: its vertices, how many rims hold each of them, and the median miss
     (mm).
     """
@@ -35,13 +35,13 @@ class SettledHull:
     miss_mm: float
 
 
-def settled(
+def fitted_to_outlines(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
     silhouettes: Sequence[Silhouette],
     *,
     floor_mm: float | None,
-) -> SettledHull:
+) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
     The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by about
@@ -104,7 +104,7 @@ def settled(
         misses, held = miss, np.asarray(A.T @ weight).ravel()
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
-    return SettledHull(x, held, float(np.median(np.abs(misses))))
+    return FittedSurface(x, held, float(np.median(np.abs(misses))))
 
 
 def _edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:

@@ -5,7 +5,7 @@ plane. The placement convention makes it; the shape of the fruit checks it.
 import numpy as np
 from jaxtyping import Float
 
-from recon.surface.orientation import Stance
+from recon.surface.orientation import Orientation
 
 SURE = 0.5
 MOST_TILT_DEG = 15.0
@@ -29,31 +29,27 @@ def to_fruit_frame(
     return vertices + fruit_from_mesh[:3, 3], fruit_from_mesh
 
 
-def stance_doubts(stance: Stance) -> tuple[str, ...]:
-    """Sentences where the shape, with a confidence of 0.5 or more, contradicts how the fruit should stand.
+def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:
+    """Sentences where the shape, with a confidence of 0.5 or more, contradicts the convention of placement.
 
     The frame itself stays as placed: the recordings' poses are written in it, so that turning it after the
-    fact would move the pads off the places that they touched. `stance` is that of the mesh in the fruit
+    fact would move the pads off the places that they touched. `orientation` is that of the mesh in the fruit
     frame.
     """
     out = []
-    if stance.stem_confidence >= SURE and stance.tilt_deg > MOST_TILT_DEG:
+    if orientation.stem_confidence >= SURE and orientation.tilt_deg > MOST_TILT_DEG:
         out.append(
-            f"The stem axis appears tilted by {stance.tilt_deg:.0f} degrees (a hollow "
-            f"{stance.hollow_mm:.1f} mm deep; "
-            f"confidence {stance.stem_confidence:.2f}): the pit was placed for a fruit that stands stem "
-            f"end up; set "
-            "the fruit upright, photograph and grasp it again, or give its pit as pit.ply."
+            f"The stem axis appears tilted by {orientation.tilt_deg:.0f} degrees (a hollow "
+            f"{orientation.hollow_mm:.1f} mm deep; confidence {orientation.stem_confidence:.2f}): the pit "
+            "was placed for a fruit that stands stem end up; set the fruit upright, photograph and grasp it "
+            "again, or give its pit as pit.ply."
         )
-    elif stance.suture_confidence >= SURE and abs(stance.turn_deg) > MOST_TURN_DEG:
-        side = "left" if stance.turn_deg > 0 else "right"
+    elif orientation.suture_confidence >= SURE and abs(orientation.turn_deg) > MOST_TURN_DEG:
+        side = "left" if orientation.turn_deg > 0 else "right"
         out.append(
-            f"The suture appears turned by {abs(stance.turn_deg):.0f} degrees to the {side} of the mat's "
-            f"arrow, or of "
-            f"+x (a groove {stance.groove_mm:.1f} mm deep; confidence {stance.suture_confidence:.2f}): the "
-            f"pit was "
-            "placed for a suture towards the arrow; turn the fruit, photograph and grasp it again, or give "
-            "its pit as "
-            "pit.ply."
+            f"The suture appears turned by {abs(orientation.turn_deg):.0f} degrees to the {side} of the "
+            f"mat's arrow, or of +x (a groove {orientation.groove_mm:.1f} mm deep; confidence "
+            f"{orientation.suture_confidence:.2f}): the pit was placed for a suture towards the arrow; turn "
+            "the fruit, photograph and grasp it again, or give its pit as pit.ply."
         )
     return tuple(out)

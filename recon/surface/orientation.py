@@ -1,6 +1,4 @@
-"""How the fruit stands, by its shape alone: the stem axis from the hollow at the stem, the suture from
-its groove.
-"""
+"""The fruit's orientation by its shape alone: stem axis from the stem's hollow, suture from its groove."""
 
 from dataclasses import dataclass
 
@@ -23,8 +21,8 @@ APART_DEG = 40.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Stance:
-    """What the shape says of stem and suture, in the mesh's own axes (unit vectors).
+class Orientation:
+    """Stem axis and suture as the shape shows them, unit vectors in the mesh's own axes.
 
     A confidence is 0 where nothing stands out and 1 where one hollow (one groove) stands far out of all
     others: (1 - second best / best) times how far the best exceeds what noise and slight lumps do. It is a
@@ -50,7 +48,7 @@ class Stance:
         return float(np.degrees(np.arctan2(self.suture[1], self.suture[0])))
 
 
-def stance_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Stance:
+def orientation_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Orientation:
     """Stem axis and suture of a closed fruit mesh, whichever way it lies.
 
     With r(d) the surface's distance from the centre of volume in direction d: the stem is where a round
@@ -67,19 +65,19 @@ def stance_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"])
     tried, _ = ball(CAPS)
     depth, gain = _caps(tried, directions, hollow)
     best = int(np.argmax(gain))
-    stem = _settled(tried[best], directions, hollow)
+    stem = _refined_axis(tried[best], directions, hollow)
     depth_mm = float(depth[best])
     away = tried @ stem < np.cos(np.radians(APART_DEG))
-    stem_confidence = _standing_out(
+    stem_confidence = _prominence(
         np.sqrt(gain[best]), np.sqrt(gain[away].max(initial=0.0)), depth_mm / size / LEAST_HOLLOW
     )
     suture, groove, other = _groove(vertices, faces, centre, stem)
-    return Stance(
+    return Orientation(
         stem=stem,
         stem_confidence=stem_confidence,
         hollow_mm=depth_mm,
         suture=suture,
-        suture_confidence=stem_confidence * _standing_out(groove, other, groove / size / LEAST_GROOVE),
+        suture_confidence=stem_confidence * _prominence(groove, other, groove / size / LEAST_GROOVE),
         groove_mm=groove,
     )
 
@@ -94,7 +92,7 @@ def volume_centre(
     return np.asarray(inside + volumes @ (a + b + c) / 4 / volumes.sum())
 
 
-def _standing_out(best: float, second: float, over: float) -> float:
+def _prominence(best: float, second: float, over: float) -> float:
     """(1 - second / best)(1 - exp(-over²)): 0.63 of the lead counts where the depth is just the least one."""
     if not best > 0:
         return 0.0
@@ -158,7 +156,7 @@ def _caps(
     return depth, gain
 
 
-def _settled(
+def _refined_axis(
     start: Float[np.ndarray, "3"], directions: Float[np.ndarray, "k 3"], hollow: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "3"]:
     """The centre of the hollow near `start`: tried on finer and finer crosses about it."""
@@ -192,9 +190,9 @@ def _groove(
     equator = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(stem, side)
     directions = np.cos(polar)[:, None, None] * stem + np.sin(polar)[:, None, None] * equator
     radius = _radii(vertices, faces, centre, directions.reshape(-1, 3)).reshape(len(polar), len(turn))
-    waves = [np.ones(len(turn))]
-    waves += [f(m * turn) for m in range(1, SMOOTH_TURNS + 1) for f in (np.cos, np.sin)]
-    columns = np.stack(waves, axis=1)
+    harmonics = [np.ones(len(turn))]
+    harmonics += [f(m * turn) for m in range(1, SMOOTH_TURNS + 1) for f in (np.cos, np.sin)]
+    columns = np.stack(harmonics, axis=1)
     hollow = radius @ (columns @ np.linalg.pinv(columns)).T - radius
     depth = np.zeros(len(turn))
     for width in GROOVE_WIDTHS:

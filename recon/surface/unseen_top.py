@@ -13,10 +13,10 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
-from recon.silhouettes.tangent import settled
+from recon.silhouettes.tangent import fitted_to_outlines
 
-LEVEL, DOUBT = 5, 0.03
-"""Of the last hull in recon.silhouettes.all_views: the settled surface's stiffness depends on its
+LEVEL, OUTLIER_SHARE = 5, 0.03
+"""Of the last hull in recon.silhouettes.all_views: the fitted surface's stiffness depends on its
 fineness."""
 SAMPLES, WAVE = 1024, 8
 MARGIN_PX = 16
@@ -24,9 +24,9 @@ NOISE_PX, SEED = 0.5, 1
 """Standard deviation of the outlines: exact ones are believed over the bending of the surface, and leave a
 ball at 45 degrees a cone."""
 NO_CONE = 0.02
-"""Excess of a hull under which the settled surface's is under 0.2 %, and not worked out."""
+"""Excess of a hull under which the fitted surface's is under 0.2 %, and not worked out."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
-SETTLED_SD = 0.5
+FIT_SD = 0.5
 """Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
 of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
 The relative standard deviations of that and of the ellipsoid's excess (benchmarks/unseen_top.py BANK)."""
@@ -79,13 +79,13 @@ def expected_excess(
     sideways = elevation_rad < np.radians(SIDEWAYS_DEG)
     cone = 0.0
     if hull > NO_CONE and not sideways:
-        cone = max(settled_excess(cameras, box / [1.0, 1.0, 1.0 + hull / 2]), 0.0)
+        cone = max(fitted_excess(cameras, box / [1.0, 1.0, 1.0 + hull / 2]), 0.0)
     down = min(max(elevation_rad, 0.0), float(np.radians(SHOULDER_TO_DEG)))
     wide = float(box[0] + box[1]) / (2 * float(box[2]) / (1 + hull / 2))
     shoulder = SHOULDER * wide**2 * float(np.tan(down))
     if sideways:
         return TopExcess(value=0.0, sd=shoulder)
-    return TopExcess(value=cone + shoulder, sd=float(np.hypot(SETTLED_SD * cone, SHOULDER_SD * shoulder)))
+    return TopExcess(value=cone + shoulder, sd=float(np.hypot(FIT_SD * cone, SHOULDER_SD * shoulder)))
 
 
 def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
@@ -104,11 +104,11 @@ def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
     return float(np.sqrt(1 + (wide * np.tan(max(elevation_rad, 0.0))) ** 2) - 1) / 2
 
 
-def settled_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> float:
+def fitted_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> float:
     """How much taller than itself an ellipsoid comes out from its own outlines in these photos, relative.
 
     `box`: its axes along x, y and z; it stands on z = 0 at x = y = 0. Its outlines are conics (Hartley and
-    Zisserman 2004, 8.3) with waves of NOISE_PX; hull and settled surface are those that a fruit gets.
+    Zisserman 2004, 8.3) with waves of NOISE_PX; hull and fitted surface are those that a fruit gets.
     """
     rng = np.random.default_rng(SEED)
     factor = 60.0 / float(box[2])  # the hull's precision is absolute
@@ -119,9 +119,14 @@ def settled_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> fl
     waves *= NOISE_PX / waves.std()
     seen = [_outline(c.moved(larger), semi, centre, wave) for c, wave in zip(cameras, waves, strict=True)]
     rough, faces = visual_hull(
-        seen, centre_mm=centre, longest_mm=4 * float(semi.max()), floor_mm=0.0, level=LEVEL, doubt=DOUBT
+        seen,
+        centre_mm=centre,
+        longest_mm=4 * float(semi.max()),
+        floor_mm=0.0,
+        level=LEVEL,
+        outlier_share=OUTLIER_SHARE,
     )
-    surface = settled(rough, faces, seen, floor_mm=0.0).vertices
+    surface = fitted_to_outlines(rough, faces, seen, floor_mm=0.0).vertices
     return float(np.ptp(surface[:, 2]) / (2 * semi[2])) - 1
 
 

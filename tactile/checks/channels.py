@@ -153,6 +153,7 @@ def _faint(one: Pressing, values: Float[np.ndarray, "t n 3"]) -> Bool[np.ndarray
 
 
 def _markers(one: Pressing) -> list[Finding]:
+    """A finding where more than LOST_SAID of the contact's markers are dead; refused above LOST_REFUSED."""
     dead, words = dead_markers(one)
     contact = one.touched | dead
     share = float(dead.sum() / max(contact.sum(), 1))

@@ -175,6 +175,7 @@ def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
 
 
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
+    """The finding that pads first touch at another distance than the mesh is wide there (mm)."""
     real = width_mm - wider_mm
     return Finding(
         kind=FindingKind.WIDTH,

@@ -87,6 +87,7 @@ def indentation_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 def _aperture(
     recording: Recording, poses: Sequence[Float[np.ndarray, "t 4 4"]], *, size_mm: float
 ) -> list[Finding]:
+    """Findings where the pads' poses and the recorded aperture disagree (unit, standing still, an offset)."""
     between = np.einsum("ti,i->t", poses[1][:, :3, 3] - poses[0][:, :3, 3], poses[0][0, :3, 2])
     stated = recording.aperture_mm
     moved, said = float(np.ptp(between)), float(np.ptp(stated))

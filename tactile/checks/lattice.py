@@ -65,6 +65,7 @@ def lattice_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 
 
 def _pad(one: Pressing) -> list[Finding]:
+    """Findings on one pad's rest positions: unit, order of markers, missing markers."""
     rest = one.pad.rest_mm[:, :2]
     side = float(np.ptp(rest, axis=0).max())
     if not FACE_MM[0] <= side <= FACE_MM[1]:
@@ -223,6 +224,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
 
 
 def _unit(one: Pressing, side_mm: float) -> Finding:
+    """The finding that rest_mm spans no gel's face, with the unit in which it would."""
     fits = [name for times, name in LENGTH.items() if USUAL_FACE_MM[0] <= side_mm / times <= USUAL_FACE_MM[1]]
     unit = f", as if in {' or '.join(fits)}" if fits else ""
     return Finding(

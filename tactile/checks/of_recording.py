@@ -93,6 +93,7 @@ def _on_the_fruit(
     faces: Int[np.ndarray, "f 3"],
     surface_sd_mm: float,
 ) -> list[Finding]:
+    """Findings of the pads' footprints on the mesh, or that another arrangement fits better."""
     prints = [footprint(one, vertices, faces) for one in pressings]
     there = [one for one in prints if one is not None]
     if len(there) < len(pressings):

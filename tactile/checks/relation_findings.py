@@ -223,6 +223,9 @@ def _gain_finding(
     share: float,
     E_range_MPa: tuple[float, float] | None,
 ) -> Finding:
+    """The finding for a pad whose force over displacement is `gain` times what its gel's stiffness
+    predicts.
+    """
     pressing, _, closing = one
     size = abs(float(np.log(gain)))
     left_out = _left_out(gain)
@@ -281,6 +284,7 @@ def _left_out(gain: float) -> int:
 
 
 def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
+    """The finding that only every `count`-th marker of a pad is in the arrays."""
     there = len(one.pad.rest_mm)
     every = {2: "second", 3: "third", 4: "fourth"}[count]
     return Finding(
@@ -319,6 +323,7 @@ def _blamed(
 def _refused(
     one: Pressing, kind: FindingKind, says: str, *, field: Field | None = None, detail: str = ""
 ) -> Finding:
+    """A finding of one pad that makes its recording unusable."""
     return Finding(
         kind=kind,
         rank=Rank.RELATION,

@@ -51,15 +51,15 @@ def ball_print(
     shading = PhotometricDepth(camera, reference, untold, gamma=gamma)
     change = shading.change(image).reshape(-1, 3)
     face = on_face(camera, shading.pixels.reshape(-1, 2))[:, :2]
-    strength = np.linalg.norm(change, axis=1)
-    if strength.max() < LEAST_CHANGE:
+    change_size = np.linalg.norm(change, axis=1)
+    if change_size.max() < LEAST_CHANGE:
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{source}: colours change by {100 * strength.max():.1f} % at most, expected a ball's print of "
-            f"{radius_mm:g} mm; press deeper, or check that the reference is of the same sensor",
+            f"{source}: colours change by {100 * change_size.max():.1f} % at most, expected a ball's print "
+            f"of {radius_mm:g} mm; press deeper, or check that the reference is of the same sensor",
         )
-    strong = strength > 0.5 * strength.max()
-    centre = np.average(face[strong], axis=0, weights=strength[strong])
+    strong = change_size > 0.5 * change_size.max()
+    centre = np.average(face[strong], axis=0, weights=change_size[strong])
     reach = 0.7 * float(np.sqrt(strong.sum() * _area(face, shading) / np.pi))
     contact = reach
     for _ in range(ROUNDS):

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from tactile.gel.border import border_observation
-from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, chosen_strength
+from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, most_likely_hyperparameters
 from tactile.gel.force_placing import ForcePlacing
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.photometric import PhotometricDepth
@@ -42,8 +42,8 @@ class GelFields:
     standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
     their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
     one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
-    `strength` is None where nothing is smoothed. A slab's marker forces are known no better than where on the
-    gel they act (tactile.gel.force_placing): that is part of `force_sd_N` and of the joint covariance.
+    `hyperparameters` is None where nothing is smoothed. A slab's marker forces are known no better than where
+    on the gel they act (tactile.gel.force_placing): that is part of `force_sd_N` and of the joint covariance.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -53,7 +53,7 @@ class GelFields:
     force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
     motion_mm: Float[np.ndarray, " t"]
-    strength: PriorHyperparameters | None
+    hyperparameters: PriorHyperparameters | None
     solver: InvertedForce | SpringForce
 
     def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
@@ -164,12 +164,12 @@ def fields_of(
     second: TrackedMarkers | None = None,
     images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
     shape: PhotometricDepth | None = None,
-    strength: PriorHyperparameters | None = None,
+    hyperparameters: PriorHyperparameters | None = None,
 ) -> GelFields:
     """Displacement and force of a whole recording; `images` are read once, one at a time.
 
     `second` is the other camera's tracking of the same markers (stereo); `images` and `shape` are the frames
-    and the shading's reader (photometric). `strength` None: chosen on the frames that move most.
+    and the shading's reader (photometric). `hyperparameters` None: chosen on the frames that move most.
 
     Raises TactileFailure where the sensor's description lacks what its kind needs, or the gel is a dome.
     """
@@ -194,12 +194,14 @@ def fields_of(
     layer = layer_of(sensor)
     if isinstance(layer, SpringBed):
         return _of_springs(layer, reader, seen)
-    if strength is None:
+    if hyperparameters is None:
         moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))
         strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
         picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
-        strength = chosen_strength(reader.grid, reader.information, seen[picks], observed=reader.observed)
-    solver = InvertedForce(reader.grid, reader.information, strength, observed=reader.observed)
+        hyperparameters = most_likely_hyperparameters(
+            reader.grid, reader.information, seen[picks], observed=reader.observed
+        )
+    solver = InvertedForce(reader.grid, reader.information, hyperparameters, observed=reader.observed)
     shape_of = seen.shape
     force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
     touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
@@ -226,7 +228,7 @@ def fields_of(
         force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
         touching=touching,
         motion_mm=motion,
-        strength=strength,
+        hyperparameters=hyperparameters,
         solver=solver,
     )
 
@@ -243,7 +245,7 @@ def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t 
         force_sd_N=sd_mm * springs.newton_per_mm,
         touching=springs.touching(seen),
         motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
-        strength=None,
+        hyperparameters=None,
         solver=springs,
     )
 

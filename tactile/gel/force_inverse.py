@@ -1,4 +1,4 @@
-"""From the displacement of a gel's face to the forces on it: a linear inverse whose strength the data choose.
+"""From the displacement of a gel's face to the forces on it: a linear inverse, its prior chosen by the data.
 
 Unknowns are forces t on the nodes of a square grid (tents of traction, `gel_slab`). Marker displacements y
 with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian prior of precision
@@ -50,12 +50,12 @@ class PriorHyperparameters:
     noise: float
 
 
-FIRST_STRENGTH = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
+INITIAL_HYPERPARAMETERS = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:
-    """Which nodes touch, the unknowns (0 outside), and how much each node outside wants to push, in noise."""
+    """Which nodes touch, the unknowns (0 outside), and each outer node's push in standard deviations."""
 
     touching: Bool[np.ndarray, " m"]
     unknowns: Float[np.ndarray, " u"]
@@ -80,19 +80,20 @@ class InvertedForce:
     """The inverse of one gel, ready for frames: everything that frames share is computed here.
 
     `information_per_mm2` (n, 3, 3) is the inverse covariance of one frame's marker displacement as frames in
-    the air show it; `observed` what the sensor sees of nodal forces and smooth fields, if not displacement.
+    the air show it; `observed`: the sensor's response to nodal forces and smooth fields, if it is not
+    displacement.
     """
 
     def __init__(
         self,
         grid: GelGrid,
         information_per_mm2: Float[np.ndarray, "n 3 3"],
-        strength: PriorHyperparameters,
+        hyperparameters: PriorHyperparameters,
         *,
         observed: Float[np.ndarray, "3n u"] | None = None,
     ) -> None:
-        self.grid, self.strength = grid, strength
-        self.information = information_per_mm2 / strength.noise**2
+        self.grid, self.hyperparameters = grid, hyperparameters
+        self.information = information_per_mm2 / hyperparameters.noise**2
         self._observed_by = _moved(grid) if observed is None else observed
         self._moved_by = _moved(grid)
         per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
@@ -100,7 +101,7 @@ class InvertedForce:
         self._data = self._weighted.T @ self._observed_by
         self._normal = self._data.copy()
         size = 3 * len(grid.nodes_mm)
-        self._normal[:size, :size] += _prior(grid, strength)
+        self._normal[:size, :size] += _prior(grid, hyperparameters)
         self._size = size
         loose = self._normal.copy()
         loose[size:, size:] += np.diag(_smooth_precision(USUAL_MOTION_MM))
@@ -109,10 +110,10 @@ class InvertedForce:
     def solve(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
     ) -> GelContact:
-        """One frame; markers that are not `seen` (or NaN) say nothing."""
+        """One frame; markers that are not `seen` (or NaN) are left out."""
         y, normal, right = self._observed(displacement_mm, seen)
         motion_mm = _motion(y)
-        found = self._settled(normal, right, motion_mm)
+        found = self._solved_active_set(normal, right, motion_mm)
         t = found.unknowns[: self._size].reshape(-1, 3)
         return GelContact(
             node_force_N=t,
@@ -122,12 +123,12 @@ class InvertedForce:
             displacement_mm=(self._moved_by @ found.unknowns).reshape(y.shape),
         )
 
-    def settled(
+    def active_set(
         self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
     ) -> ActiveSet:
         """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
         y, normal, right = self._observed(displacement_mm, seen)
-        return self._settled(normal, right, _motion(y))
+        return self._solved_active_set(normal, right, _motion(y))
 
     def _block(
         self, touching: Bool[np.ndarray, " m"], motion_mm: float, normal: np.ndarray | None = None
@@ -199,6 +200,7 @@ class InvertedForce:
     def _observed(
         self, displacement_mm: np.ndarray, seen: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Displacement (0 where unknown), normal matrix and right side of the markers that are known."""
         usable = np.isfinite(displacement_mm).all(axis=1)
         if seen is not None:
             usable &= seen
@@ -209,7 +211,7 @@ class InvertedForce:
             normal = normal - self._weighted[lost].T @ self._observed_by[lost]
         return y, normal, self._weighted.T @ y.ravel()
 
-    def _settled(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> ActiveSet:
+    def _solved_active_set(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> ActiveSet:
         """The active set; after `MOST_ROUNDS` nodes only leave, so that it ends with none that pulls."""
         m = len(self.grid.nodes_mm)
         normal_rows = slice(2, 3 * m, 3)
@@ -219,22 +221,22 @@ class InvertedForce:
             loose[self._size :, self._size :] += np.diag(_smooth_precision(USUAL_MOTION_MM))
             factor, sd = _factored(loose)
         free = cho_solve(factor, right, check_finite=False)[normal_rows]
-        beside = self.grid.laplacian < 0
-        heard = self._heard(normal)
-        alone = self._alone(normal, right, motion_mm, heard)
+        adjacent = self.grid.laplacian < 0
+        push_information = self._push_information(normal)
+        single_node_sd = self._single_node_sd(normal, right, motion_mm, push_information)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
         sure = np.minimum(TOUCHES_AT_SD * sd[normal_rows], STARTS_AT * free.max())
-        touching = (free > sure) & (alone > APPEARS_AT_SD)
-        touching[np.argmax(alone)] |= alone.max() > APPEARS_AT_SD
+        touching = (free > sure) & (single_node_sd > APPEARS_AT_SD)
+        touching[np.argmax(single_node_sd)] |= single_node_sd.max() > APPEARS_AT_SD
         dropped = np.zeros_like(touching)
         for turn in count():
             at = self._at(touching)
             block = self._block(touching, motion_mm, normal)
             factor = cho_factor(block, lower=True, overwrite_a=True, check_finite=False)
             found = cho_solve(factor, right[at], check_finite=False)
-            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / np.sqrt(heard)
+            push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / np.sqrt(push_information)
             pulls = np.flatnonzero(touching)[found[2 : 3 * int(touching.sum()) : 3] < 0]
-            near = (beside @ touching.astype(float)) > 0
+            near = (adjacent @ touching.astype(float)) > 0
             joins = ~touching & ((near & ~dropped & (push > GROWS_AT_SD)) | (push > APPEARS_AT_SD))
             joins &= touching.any() & (turn < MOST_ROUNDS)
             if not len(pulls) and not joins.any():
@@ -246,35 +248,39 @@ class InvertedForce:
         unknowns[at] = found
         return ActiveSet(touching=touching, unknowns=unknowns, push_sd=np.where(touching, 0.0, push))
 
-    def _heard(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
-        """What the markers in view say of each node's push, without prior (1/N^2)."""
+    def _push_information(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
+        """Diagonal of G' W G of the markers in view, pushes only: information without prior, 1/N^2."""
         rows = slice(2, self._size, 3)
         full = np.diag(self._data)[rows]
         return np.asarray(np.maximum(full + (np.diag(normal) - np.diag(self._normal))[rows], 1e-9 * full))
 
-    def _alone(
-        self, normal: np.ndarray, right: np.ndarray, motion_mm: float, heard: Float[np.ndarray, " m"]
+    def _single_node_sd(
+        self,
+        normal: np.ndarray,
+        right: np.ndarray,
+        motion_mm: float,
+        push_information: Float[np.ndarray, " m"],
     ) -> Float[np.ndarray, " m"]:
-        """How many standard deviations each node's push alone would explain, beside the smooth fields."""
+        """Each node's push in standard deviations, fitted as the only one besides the smooth fields."""
         size = 3 * len(self.grid.nodes_mm)
         rows = slice(2, size, 3)
         smooth = cho_factor(normal[size:, size:] + np.diag(_smooth_precision(motion_mm)), lower=True)
         across = normal[rows, size:]
         left = right[rows] - across @ cho_solve(smooth, right[size:])
-        spread = heard - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
-        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * heard)))
+        spread = push_information - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
+        return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * push_information)))
 
 
-def chosen_strength(
+def most_likely_hyperparameters(
     grid: GelGrid,
     information_per_mm2: Float[np.ndarray, "n 3 3"],
     frames_mm: Sequence[Float[np.ndarray, "n 3"]],
     *,
     observed: Float[np.ndarray, "3n u"] | None = None,
-    start: PriorHyperparameters = FIRST_STRENGTH,
+    start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,
     rounds: int = 2,
 ) -> PriorHyperparameters:
-    """The strength of greatest marginal likelihood over some loaded frames, by factors of two.
+    """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
     The contact is found anew after every round of climbing.
     """
@@ -289,13 +295,13 @@ def chosen_strength(
         pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
         if not pairs:
             return best
-        told = [_told(seen, information_per_mm2, y, c) for y, c in pairs]
-        value = _evidence(grid, best, told)
+        statistics = [_sufficient_statistics(seen, information_per_mm2, y, c) for y, c in pairs]
+        value = _evidence(grid, best, statistics)
         for name in ORDER_OF_CLIMBING:
             for factor in (2.0, 0.5):
                 for _ in range(4):
                     trial = replace(best, **{name: getattr(best, name) * factor})
-                    if trial.noise < 0.99 or (found := _evidence(grid, trial, told)) <= value:
+                    if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
                         break
                     best, value = trial, found
     return best
@@ -303,7 +309,9 @@ def chosen_strength(
 
 @dataclass(frozen=True, kw_only=True)
 class SufficientStatistics:
-    """What one frame says of the forces on its touching nodes, before noise and prior are scaled."""
+    """Sufficient statistics of one frame for the forces on its touching nodes, before noise and prior are
+    scaled.
+    """
 
     touching: Bool[np.ndarray, " m"]
     normal: Float[np.ndarray, "a a"]
@@ -313,9 +321,10 @@ class SufficientStatistics:
     motion_mm: float
 
 
-def _told(
+def _sufficient_statistics(
     seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray
 ) -> SufficientStatistics:
+    """Normal matrix, right side and misfit of one frame whose contact is known."""
     usable = np.isfinite(y).all(axis=1)
     at = np.concatenate([_dofs(touching), np.arange(3 * len(touching), seen.shape[1])])
     G = seen[:, at].reshape(len(y), 3, -1)[usable]
@@ -331,37 +340,41 @@ def _told(
     )
 
 
-def _evidence(grid: GelGrid, strength: PriorHyperparameters, told: Sequence[SufficientStatistics]) -> float:
+def _evidence(
+    grid: GelGrid, hyperparameters: PriorHyperparameters, statistics: Sequence[SufficientStatistics]
+) -> float:
     """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
     total = 0.0
-    prior = _prior(grid, strength)
-    for frame in told:
+    prior = _prior(grid, hyperparameters)
+    for frame in statistics:
         at = _dofs(frame.touching)
         Q = prior[np.ix_(at, at)]
-        normal = frame.normal / strength.noise**2
+        normal = frame.normal / hyperparameters.noise**2
         normal[: len(at), : len(at)] += Q
         normal[len(at) :, len(at) :] += np.diag(_smooth_precision(frame.motion_mm))
         factor = cho_factor(normal, lower=True)
-        right = frame.right / strength.noise**2
+        right = frame.right / hyperparameters.noise**2
         smooth = Q[::3, ::3]
         log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
         sizes = np.log([Q[k, k] / Q[0, 0] for k in range(3)]).sum() * len(smooth) / 2
         total += float(
-            0.5 * (right @ cho_solve(factor, right) - frame.misfit / strength.noise**2)
+            0.5 * (right @ cho_solve(factor, right) - frame.misfit / hyperparameters.noise**2)
             - np.log(np.diag(factor[0])).sum()
             + 3 * log_prior
             + sizes
-            - frame.directions * np.log(strength.noise)
+            - frame.directions * np.log(hyperparameters.noise)
         )
     return total
 
 
-def _prior(grid: GelGrid, strength: PriorHyperparameters) -> Float[np.ndarray, "3m 3m"]:
+def _prior(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "3m 3m"]:
     m = len(grid.nodes_mm)
-    smooth = np.eye(m) + strength.roughness**2 * grid.laplacian
+    smooth = np.eye(m) + hyperparameters.roughness**2 * grid.laplacian
     area = grid.pitch_mm**2
     out = np.zeros((m, 3, m, 3))
-    for k, sd in enumerate((strength.shear_MPa, strength.shear_MPa, strength.pressure_MPa)):
+    for k, sd in enumerate(
+        (hyperparameters.shear_MPa, hyperparameters.shear_MPa, hyperparameters.pressure_MPa)
+    ):
         out[:, k, :, k] = smooth / (sd * area) ** 2
     return out.reshape(3 * m, 3 * m)
 

@@ -82,6 +82,7 @@ def pictures_of(dataset: Any, source: str) -> Pictures:
 
 
 def _folder(folder: Path) -> Pictures:
+    """The numbered pictures frame_*.png or .jpg of a folder, read one by one. Raises TactileFailure."""
     found: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
         named = NUMBERED.match(path.stem)
@@ -105,6 +106,7 @@ def _folder(folder: Path) -> Pictures:
 
 
 def _video(path: Path) -> Pictures:
+    """The frames of a video, read one by one. Raises TactileFailure where it is unreadable or cut short."""
     video = cv2.VideoCapture(str(path))
     said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
     video.release()

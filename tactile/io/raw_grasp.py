@@ -132,6 +132,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
 def _pad(
     folder: Path, name: str, table: Table, log: GraspLog, loading: Loading, at_mm: float, sensor: Path | None
 ) -> RawPad:
+    """One pad of a raw grasp: its sensor, pictures and poses. Raises TactileFailure where they do not fit."""
     table.refuse_unknown(PAD_KEYS)
     description = sensor or _sensor_path(folder, table)
     described = read_sensor(description)
@@ -304,6 +305,7 @@ def _times(
 
 
 def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> None:
+    """Raises TactileFailure where a pad's serial number is not its sensor's."""
     said = {pad.name: table.table(pad.name, needed=True).text("serial", default="") for pad in pads}
     for pad in pads:
         serial = said[pad.name]

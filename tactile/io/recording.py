@@ -223,6 +223,7 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelPad | IndenterPad:
+    """One pad of a recording: a gel's fields, or the force of an indenter."""
     pose = pad.poses("pose", frames)
     if "force_z_N" in pad and "rest_mm" not in pad:
         return IndenterPad(
@@ -268,6 +269,7 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 
 
 def _write_gel(group: Any, pad: GelPad) -> None:
+    """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
     for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
         group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)

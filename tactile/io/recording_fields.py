@@ -245,6 +245,7 @@ class GroupReader:
             raise self._refuse(name, found, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
 
     def _dataset(self, name: str) -> Any:
+        """The dataset of this name, still unread. Raises TactileFailure where there is none."""
         self._require_own(name)
         try:
             data = self.group.get(name)
@@ -264,6 +265,7 @@ class GroupReader:
             raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
 
     def _require_shape(self, name: str, data: Any, shape: tuple[int | None, ...]) -> None:
+        """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
         fits = len(data.shape) == len(shape) and all(

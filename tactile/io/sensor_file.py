@@ -120,6 +120,7 @@ def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
 
 
 def _camera(table: Table) -> GelCamera | None:
+    """The camera of a sensor's description; None without one. Raises TactileFailure."""
     if not table:
         return None
     table.refuse_unknown({"image_px", "focal_px", "centre_px", "distortion", "gel_from_camera"})
@@ -143,6 +144,7 @@ def _camera(table: Table) -> GelCamera | None:
 
 
 def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
+    """The markers' rest positions (mm) as listed or as a grid; None where the description has neither."""
     if not table:
         return None
     if "rest_mm" in table.values:
@@ -183,6 +185,7 @@ def _ambient(top: Table) -> float:
 
 
 def _light(table: Table) -> GelLight:
+    """One light of a sensor: unit direction and colour. Raises TactileFailure."""
     table.refuse_unknown({"direction", "colour"})
     direction = table.numbers("direction", (3,))
     length = float(np.linalg.norm(direction))
@@ -202,6 +205,7 @@ def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:
 
 
 def _calibration(top: Table) -> Path | None:
+    """The calibration file, its digest checked; None where none is named. Raises TactileFailure."""
     name = top.file_name("calibration_file", default="")
     path = top.path.parent / name
     if name and not path.is_file():

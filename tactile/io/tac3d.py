@@ -118,6 +118,7 @@ def _loaded(folder: Path, name: str) -> np.ndarray:
 
 
 def _checked(folder: Path, name: str, values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+    """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
     fits = values.ndim == len(shape) and all(
         (have > 0 if want is None else have == want) for have, want in zip(values.shape, shape, strict=True)
     )

@@ -1,10 +1,10 @@
-"""Names of markers set right by what came after.
+"""Markers that were confused with their neighbours are labelled again, backwards from later frames.
 
-After a jump of about a spacing between two frames markers can take their neighbours' blobs, for as long as
-that looks smoother; when the names come right again they jump, all of them, by a spacing. Going back from
-there finds the frames between. Of the two readings the one that moves the markers less in all is right: with
-d the true jump and p the spacing, a false name moves by |d - p| at first and by p when it is mended, and |d -
-p| + p >= d.
+After a jump of about one spacing between two frames markers can be matched with their neighbours' blobs, for
+as long as that looks smoother; when the labels become right again, all of them jump by a spacing. Labelling
+backwards from there finds the frames between. Of the two labellings the one that moves the markers less in
+total is right: with d the true jump and p the spacing, a wrong label moves by |d - p| at first and by p when
+it is corrected, and |d - p| + p >= d.
 """
 
 from collections.abc import Sequence
@@ -16,20 +16,20 @@ from tactile.markers.marker_detection import inside
 from tactile.markers.matching import Lattice, match, neighbours_say
 
 JUMP = 0.5
-"""In spacings: a marker that moves further between two frames may have changed its name."""
+"""In spacings: a marker that moves further between two frames may have changed its label."""
 FEWEST = 3
 LOOK_BACK = 25
 
 
-def mended(
+def relabelled(
     lattice: Lattice,
     shape: tuple[int, int],
     position: Float[np.ndarray, "t n 2"],
     blobs_px: Sequence[Float[np.ndarray, "_ 2"]],
 ) -> Float[np.ndarray, "t n 2"]:
-    """`position` (px, NaN where lost) with the names right between a jump and the jump that mends it.
+    """`position` (px, NaN where lost) with the right labels between a jump and the jump back.
 
-    `blobs_px` are each frame's blobs. Names that stay wrong for more than 25 frames are not found.
+    `blobs_px`: each frame's blobs. Labels that stay wrong for more than LOOK_BACK frames are not found.
     """
     whole = position.copy()
     for t in range(2, len(position)):
@@ -38,7 +38,7 @@ def mended(
         back: list[np.ndarray] = []
         after = whole[t]
         for k in range(t - 1, max(-1, t - 1 - LOOK_BACK), -1):
-            now = _named(lattice, shape, after, blobs_px[k])
+            now = _relabelled_frame(lattice, shape, after, blobs_px[k])
             if _differ(lattice, now, whole[k]) < FEWEST:
                 if back and _path(whole[k : t + 1], back) < 0:
                     whole[k + 1 : t] = back[::-1]
@@ -48,13 +48,13 @@ def mended(
     return whole
 
 
-def _named(
+def _relabelled_frame(
     lattice: Lattice,
     shape: tuple[int, int],
     after: Float[np.ndarray, "n 2"],
     blobs_px: Float[np.ndarray, "m 2"],
 ) -> Float[np.ndarray, "n 2"]:
-    """The blobs named from where the markers are one frame later."""
+    """The blobs labelled from where the markers are one frame later."""
     known = np.isfinite(after[:, 0])
     moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
     moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known))
@@ -70,7 +70,7 @@ def _differ(lattice: Lattice, one: Float[np.ndarray, "n 2"], two: Float[np.ndarr
 
 
 def _path(forward: Float[np.ndarray, "k n 2"], back: list[Float[np.ndarray, "n 2"]]) -> float:
-    """How much further markers go by the second reading, over those that both readings see throughout."""
+    """How much further markers move by the second labelling, over those that both follow throughout."""
     other = np.stack([forward[0], *back[::-1], forward[-1]])
     both = np.isfinite(forward).all(axis=(0, 2)) & np.isfinite(other).all(axis=(0, 2))
     lengths = [np.linalg.norm(np.diff(way[:, both], axis=0), axis=2).sum() for way in (forward, other)]

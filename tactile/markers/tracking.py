@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.markers.backward_relabelling import mended
+from tactile.markers.backward_relabelling import relabelled
 from tactile.markers.contrast import MarkerLook, contrast, find_look, grey
 from tactile.markers.cut_markers import OUTSIDE, disc_radius_px, uncut
 from tactile.markers.marker_detection import Blobs, centred, find_blobs, inside, markers_of, spacing_of
@@ -132,7 +132,7 @@ def settled(
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
     """Positions and quality of all frames followed so far, names set right by hindsight."""
     before = np.stack([row.position_px for row in rows])
-    position = mended(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
+    position = relabelled(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
     quality = np.stack([row.quality for row in rows])
     lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
     return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
@@ -144,6 +144,7 @@ def _markers_in(
     moved: Float[np.ndarray, "n 2"],
     speed: Float[np.ndarray, "n 2"],
 ) -> FrameMarkers:
+    """Places of all markers in one frame, from their motion and speed (px) in the frame before."""
     look, lattice, usual = reference.look, reference.lattice, reference.markers
     shown = contrast(grey(frame), look)
     blobs = find_blobs(shown, look, least=BLOB_CONTRAST * float(np.median(usual.peak)))

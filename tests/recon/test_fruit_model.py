@@ -32,9 +32,9 @@ def test_odds_lie_where_the_window_has_what_they_speak_of(corner, size, shrink):
     image = np.zeros((520, 640, 3), np.uint8)
     centre, radius = np.array([250.3, 180.6]), 70.0
     image[np.hypot(x - centre[0], y - centre[1]) < radius, 2] = 255
-    odds = FruitModel(SHIPPED, RednessInCells()).log_odds([image], [corner], [size], [shrink])[0]
-    assert odds.shape == size[::-1]
-    row, column = np.nonzero(odds > 0)
+    log_odds = FruitModel(SHIPPED, RednessInCells()).log_odds([image], [corner], [size], [shrink])[0]
+    assert log_odds.shape == size[::-1]
+    row, column = np.nonzero(log_odds > 0)
     pixels = np.stack([column, row], 1) * shrink + np.array(corner) + (shrink - 1) / 2
     away = np.linalg.norm(pixels - centre, axis=1)
     cell = max(size) * shrink / (SIDE_PX / 2)
@@ -55,7 +55,7 @@ def test_the_shipped_model_finds_an_egg_it_never_saw():
         windows.append((int(column) - 70, int(row) - 70))
     found = fruit_model().log_odds([p.image for p in photos], windows, [(140, 140)] * 6, [1] * 6)
     overlaps = []
-    for camera, corner, odds in zip(cameras, windows, found, strict=True):
+    for camera, corner, log_odds in zip(cameras, windows, found, strict=True):
         rows, columns = np.mgrid[:140, :140]
         rays = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2) - camera.middle_px
         ahead = np.column_stack([rays / camera.focal_px, np.ones(len(rays))]) @ camera.cam_from_world[:3, :3]
@@ -63,7 +63,7 @@ def test_the_shipped_model_finds_an_egg_it_never_saw():
         off = (camera.place - egg.centre) / egg.semi_mm
         b = np.sum(ahead / egg.semi_mm * off, 1)
         true = (b**2 - a * (off @ off - 1) > 0).reshape(140, 140)
-        overlaps.append((true & (odds > 0)).sum() / (true | (odds > 0)).sum())
+        overlaps.append((true & (log_odds > 0)).sum() / (true | (log_odds > 0)).sum())
     assert np.mean(overlaps) > 0.9, overlaps
 
 

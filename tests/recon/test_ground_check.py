@@ -83,9 +83,9 @@ def test_a_patch_pushed_in_or_out_is_found_where_it_is_and_the_error_bar_covers_
     assert np.corrcoef(error.offset_mm[seen], true_mm[seen])[0, 1] > 0.8
     assert (np.abs(true_mm[seen]) < 2 * error.sd_mm[seen]).mean() > 0.9
     offset = surface_offset(error, vertices, FACES, views)
-    (doubt,) = surface_doubts(offset, error, evidence, vertices, FACES, views)
-    assert "towards the suture" in doubt
-    assert ("outside" if depth_mm < 0 else "inside") + " the mesh" in doubt
+    (outlier_share,) = surface_doubts(offset, error, evidence, vertices, FACES, views)
+    assert "towards the suture" in outlier_share
+    assert ("outside" if depth_mm < 0 else "inside") + " the mesh" in outlier_share
 
 
 def test_the_error_on_a_patch_is_the_root_mean_square_over_its_area():

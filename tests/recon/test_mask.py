@@ -6,7 +6,7 @@ from recon.silhouettes.mask import (
     Behind,
     cells_of,
     colour_density,
-    colour_odds,
+    colour_log_odds,
     density_at,
     ground_density,
     ground_noise,
@@ -67,11 +67,11 @@ def test_a_shadow_that_moved_is_ground_and_dark_skin_in_its_place_is_not():
     nothing = np.zeros((SIDE, SIDE))
     picture = seen.copy()
     picture[:20] = skin[: 20 * SIDE].reshape(20, SIDE, 3)
-    odds = colour_odds(
+    log_odds = colour_log_odds(
         density_at(palette, cells_of(picture)), ground_density(picture, behind, noise), nothing, nothing
     )
-    assert (odds[:20] > 2).mean() > 0.98
-    assert (odds[20:] < -2).mean() > 0.98
+    assert (log_odds[:20] > 2).mean() > 0.98
+    assert (log_odds[20:] < -2).mean() > 0.98
 
 
 def test_where_no_shadow_falls_a_darker_pixel_is_hardly_ground():
@@ -91,9 +91,9 @@ def test_where_no_shadow_falls_a_darker_pixel_is_hardly_ground():
 def test_ground_that_the_plate_does_not_tell_is_strange_nearby_and_nowhere_else():
     sure = np.ones((400, 400), bool)
     sure[150:250, 150:250] = False
-    on_plate = np.full((400, 400), 1e-3)
-    on_plate[:, :150] = 1e-9
-    share = strange_share(on_plate, np.full((400, 400), 1e-4), sure)
+    on_background = np.full((400, 400), 1e-3)
+    on_background[:, :150] = 1e-9
+    share = strange_share(on_background, np.full((400, 400), 1e-4), sure)
     assert share[:, :60].min() > 0.5
     assert share[200, 160] > share[200, 240]
     assert share[:, 340:].max() < 0.05

@@ -50,9 +50,9 @@ def test_a_larger_fruit_is_measured_as_larger():
 def test_the_one_photo_with_a_moved_fruit_is_named_with_its_millimetres():
     mixed = list(images())
     mixed[3] = images(4.0)[3]
-    (doubt,) = rim_doubts(mixed, CAMERAS, skin())
-    assert "In 1 photo the fruit lies elsewhere" in doubt
-    assert f"({CAMERAS[3].name} by " in doubt
+    (outlier_share,) = rim_doubts(mixed, CAMERAS, skin())
+    assert "In 1 photo the fruit lies elsewhere" in outlier_share
+    assert f"({CAMERAS[3].name} by " in outlier_share
 
 
 def test_a_rim_outside_the_picture_or_without_steps_tells_nothing():

@@ -30,27 +30,27 @@ def overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
 def test_a_highlight_that_looks_like_ground_takes_no_bite_out_of_the_fruit():
     rng = np.random.default_rng(0)
     truth = disc(70)
-    odds = np.where(truth, 3.0, -3.0).astype(np.float32)
-    odds[105:125, 80:98] = -3.0
-    (found,) = star_cuts([odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
+    log_odds = np.where(truth, 3.0, -3.0).astype(np.float32)
+    log_odds[105:125, 80:98] = -3.0
+    (found,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
     assert overlap(found, truth) > 0.975
 
 
 def test_without_any_odds_the_step_of_colour_is_the_contour():
     rng = np.random.default_rng(1)
     truth = disc(64)
-    odds = np.where(disc(40), 1.0, np.where(disc(90), 0.0, -1.0)).astype(np.float32)
-    (found,) = star_cuts([odds], [painted(truth, rng)], [CENTRE])
+    log_odds = np.where(disc(40), 1.0, np.where(disc(90), 0.0, -1.0)).astype(np.float32)
+    (found,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE])
     assert overlap(found, truth) > 0.97
 
 
 def test_pictures_do_not_influence_each_other():
     rng = np.random.default_rng(2)
     one, other = disc(50), disc(80)
-    odds = [np.where(m, 2.0, -2.0).astype(np.float32) for m in (one, other)]
+    log_odds = [np.where(m, 2.0, -2.0).astype(np.float32) for m in (one, other)]
     colours = [painted(m, rng) for m in (one, other)]
-    both = star_cuts(odds, colours, [CENTRE, CENTRE])
-    alone = [star_cuts([o], [c], [CENTRE])[0] for o, c in zip(odds, colours, strict=True)]
+    both = star_cuts(log_odds, colours, [CENTRE, CENTRE])
+    alone = [star_cuts([o], [c], [CENTRE])[0] for o, c in zip(log_odds, colours, strict=True)]
     assert all((a == b).all() for a, b in zip(both, alone, strict=True))
 
 

@@ -9,7 +9,7 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.hull import Silhouette, ball, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
-from recon.silhouettes.tangent import SettledHull, settled
+from recon.silhouettes.tangent import FittedSurface, fitted_to_outlines
 from recon.triangle_mesh import rim_crossings, volume_mm3
 
 EGG = Egg()
@@ -44,16 +44,16 @@ def outline_seen(camera: Camera, wave_px: np.ndarray, shadow_px: float = 0.0) ->
 
 def hull_and_settled(
     count: int, *, noise_px: float, shadow_px: float = 0.0
-) -> tuple[np.ndarray, SettledHull, np.ndarray]:
+) -> tuple[np.ndarray, FittedSurface, np.ndarray]:
     rng = np.random.default_rng(3)
     silhouettes = []
     for camera in ring(count):
         wave = gaussian_filter1d(rng.normal(size=1024), 8, mode="wrap")
         silhouettes.append(outline_seen(camera, noise_px * wave / wave.std(), shadow_px))
     vertices, faces = visual_hull(
-        silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, doubt=0.03
+        silhouettes, centre_mm=EGG.centre, longest_mm=60.0, floor_mm=0.0, level=4, outlier_share=0.03
     )
-    return vertices, settled(vertices, faces, silhouettes, floor_mm=0.0), faces
+    return vertices, fitted_to_outlines(vertices, faces, silhouettes, floor_mm=0.0), faces
 
 
 def rms(values: np.ndarray) -> float:

@@ -5,7 +5,7 @@ import pytest
 
 from recon.cameras.camera import Camera
 from recon.scale import scale_without_mat
-from recon.surface.unseen_top import TopExcess, expected_excess, hull_excess, settled_excess, top_share
+from recon.surface.unseen_top import TopExcess, expected_excess, fitted_excess, hull_excess, top_share
 
 
 def looking_down(count, elevation_deg, *, tall_mm=60.0, distance_mm=330.0):
@@ -41,7 +41,7 @@ def test_of_a_flat_fruit_it_is_what_its_tangent_plane_says():
 
 
 def test_the_settled_ball_lies_between_its_truth_and_its_hull():
-    low, high = (settled_excess(looking_down(12, e), np.full(3, 60.0)) for e in (20.0, 45.0))
+    low, high = (fitted_excess(looking_down(12, e), np.full(3, 60.0)) for e in (20.0, 45.0))
     assert abs(low) < 0.01
     assert 0.05 < high < hull_excess(np.ones(3), np.radians(45.0))
 
@@ -62,7 +62,7 @@ def test_the_scale_of_a_ball_made_too_tall_is_put_right():
     cameras = looking_down(12, 45.0)
     ball = np.random.default_rng(2).normal(size=(4000, 3))
     ball = 30 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + [0, 0, 30]
-    made = ball * [1, 1, 1 + settled_excess(cameras, np.full(3, 60.0))]
+    made = ball * [1, 1, 1 + fitted_excess(cameras, np.full(3, 60.0))]
     made[0] = [0, 0, 0]
 
     def scale(top_measured):

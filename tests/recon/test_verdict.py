@@ -61,5 +61,5 @@ def test_a_bar_and_a_cross_are_phantoms_and_no_fruit():
     for body, words in ((bar, "4.00 times as long as wide, expected at most 1.45"), (cross, "convex hull")):
         mesh = body.to_mesh64()
         surface = np.asarray(mesh.vert_properties)[:, :3], np.asarray(mesh.tri_verts, int)
-        assert any(words in doubt for doubt in shape_doubts(*surface))
+        assert any(words in outlier_share for outlier_share in shape_doubts(*surface))
         assert shape_doubts(*surface, body=load_prior("phantom").body) == ()

@@ -25,7 +25,7 @@ from tactile.checks.relation import relation_of
 from tactile.checks.relation_findings import relation_findings
 from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
-from tactile.gel.force_inverse import FIRST_STRENGTH, InvertedForce
+from tactile.gel.force_inverse import INITIAL_HYPERPARAMETERS, InvertedForce
 from tactile.gel.grid import gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad, read_recording
@@ -523,7 +523,9 @@ def slab_pad():
     nodes = np.stack(np.meshgrid(fine, fine), axis=-1).reshape(-1, 2)
     compliance = -tent_compliance(slab, rest[:, :2], nodes, pitch_mm=0.5)
     rng = np.random.default_rng(0)
-    inverse = InvertedForce(gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), FIRST_STRENGTH)
+    inverse = InvertedForce(
+        gel_grid(slab, rest), np.tile(np.eye(3) / 0.004**2, (81, 1, 1)), INITIAL_HYPERPARAMETERS
+    )
     moved, pushed = [], []
     for depth in (*np.zeros(4), *np.linspace(0.2, 1, 4), 0.6, 0.0, 0.0):
         within = 1 - (nodes**2).sum(axis=1) / (20.0 * depth + 1e-9)

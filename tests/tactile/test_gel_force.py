@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, chosen_strength
+from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, most_likely_hyperparameters
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid
@@ -52,8 +52,8 @@ def noise(rng: np.random.Generator) -> np.ndarray:
 def test_forces_are_recovered_from_finite_elements_and_noise(block: GelBlock, grid: GelGrid) -> None:
     displacement, force, total = elements_say(block)
     seen = displacement + noise(np.random.default_rng(1))
-    strength = chosen_strength(grid, INFORMATION, [seen])
-    found = InvertedForce(grid, INFORMATION, strength).solve(seen)
+    hyperparameters = most_likely_hyperparameters(grid, INFORMATION, [seen])
+    found = InvertedForce(grid, INFORMATION, hyperparameters).solve(seen)
     assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.03 * np.linalg.norm(total)
     assert np.corrcoef(found.force_N.ravel(), force.ravel())[0, 1] > 0.97
     outside = np.linalg.norm(MARKERS[:, :2], axis=1) > 2.7
@@ -66,8 +66,11 @@ def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, 
     flat[:, 2, 2] = 0.0
     seen = displacement + noise(np.random.default_rng(1))
     seen[:, 2] = 0.0
-    strength = PriorHyperparameters(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
-    blind, full = InvertedForce(grid, flat, strength), InvertedForce(grid, INFORMATION, strength)
+    hyperparameters = PriorHyperparameters(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
+    blind, full = (
+        InvertedForce(grid, flat, hyperparameters),
+        InvertedForce(grid, INFORMATION, hyperparameters),
+    )
     found = blind.solve(seen)
     assert found.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
     unsure, sure = (
@@ -109,8 +112,8 @@ def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock,
         lost = rng.random(len(MARKERS)) < share
         told = INFORMATION.copy()
         told[lost] = 0.0
-        expected = InvertedForce(grid, told, STRENGTH).settled(np.where(lost[:, None], 0.0, seen))
-        found = solver.settled(np.where(lost[:, None], np.nan, seen))
+        expected = InvertedForce(grid, told, STRENGTH).active_set(np.where(lost[:, None], 0.0, seen))
+        found = solver.active_set(np.where(lost[:, None], np.nan, seen))
         assert (found.touching == expected.touching).all()
         np.testing.assert_allclose(found.unknowns, expected.unknowns, atol=1e-7)
         force = solver.solve(seen, ~lost).force_N.sum(axis=0)
@@ -127,7 +130,7 @@ def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(
         for lost in (0.0, 0.3):
             seen = scale * displacement + 3 * noise(rng)
             seen[rng.random(len(seen)) < lost] = np.nan
-            found = solver.settled(seen)
+            found = solver.active_set(seen)
             pressure = found.unknowns[2 : 3 * len(found.touching) : 3]
             assert pressure.min() >= 0
             assert (pressure[~found.touching] == 0).all()

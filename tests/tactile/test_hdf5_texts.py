@@ -39,7 +39,7 @@ def test_a_sound_file_can_be_read_at_once():
 def test_a_heap_without_an_end_is_refused(tmp_path, monkeypatch):
     path = with_a_broken_heap(tmp_path / "grasp-1.h5")
     assert not texts_can_be_read(path, patience_s=1.0)
-    monkeypatch.setattr(tactile.hdf5_texts.texts_can_be_read, "__kwdefaults__", {"patience_s": 1.0})
+    monkeypatch.setattr(tactile.io.hdf5_texts.texts_can_be_read, "__kwdefaults__", {"patience_s": 1.0})
     with pytest.raises(TactileFailure, match=r"grasp-1\.h5") as refused:
         read_recording(path)
     assert "copy it again" in str(refused.value)
@@ -90,7 +90,7 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fork", told)
-    monkeypatch.setattr(tactile.hdf5_texts.time, "sleep", interrupt)
+    monkeypatch.setattr(tactile.io.hdf5_texts.time, "sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
         texts_can_be_read(path)
     monkeypatch.undo()

@@ -19,7 +19,7 @@ def test_arrays_come_back_in_double_precision(tmp_path):
 
 
 def test_bytes_that_would_become_too_many_doubles_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tactile.plain_numpy, "MOST_VALUES", 1000)
+    monkeypatch.setattr(tactile.io.plain_numpy, "MOST_VALUES", 1000)
     np.savez_compressed(tmp_path / "a.npz", one=np.zeros(600, np.uint8), two=np.zeros(600, np.uint8))
     with pytest.raises(NotReadable, match="more than 1000 values"):
         load_npz(tmp_path / "a.npz")

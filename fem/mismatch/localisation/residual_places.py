@@ -111,6 +111,7 @@ def _rigid(
 
 
 def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:
+    """The ball of flesh that explains most of the residual; else the pad with the excess; else both."""
     spots = best_spots(forward, numbers)
     best = max(spots, key=lambda spot: spot.score, default=None)
     if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):

@@ -53,6 +53,7 @@ def slid_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> 
 
 
 def _slid_responses(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "p 2 f n 3"]:
+    """Of every pad moved along its x and y by SLIDE_MM either way: central differences of c, per mm."""
     solid, pads = forward.base.solid_of(recording), range(len(recording.links))
     split = np.cumsum([len(other.rest_mm) for other in recording.case.history.pads])[:-1]
     patterns = np.split(recording.patterns, split, axis=1)

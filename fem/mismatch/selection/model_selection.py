@@ -273,6 +273,7 @@ def _polished(
 
 
 def _verdict(linear: LinearRound, ranking: Sequence[Hypothesis], sound: NullCase) -> str | tuple[str, ...]:
+    """The name of the one likely effect, or all that cannot be told apart, or "unknown"."""
     first = next((one for one in ranking if one.name != NONE), None)
     if first is None or first.refit is None or first.gain <= sound.least:
         return UNKNOWN

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from recon.silhouettes.hull import ball
-from recon.surface.fruit_frame import stance_doubts, to_fruit_frame
-from recon.surface.orientation import stance_of
+from recon.surface.fruit_frame import orientation_warnings, to_fruit_frame
+from recon.surface.orientation import orientation_of
 from samples.fruit import fruit_of_seed, scanned_mesh
 
 
@@ -37,31 +37,31 @@ def off_deg(a, b):
 def test_stem_and_suture_are_found_within_four_degrees_whichever_way_the_fruit_lies(seed):
     vertices, faces = scanned(seed)
     turn = Rotation.random(random_state=seed).as_matrix()
-    stance = stance_of(vertices @ turn.T + [5.0, -40.0, 3.0], faces)
-    assert off_deg(stance.stem, turn[:, 2]) < 4
-    assert off_deg(stance.suture, turn[:, 0]) < 4
-    assert stance.stem_confidence > 0.6
-    assert stance.suture_confidence > 0.45
+    orientation = orientation_of(vertices @ turn.T + [5.0, -40.0, 3.0], faces)
+    assert off_deg(orientation.stem, turn[:, 2]) < 4
+    assert off_deg(orientation.suture, turn[:, 0]) < 4
+    assert orientation.stem_confidence > 0.6
+    assert orientation.suture_confidence > 0.45
 
 
 @pytest.mark.parametrize("half_axes", [(30, 30, 30), (31, 28, 26)])
 @pytest.mark.parametrize("wobble_mm", [0.0, 0.1, 0.2])
 def test_without_stem_and_suture_the_confidence_is_low(half_axes, wobble_mm):
-    stance = stance_of(*lumpy(half_axes, wobble_mm))
-    assert stance.stem_confidence < 0.3
-    assert stance.suture_confidence < 0.1
-    assert stance_doubts(stance) == ()
+    orientation = orientation_of(*lumpy(half_axes, wobble_mm))
+    assert orientation.stem_confidence < 0.3
+    assert orientation.suture_confidence < 0.1
+    assert orientation_warnings(orientation) == ()
 
 
 def test_without_a_groove_the_stem_alone_is_sure():
-    stance = stance_of(*scanned(2, groove_depth_mm=0.0))
-    assert stance.stem_confidence > 0.6
-    assert stance.suture_confidence < 0.2
+    orientation = orientation_of(*scanned(2, groove_depth_mm=0.0))
+    assert orientation.stem_confidence > 0.6
+    assert orientation.suture_confidence < 0.2
 
 
 def test_a_fruit_as_placed_raises_no_doubt():
     for seed in (1, 2, 3):
-        assert stance_doubts(stance_of(*scanned(seed))) == ()
+        assert orientation_warnings(orientation_of(*scanned(seed))) == ()
 
 
 @pytest.mark.parametrize(
@@ -74,12 +74,12 @@ def test_a_fruit_as_placed_raises_no_doubt():
 def test_a_fruit_that_stands_otherwise_is_told_with_angle_and_confidence(axis, degrees, words):
     vertices, faces = scanned(1)
     turned = vertices @ Rotation.from_euler(axis, degrees, degrees=True).as_matrix().T
-    (doubt,) = stance_doubts(stance_of(to_fruit_frame(turned)[0], faces))
-    assert re.search(words, doubt)
+    (outlier_share,) = orientation_warnings(orientation_of(to_fruit_frame(turned)[0], faces))
+    assert re.search(words, outlier_share)
 
 
 def test_a_millimetre_twice_as_long_changes_no_confidence():
     vertices, faces = scanned(1)
-    one, two = stance_of(vertices, faces), stance_of(2 * vertices, faces)
+    one, two = orientation_of(vertices, faces), orientation_of(2 * vertices, faces)
     assert two.suture_confidence == pytest.approx(one.suture_confidence, rel=1e-3)
     assert two.hollow_mm == pytest.approx(2 * one.hollow_mm, rel=1e-3)
