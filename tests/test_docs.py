@@ -1,0 +1,103 @@
+"""What the documents name is there: links, files, headings and line counts."""
+
+import re
+import subprocess
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = sorted(
+    path.relative_to(ROOT).as_posix()
+    for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
+)
+ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "tests", "benchmarks", "docs")
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+NAMED = re.compile(rf"(?<![\w/.-])((?:{'|'.join(ROOMS)})/[\w./-]*\w)")
+"""A path from the root, in running text or code, with or without its suffix."""
+BARE = re.compile(r"(?<![\w/.-])(\w+\.py)\b")
+"""A source file without its folder."""
+MODULE = re.compile(rf"(?<![\w/.`-])((?:{'|'.join(ROOMS[:6])})(?:\.[a-z]\w*)+)")
+"""A dotted module, or something in it."""
+CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+MOST_README_LINES = 150
+
+
+@cache
+def text_of(document: str) -> str:
+    return (ROOT / document).read_text(encoding="utf-8")
+
+
+@cache
+def sources() -> set[str]:
+    return {path.name for room in ROOMS for path in (ROOT / room).rglob("*.py")}
+
+
+def headings(document: str) -> set[str]:
+    """Anchors as GitHub makes them: lower case, punctuation dropped, blanks to hyphens."""
+    found = re.findall(r"^#+ (.+)$", CODE.sub("", text_of(document)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in found}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_relative_link_leads_to_a_file_and_a_heading_of_it(document):
+    dead = []
+    for target in LINK.findall(CODE.sub("", text_of(document))):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, heading = target.partition("#")
+        path = (ROOT / document).parent / name if name else ROOT / document
+        page = path.resolve().relative_to(ROOT).as_posix()
+        if not path.exists() or (heading and heading not in headings(page)):
+            dead.append(target)
+    assert dead == []
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_file_that_is_named_exists(document):
+    named = {name for name in NAMED.findall(text_of(document)) if "NAME" not in name}
+    bare = {name for name in BARE.findall(text_of(document)) if name != "NAME.py"}
+    missing = {name for name in named if not (ROOT / name).exists()} | (bare - sources())
+    assert missing == set()
+
+
+@pytest.mark.parametrize("document", DOCUMENTS)
+def test_every_module_that_is_named_exists(document):
+    missing = []
+    for name in MODULE.findall(text_of(document)):
+        parts = name.split(".")
+        places = [ROOT.joinpath(*parts[:k]) for k in range(len(parts), 1, -1)]
+        if not any(place.is_dir() or place.with_suffix(".py").is_file() for place in places):
+            missing.append(name)
+    assert missing == []
+
+
+def test_every_page_is_reached_from_the_readme():
+    reached, left = set(), ["README.md"]
+    while left:
+        document = left.pop()
+        reached.add(document)
+        for target in LINK.findall(text_of(document)):
+            path = ((ROOT / document).parent / target.partition("#")[0]).resolve()
+            if path.is_file() and path.suffix == ".md" and path.is_relative_to(ROOT):
+                name = path.relative_to(ROOT).as_posix()
+                left += [name] if name not in reached else []
+    assert set(DOCUMENTS) <= reached
+
+
+def test_every_decision_stands_in_the_index():
+    pages = {path.name for path in (ROOT / "docs" / "decisions").glob("[0-9]*.md")}
+    assert pages == set(LINK.findall(text_of("docs/decisions/README.md")))
+
+
+def test_the_readme_is_short():
+    assert len(text_of("README.md").splitlines()) <= MOST_README_LINES
+
+
+@pytest.mark.parametrize("marker", ["grade", "tests"])
+def test_the_readme_holds_the_commands_that_continuous_integration_reads(marker):
+    told = re.search(rf"^<!-- {marker} -->\n```sh\n(.+)\n```$", text_of("README.md"), re.MULTILINE)
+    assert told is not None
+    assert told[1].endswith({"grade": "--out sample-results", "tests": "/bin/pytest"}[marker])
+    assert subprocess.run(["bash", "-n", "-c", told[1]], check=False).returncode == 0
