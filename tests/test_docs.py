@@ -6,6 +6,11 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from pydantic import BaseModel
+
+from pipeline.batch.fruits_table import COLUMNS
+from pipeline.batch.settings import Settings
+from reports.tables import RANKING_COLUMNS
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = sorted(
@@ -101,3 +106,32 @@ def test_the_readme_holds_the_commands_that_continuous_integration_reads(marker)
     assert told is not None
     assert told[1].endswith({"grade": "--out sample-results", "tests": "/bin/pytest"}[marker])
     assert subprocess.run(["bash", "-n", "-c", told[1]], check=False).returncode == 0
+
+
+def keys_of(model: type[BaseModel]) -> set[str]:
+    """The names of a table's keys, those of the tables in it too."""
+    found = set(model.model_fields)
+    for one in model.model_fields.values():
+        kinds = [one.annotation, *getattr(one.annotation, "__args__", ())]
+        for kind in kinds:
+            if isinstance(kind, type) and issubclass(kind, BaseModel):
+                found |= keys_of(kind)
+    return found
+
+
+@pytest.mark.parametrize(
+    "names",
+    [RANKING_COLUMNS, COLUMNS, keys_of(Settings)],
+    ids=["columns of ranking.csv", "columns of fruits.csv", "keys of batch.toml"],
+)
+def test_every_name_in_a_file_is_defined_in_formats(names):
+    told = text_of("docs/formats.md") + text_of("docs/guide.md")
+    assert [name for name in names if not re.search(rf"\b{name}\b", told)] == []
+
+
+def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guide():
+    rows = set(re.findall(r"^\| `(\w+)` \|", text_of("docs/formats.md"), re.MULTILINE))
+    names = {path.stem for path in (ROOT / "fem" / "mismatch" / "effects").glob("[a-z]*.py")}
+    assert "viscoelastic" in names
+    assert names <= rows
+    assert {name for name in names if f"`{name}`" not in text_of("docs/guide.md")} == set()
