@@ -30,7 +30,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.procedure import detection_statistics, plain_forward_model
-from fem.mismatch.selection.detection import LEVEL, p_values_beside
+from fem.mismatch.selection.detection import p_values_beside
 from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
     STATISTICS,
@@ -38,6 +38,7 @@ from fem.mismatch.selection.null_reference import (
     null_reference,
 )
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.thresholds import DETECTION_P
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
@@ -181,7 +182,9 @@ def main() -> None:
             )
     if chosen.grasps is not None:
         p = [_p_beside_others(row) for row in known]
-        print(f"p: {sum(x < LEVEL for x in p)} of {len(p)} below {LEVEL}, median {np.median(p):.2g}")
+        print(
+            f"p: {sum(x < DETECTION_P for x in p)} of {len(p)} below {DETECTION_P}, median {np.median(p):.2g}"
+        )
     if chosen.write:
         for name, text in files_of(known, datetime.now(UTC).date()).items():
             (SELECTION / name).write_text(text)

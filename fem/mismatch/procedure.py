@@ -20,12 +20,13 @@ from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.detection import LEVEL, best_beyond_quantile, of_sound, p_values
+from fem.mismatch.selection.detection import best_beyond_quantile, of_sound, p_values
 from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 
 
 def explain(
@@ -52,12 +53,12 @@ def explain(
         linear = screened(forward, recorded, EFFECTS)
         statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
         p_value, each = p_values(statistics)
-        detected = p_value < LEVEL
+        detected = p_value < DETECTION_P
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
         sound = NullCase(
             chi2=count * of_sound("what is left"),
-            most_chi2=count * of_sound("what is left", 0.95),
+            most_chi2=count * of_sound("what is left", MOST_NULLS),
             compliance_ratio=forward.compliance_ratio,
         )
         found = named(forward, linear, detected=detected, sound=sound)

@@ -1,9 +1,9 @@
 """Where, when and in which component a mismatch sits: from what a fit leaves beyond noise.
 
 What is left of every marker, frame and component is squared and counted in units of its noise. What exceeds
-MARKER_EXCESS, which sound recordings leave too, is added up by pad, phase and component. Each pad's own rigid
-motion is taken out first, else what one pad shows is shared with the other by the fruit's. One place in the
-flesh is named where a single softer ball explains most of what is left
+MARKER_VARIANCE_INFLATION, which sound recordings leave too, is added up by pad, phase and component. Each
+pad's own rigid motion is taken out first, else what one pad shows is shared with the other by the fruit's.
+One place in the flesh is named where a single softer ball explains most of what is left
 (fem.mismatch.localisation.spot_search).
 """
 
@@ -20,13 +20,8 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import FruitMap, Where
+from fem.mismatch.thresholds import PLACE_EXCESS, PLACE_SHARE, SPOT_SCORE
 
-MOST = 0.7
-"""A share of the excess above which one pad, place, phase or component has it."""
-SURE = 20.0
-"""Least standard score of a place in the flesh that is named."""
-LEAST = 0.05
-"""Excess, as a share of noise, below which none of pads, phases and components is told from the others."""
 PHASES = ("load", "hold", "unload")
 
 
@@ -51,10 +46,12 @@ class ExcessVariance:
     count: Float[np.ndarray, "g p 3 2"]
 
     def most(self, share: Float[np.ndarray, " k"]) -> int | None:
-        """Which of several parts has MOST of the excess, if one has."""
-        enough = self.amount.sum() > LEAST * self.count.sum()
+        """Which of several parts has PLACE_SHARE of the excess, if one has."""
+        enough = self.amount.sum() > PLACE_EXCESS * self.count.sum()
         total = float(share.sum())
-        return int(share.argmax()) if enough and share.max() > MOST * total and len(share) > 1 else None
+        return (
+            int(share.argmax()) if enough and share.max() > PLACE_SHARE * total and len(share) > 1 else None
+        )
 
 
 def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
@@ -114,7 +111,11 @@ def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndar
     """The ball of flesh that explains most of the residual; else the pad with the excess; else both."""
     spots = best_spots(forward, numbers)
     best = max(spots, key=lambda spot: spot.score, default=None)
-    if best is not None and best.score > SURE and best.score**2 > MOST * float(numbers @ numbers):
+    if (
+        best is not None
+        and best.score > SPOT_SCORE
+        and best.score**2 > PLACE_SHARE * float(numbers @ numbers)
+    ):
         x, y, z = map(float, best.centre_mm)
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
     names = pads_of(forward)

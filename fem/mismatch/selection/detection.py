@@ -24,9 +24,6 @@ from scipy.stats import t as student
 
 from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
-LEVEL = 0.05
-"""p-values below it are a mismatch."""
-
 
 def best_beyond_quantile(gains: Iterable[tuple[str, float]], compliance_ratio: float) -> float:
     """The first statistic, from what every kind of signature gains."""

@@ -1,8 +1,8 @@
 """Which explanation: the linear round's short list refitted in full, and what to call it.
 
-Probabilities are those of the refitted explanations and of none, by evidence tempered by TEMPER: models of
-two effects are alike in their faults too. Explanations whose probability is
-within LIKE of the best cannot be told apart. Two effects at once must earn it.
+Probabilities are those of the refitted explanations and of none, by evidence divided by TEMPERATURE: models
+of two effects are alike in their faults too. Explanations whose probability is within EQUAL_PROBABILITY of
+the best cannot be told apart. Two effects at once must earn it. Thresholds: fem.mismatch.thresholds.
 """
 
 from collections.abc import Sequence
@@ -19,37 +19,25 @@ from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_so
 from fem.mismatch.selection.forward_selection import added
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
-
-SINGLES, PAIRS = 5, 2
-TEMPERATURE = 1.5
-HOPE = 0.15
-"""Share of the best linear gain from which an effect is worth its nonlinear refit."""
-ENOUGH, EQUAL = 0.9, 0.5
-"""Once a refit gains such a share of all that there is to gain, only near equals of it in the linear round
-are refitted too."""
-ALWAYS = ("pit_size",)
-"""Refitted however little the linear round makes of them: a pit a quarter smaller is far from linear."""
-OTHER_PAD = 0.5
-"""Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
-misplaced pads the wrong one gained as much or a little more."""
-LIKE = 1 / 20
-PAIR_GAIN, PAIR_LEFT = 15.0, 0.5
-"""ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
-and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
-leave at most: what smooths over half a fault is no second effect. Beside single effects by another solver a
-second one that is not there adds 13 at most in firm flesh."""
-PAIR_PLAIN = 25.0
-"""ln evidence, times the flesh's softness, that it must add where the single leaves no more than sound
-recordings do: beside such single effects one that is not there adds 20 at most."""
-PAIR_SHARE = 0.01
-"""Share of the single's gain that it must add where that one's law bends: such a law is never right to the
-last percent, and its neighbours stand for what is left. Beside a hard plastic set that gains 50,000 a damage
-that is not there adds 80, and 15 % to E; a gain that is there adds 5 % to another's."""
-NOT_DETECTED = TEMPERATURE * 3.0
-"""By so much ln evidence none leads where nothing was detected: 95 % to 5."""
-LEFT, MUCH = 0.6, 0.3
-"""Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
-recordings leave; where it leaves more of both, it is none of the catalogue."""
+from fem.mismatch.thresholds import (
+    ALWAYS_REFITTED,
+    ENOUGH_GAIN,
+    EQUAL_PROBABILITY,
+    MOST_NULLS,
+    MOST_PAIRS,
+    MOST_SINGLES,
+    NEAR_EQUAL,
+    NOT_DETECTED_GAIN,
+    OTHER_PAD_SHARE,
+    PAIR_GAIN,
+    PAIR_LEFT,
+    PAIR_PLAIN_GAIN,
+    PAIR_SHARE,
+    REFIT_SHARE,
+    TEMPERATURE,
+    UNKNOWN_EXCESS,
+    UNKNOWN_LEFT,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,7 +96,7 @@ class NullCase:
     @property
     def least(self) -> float:
         """What the best effect gains beyond its usual on all but a few: less names nothing."""
-        return self.compliance_ratio * max(of_sound("best single", 0.95), 0.0)
+        return self.compliance_ratio * max(of_sound("best single", MOST_NULLS), 0.0)
 
 
 def named(forward: ForwardModel, linear: LinearRound, *, detected: bool, sound: NullCase) -> ModelSelection:
@@ -127,7 +115,7 @@ def named(forward: ForwardModel, linear: LinearRound, *, detected: bool, sound: 
             pairs = _pairs(forward, linear, found[0], found[0].refit, sound)
             found += [one for one in pairs if one.refit is not None]
             failed = [one for one in pairs if one.refit is None]
-    none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED
+    none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED_GAIN
     found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None and found[0] is not polished:
         found[0] = _polished(forward, linear, found[0], found[0].refit, sound)
@@ -149,9 +137,11 @@ def _singles(
     most = max((one.gain for one in found), default=0.0)
     best, tried = 0.0, []
     for number, one in enumerate(found):
-        enough = best > ENOUGH * (linear.null.chi2 - sound.chi2) / 2
-        hopeful = number < SINGLES and one.gain > (EQUAL if enough else HOPE) * most
-        again = _refitted(forward, linear, one, best, sound) if hopeful or one.name in ALWAYS else one
+        enough = best > ENOUGH_GAIN * (linear.null.chi2 - sound.chi2) / 2
+        hopeful = number < MOST_SINGLES and one.gain > (NEAR_EQUAL if enough else REFIT_SHARE) * most
+        again = (
+            _refitted(forward, linear, one, best, sound) if hopeful or one.name in ALWAYS_REFITTED else one
+        )
         tried.append(again)
         best = max(best, again.gain if again.refit is not None else 0.0)
     for _ in found:
@@ -199,7 +189,7 @@ def _pads_that_may_be(
             for gain, own in same
             if own.signature.label in pads
             and own.signature.label != one.signature.label
-            and gain > OTHER_PAD * most
+            and gain > OTHER_PAD_SHARE * most
         ),
     ]
 
@@ -224,7 +214,7 @@ def _pairs(
     found = []
     least = max(PAIR_GAIN, sound.least)
     if single.fit.chi2 <= sound.most_chi2:
-        least = max(least, PAIR_PLAIN * sound.compliance_ratio)
+        least = max(least, PAIR_PLAIN_GAIN * sound.compliance_ratio)
     if any(spec.strain_power for effect in single.effects for spec in effect.parameters):
         least = max(least, PAIR_SHARE * best.gain)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
@@ -234,7 +224,7 @@ def _pairs(
         ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
         best_of.setdefault(other.effect.name, (gain, other))
-    for gain, other in list(best_of.values())[:PAIRS]:
+    for gain, other in list(best_of.values())[:MOST_PAIRS]:
         if gain < least:
             continue
         tried, failed = [], ""
@@ -278,11 +268,11 @@ def _verdict(linear: LinearRound, ranking: Sequence[Hypothesis], sound: NullCase
     if first is None or first.refit is None or first.gain <= sound.least:
         return UNKNOWN
     before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
-    if after > max(LEFT * before, MUCH * sound.chi2):
+    if after > max(UNKNOWN_LEFT * before, UNKNOWN_EXCESS * sound.chi2):
         return UNKNOWN
     alike = tuple(
         one.name
         for one in ranking
-        if one.name != NONE and one.probability >= LIKE * first.probability and one.gain > 0
+        if one.name != NONE and one.probability >= EQUAL_PROBABILITY * first.probability and one.gain > 0
     )
     return alike[0] if len(alike) == 1 else alike

@@ -21,22 +21,16 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.selection.screening import LinearFit, LinearRound
+from fem.mismatch.thresholds import BEATEN_SHARE, LAST_ROUND_GAIN, OTHER_START_SHARE
 
 ROUNDS, POLISH = 3, 6
 """Rounds at most: of the short list, of the winner."""
-CHANCE = 0.7
-"""An explanation that even with what its slopes promise gains less than such a share of another is left."""
 STEP = 0.03
 """Difference step as a share of the prior spread."""
-LEAST_GAIN = 0.3
-"""A round that gains less ln evidence is the last."""
 MOST_STEP = 1.0
 MARGIN = 1e-3
 SAME_E = 0.01
 STANDS_FOR_E = "as if gripper_compliance"
-OTHER_START = 0.8
-"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
-nothing, and the search ends nearer to the truth from there."""
 TRUST = 10.0
 MOST_ALONE = 12
 NEARER, LEAST_SHARE = 0.6, 0.2
@@ -72,7 +66,7 @@ class Refit:
     @property
     def settled(self) -> bool:
         """Whether the search reached its tolerance."""
-        return self.last_gain < LEAST_GAIN
+        return self.last_gain < LAST_ROUND_GAIN
 
     def near(self) -> GramMatrix:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
@@ -117,7 +111,7 @@ def refit(
     now, _ = search.followed(search.begun(forward, starts or [None] * len(shown)))
     gained = float("inf")
     for _ in range(ROUNDS if known is None else POLISH):
-        if now.fit.log_evidence - linear.null.log_evidence < CHANCE * beat:
+        if now.fit.log_evidence - linear.null.log_evidence < BEATEN_SHARE * beat:
             break
         step = now.fit.amounts[-len(specs) :]
         step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
@@ -136,7 +130,7 @@ def refit(
         now, again = search.followed(now)
         if again:
             gained = float("inf")
-        elif gained < LEAST_GAIN:
+        elif gained < LAST_ROUND_GAIN:
             break
     parameters, first = [], 0
     values = search.plain(now.at)
@@ -242,7 +236,7 @@ class _Search:
                 if other is not None:
                     tried = [*values[:first], *other.values(), *values[end:]]
                     plain = self.linear.null.log_evidence
-                    if self.merit(self.scaled(tried)) - plain > OTHER_START * (now.merit - plain):
+                    if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
                         values = tried
                         now = self.linearised(self.scaled(tried))
             first = end
