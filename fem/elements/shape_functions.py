@@ -8,7 +8,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 TET_EDGES: Int[np.ndarray, "6 2"] = np.array([[0, 1], [1, 2], [2, 0], [0, 3], [1, 3], [2, 3]])
+"""Corners at the ends of mid-edge nodes 4 to 9: the order named above."""
 TRI_EDGES: Int[np.ndarray, "3 2"] = np.array([[0, 1], [1, 2], [2, 0]])
+"""Likewise of mid-edge nodes 3 to 5."""
 #: the four faces of a T10 as T6, their normals pointing out of a positively oriented element
 TET_FACES: Int[np.ndarray, "4 6"] = np.array(
     [[0, 2, 1, 6, 5, 4], [0, 1, 3, 4, 8, 7], [1, 2, 3, 5, 9, 8], [2, 0, 3, 6, 7, 9]]

@@ -22,6 +22,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
 MOST_LEVELS = 12
+"""Frames computed at most: each is a nonlinear solution. Set by hand; UNFORETOLD ends the row before it."""
 UNFORETOLD = 0.005
 """Frames are computed until what is left to foretell is below this share of the largest departure."""
 AGREED = 1e-3

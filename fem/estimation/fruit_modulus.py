@@ -27,6 +27,8 @@ from fem.solid.moved_pit import with_pit_moved
 FAR_MM, FAR_SIZE = 0.5, 0.05
 """Beyond these the response is no longer linear in the pit's offset and ln size to a hundredth of E."""
 MOST_MOVES = 4
+"""Moves of the pit at most: each is a mesh and its solutions; one that has not settled by then is said so.
+Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ less."""
 METHODS_APART = 0.02
 """Relative difference of the two methods; mesh, pit prior and noise make 0.3 %."""
 PHASES_APART = 0.05
+"""Relative difference of E between loading and unloading that is said. Set by hand, as UNBALANCE."""
 
 
 class ModulusSign(StrEnum):

@@ -23,7 +23,9 @@ PIT_SIZE = "pit size"
 PIT = (*PIT_OFFSET, PIT_SIZE)
 POISSON_RATIO = "Poisson's ratio"
 SURFACE = tuple(f"surface {k + 1}" for k in range(6))
+"""Causes that stand for waves of the scanned surface, six of them as `surface_patterns` draws them."""
 MOST_MODES = 4
+"""Singular vectors of a recording's forces at most: a solution each. Set by hand."""
 LEAST_SHARE = 1e-3
 """Singular vectors of the forces below this share of the greatest one are left out."""
 SLIDE_MM = 0.1

@@ -14,6 +14,7 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.grasp_history import GraspHistory
 
 FEWEST_FRAMES = 2
+"""In the air on either side: a mean and its spread need two."""
 REMEMBERED = 3e-3
 """Share of the greatest force that a gel may still show after it was let go (estimate)."""
 SILENT = 0.5

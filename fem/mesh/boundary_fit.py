@@ -14,7 +14,10 @@ _CORNERS_AND_MIDDLES = np.array(
     [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [0, 0, 0.5],
      [0.5, 0, 0.5], [0, 0.5, 0.5]]
 )  # fmt: skip
+"""Reference coordinates of a T10's ten nodes, in their order."""
 _PROBES = t10_gradient(np.vstack([_CORNERS_AND_MIDDLES, tet_quadrature()[0]]))
+"""Shape functions' derivatives at an element's nodes and quadrature points: where it is looked at for
+folds."""
 
 
 def t10_jacobians(

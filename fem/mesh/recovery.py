@@ -19,6 +19,7 @@ FULL_PATCH = 16
 #: barycentric coordinates of the four points, exact to degree 2
 FOUR = np.full((4, 4), 0.1381966011250105) + 0.4472135954999579 * np.eye(4)
 _I, _J = np.triu_indices(3)
+"""Of a product of two coordinates, each pair once."""
 #: weights on a patch's linear and quadratic terms against blow-up where its points nearly lie in a plane;
 #: half on mixed products, so that the sum is the same in every frame
 _RIDGE = 1e-3 * np.array([0, *3 * [0.1], *np.where(_I == _J, 1.0, 0.5)])

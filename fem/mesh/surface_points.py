@@ -15,6 +15,7 @@ from fem.mesh.flesh_mesh import FleshMesh
 #: a T6 as four flat triangles, and the reference coordinates of its six nodes
 _QUARTERS = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])
 _T6_NODES = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+"""Reference coordinates of a T6's nodes, in their order."""
 
 
 @dataclass(frozen=True)

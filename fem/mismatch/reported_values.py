@@ -17,6 +17,7 @@ from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
 
 NINETY = 1.645
+"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
 def candidates(forward: ForwardModel, found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:

@@ -27,6 +27,7 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.recovery import FOUR, recovered
 
 _ROW, _COLUMN = np.array([0, 1, 2, 0, 1, 2]), np.array([0, 1, 2, 1, 2, 0])
+"""Of the six strains xx, yy, zz, xy, yz, xz."""
 #: a strain's six parts as they count in e : e
 _COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 

@@ -25,6 +25,7 @@ from fem.solid.newton import Ending, Tangent, equilibrium
 TOLERANCE = 1e-7
 """Forces out of balance, as a share of the load; displacements are then exact to about as much."""
 ITERATIONS = 40
+"""Steps of Newton's method under one load at most; hopeless ones are given up before. Set by hand."""
 SMALLEST_SHARE = 1 / 64
 """The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
 ALIKE = 0.9

@@ -21,7 +21,9 @@ from fem.elements.shape_functions import TET_EDGES, t10_gradient
 from fem.mesh.flesh_mesh import FleshMesh
 
 _CORNERS = np.vstack([np.zeros(3), np.eye(3)])
+"""Reference coordinates of a tetrahedron's corners."""
 POINTS = np.vstack([np.full(3, 1 / 4), 1 / 6 + _CORNERS / 3])
+"""Reference coordinates of the middle and of four points, each a third of the way from it to a corner."""
 SHARES = np.array([-0.8, 0.45, 0.45, 0.45, 0.45])
 """Five points, exact to degree 3 (Hammer and Stroud 1956, Numerical Integration over Simplexes).
 
@@ -34,6 +36,7 @@ PAD_FADES_MM, LEAST_STEEP = 10.0, 0.5
 """How far from a pad's markers the skin still moves with the pad; never where it turns away by over 60
 degrees."""
 _BATCH = 2048
+"""Elements at once: memory, nothing else."""
 
 
 def stiffness_change(

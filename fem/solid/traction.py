@@ -16,8 +16,11 @@ from scipy.spatial import Delaunay
 from fem.solid.rigid_core import rigid_modes
 
 CORNERS = np.eye(3)
+"""Barycentric coordinates of a triangle's corners."""
 MIDDLES = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
+"""Of its edges' middles."""
 QUARTERS = np.stack([np.stack([CORNERS[k], MIDDLES[k], MIDDLES[k - 1]]) for k in range(3)] + [MIDDLES])
+"""Corners of the four triangles between them."""
 RULE = np.einsum("pk,qkc->qpc", (1 + 3 * CORNERS) / 6, QUARTERS).reshape(12, 3)
 """Barycentric coordinates of twelve points, three in each quarter; exact to second degree.
 

@@ -12,6 +12,7 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 MOST_CHANGES = 40
+"""Changes of the active set before it counts as going round in circles. Set by hand."""
 
 
 def pressures(

@@ -19,6 +19,9 @@ EFFECT = TraceEffect(
     ),
     error=0.003,
 )
+"""Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand).
+`error`: of this reduced law, as a share of the largest force, against finite elements
+(tests/fem/test_indenter_laws.py)."""
 #: logarithm of k = mu depth/(R W0) that the table reaches: from no damage at all to all of dmax
 REACH = (-9.0, 12.0)
 #: power by which softened flesh takes more energy, measured with finite elements, and rounds to settle it

@@ -14,6 +14,7 @@ NAME = "stiffening"
 EFFECT = TraceEffect(
     name=NAME, unknowns=(Unknown(name="b", unit="1", scale="log", mean=float(np.log(3.0)), sd=1.2),)
 )
+"""Prior: b of 3 within a factor of 3.3 (set by hand)."""
 #: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
 ESCAPE = 0.19
 #: largest b depth/R of the table

@@ -11,6 +11,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+"""Picks zz of the six stresses xx, yy, zz, yz, xz, xy."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
@@ -26,3 +27,4 @@ EFFECT = LinearLaw(
     operators=_operators,
     amounts=lambda forward, theta: (1.0, theta),
 )
+"""At -1.5 C_zzzz is still positive; 6, far stiffer than flesh, and the prior of 0.8 are set by hand."""

@@ -16,6 +16,8 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 STEP_S = 0.05
+"""Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by
+hand."""
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,11 @@ from fem.solid.small_strain import linear_stress, strain_energy
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3
+"""Of dmax in the linear round, where 1 is flesh without stiffness: a half is far. Set by hand."""
 RELATIVE = (0.1, 0.4, 1.6)
 """W0 of the signatures over the energy density that LARGE of the flesh exceeds at some time."""
 LARGE = 0.05
+"""Share of the flesh's volume: that under the pads, which is damaged first. Set by hand."""
 FAR_DMAX, FAR_W0 = 0.25, 4.0
 """What is far for dmax, and for ln W0: units in which earlier runs are near or far."""
 FRAMES = 44

@@ -28,3 +28,4 @@ EFFECT = LinearLaw(
     operators=_operators,
     amounts=lambda forward, theta: (1.0, theta),
 )
+"""Beyond 0.9 flesh at the pit or the skin would have no stiffness; the prior of 0.4 is set by hand."""

@@ -36,9 +36,11 @@ YIELD = "yield_over_E"
 HARDENING = 0.05
 """Rise of the yield stress with plastic strain, over E."""
 PRIOR_SD = 1.5
+"""Of the signature's amount, which is 1 at its own Y. Set by hand."""
 RELATIVE = (0.5, 0.7, 0.85)
 """Y of the signatures over the stress that LARGE of the flesh exceeds at some time."""
 LARGE = 0.002
+"""Share of the flesh's volume: that which yields first. Set by hand."""
 MARGIN = 0.7
 """Elements whose plain stress stays below this share of Y are left out: they do not yield."""
 FRAMES = 48

@@ -32,3 +32,5 @@ EFFECT = LinearLaw(
     amounts=lambda forward, theta: unit_lame_constants(theta),
     null=lambda forward: forward.poisson_ratio,
 )
+"""Elastic flesh has less than 0.5, where K grows without end; 0.06 is a wide prior about the assumed one (set
+by hand)."""

@@ -29,3 +29,5 @@ EFFECT = LinearLaw(
     operators=_operators,
     amounts=lambda forward, theta: (1.0, theta),
 )
+"""mm of flesh that is as stiff as the membrane. No skin is softer than none; 60 is as much as a whole fruit;
+the prior of 4 is set by hand."""

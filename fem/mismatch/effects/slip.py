@@ -29,6 +29,8 @@ MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0)
 """The mu looked at, over the smallest that the cone allows."""
 LOWEST, HIGHEST = 0.03, 0.8
+"""Bounds of mu: wet gel on wax above the least, dry skin that sticks in every grasp at the greatest. Set by
+hand."""
 SEEN_MM = 0.002
 """A path that is nowhere longer than this shows nothing."""
 

@@ -32,6 +32,8 @@ from fem.solid.small_strain import Points, linear_stress, on_diagonal, strain_en
 
 B = "b"
 PRIOR_SD = 30.0
+"""Of b in the linear round. Set by hand, as large as strong stiffening in the samples
+(samples.mismatch.strengths)."""
 NEO_HOOKEAN = "neo-hookean"
 HARDLY = 1.0
 """b from which flesh that is Neo-Hookean at most is searched."""

@@ -20,6 +20,8 @@ from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 
 TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
+"""Relaxation times of the signatures, s: threefold apart, from the shortest press to beyond the hold. Set by
+hand."""
 
 
 @dataclass(frozen=True)

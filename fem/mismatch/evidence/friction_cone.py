@@ -30,6 +30,7 @@ BEYOND = 4.0
 MOST_PER_MARKER = 20.0
 """No single marker says more than this against a cone."""
 TRIED = np.geomspace(0.05, 1.2, 65)
+"""mu looked at, 5 % apart: from slippery to where nothing slips."""
 LEAST_LOSS = 6.0
 """Markers that refute a mu by more than this together: it is too small."""
 NO_SPRING = 1e-9

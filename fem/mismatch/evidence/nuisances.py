@@ -23,6 +23,8 @@ DEPARTURE, ALONG = 0.005, 0.003
 """Standard deviations of a pad's own departures along its normal and along the skin, as shares of its
 response at the greatest load."""
 SMALLEST_POISSON_SD = 0.005
+"""Least spread of Poisson's ratio, however sure its source: a third of the categories' 0.015
+(recon/pit/priors). Set by hand."""
 DENT = 0.04
 """Standard deviation of the depth of the dent under a patch, as a share of it: markers a millimetre apart see
 the pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
@@ -32,6 +34,8 @@ patch spans a few markers they say its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 """Loads, as shares of the greatest, at which it departs independently; in a line between."""
 FEWEST = 8
+"""Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
+motion."""
 
 
 def common_nuisances(forward: ForwardModel) -> list[Regressor]:

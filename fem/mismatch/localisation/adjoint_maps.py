@@ -35,8 +35,13 @@ from fem.solid.inclusion import drop_of, fading
 from fem.solid.strain_field import COLUMN, COUNT, ROW, FleshStrain, elastic_stress
 
 BALL_MM, BELOW_MM = 6.0, 4.0
+"""Radius of the ball and depth of its middle, mm: as those searched for (RADII_MM of spot_search), just below
+the skin. Set by hand."""
 STANDARD_RATIO = 0.4
+"""Of the moduli: the ball whose visibility is mapped, as the middle of those injected
+(samples.mismatch.strengths)."""
 SIX = 6
+"""Components of a symmetric strain."""
 
 
 def fruit_map(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:

@@ -24,6 +24,8 @@ LEAST_SHARE_OF_FORCE = 0.2
 FLOOR_SD = 0.01
 """No cell counts as better known than this, as a share of E: no model is."""
 LARGEST_CORRELATION = 0.95
+"""Between frames: at most this is believed, which leaves a fortieth of them; a short trace may show more by
+chance."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,13 +19,17 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.inclusion import fading
 
 GRID_MM = 3.0
+"""Spacing of the places tried first: half a RADIUS_MM, so that none is missed between two."""
 RADIUS_MM = 5.5
+"""Radius of the ball tried everywhere: the middle of RADII_MM."""
 RADII_MM = (4.0, 5.5, 7.5)
+"""Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.strengths)."""
 CONE_DEG = 38.0
 """Farther than this from the axis of every patch a soft spot cannot be seen."""
 APART_MM = 5.0
 """Candidates are at least this far from each other."""
 OTHERS = 3
+"""Further places of which the ball is a signature too: each is a refit. Set by hand."""
 MOST_DROP = 1.6
 """What a ball without a modulus comes to (fem.solid.inclusion.drop_of)."""
 

@@ -30,6 +30,7 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
 MOST_PATTERNS = 10
+"""Patterns of the forces at most: a solution each. Set by hand."""
 PROBES = 8
 """Random draws of errors of single markers' forces, from which the unevenness that they bring is taken."""
 
@@ -256,6 +257,8 @@ def _drift(
 PRESSED = 3.0
 """A marker presses when its normal force exceeds so many standard deviations of its noise."""
 FEWEST_PRESSED = 6
+"""Markers of a pad, at least, in a frame that counts. Set by hand: two tell its motion alone, and nothing
+about the flesh."""
 RIM, PEAK = 0.25, 20
 """Markers that press less than this share of the mean of the PEAK that press most are on the patch's rim. The
 skin bends away there within a marker's width, a model is micrometres off, and they are left out."""

@@ -26,7 +26,9 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import rigid_modes
 
 MOST_PATCHES = 200
+"""On the pit's surface: a solution each, about 3 mm apart on a nectarine's pit. Set by hand."""
 AT_ONCE = 50
+"""Right-hand sides solved together: memory, nothing else."""
 HELD = 1e-3
 """Stiffness (N/mm at E = 1 MPa, rotations at the pit's mean radius) of the springs that hold the pit."""
 

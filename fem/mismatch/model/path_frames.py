@@ -20,6 +20,7 @@ from fem.mismatch.model.baseline import GraspResponse
 REACH = 2.0
 """Length of the kernel, in a recording's greatest load."""
 NUGGET = 1e-6
+"""On the kernel's diagonal, of a variance of 1: keeps frames that are alike from making it singular."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,6 +19,8 @@ from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 
 CORRECTIONS = 3
+"""Powers of K0^-1 D beside U, as above; with three the tests hold reduced answers against full ones
+(tests/fem/test_mismatch_core_laws.py)."""
 Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 """K_i: from displacements to the forces that they cost, for E = 1 MPa."""
 

@@ -29,6 +29,8 @@ FIRM = 4.0
 FAR_OFF = 2.0
 """The model's own depth is used, which noise does not reach, unless so many standard deviations too small."""
 SHORTEST_STEP_MM = 0.004
+"""A smaller rise of depth between two frames is noise (that of one frame of the samples' sensor), and no line
+to follow back."""
 FARTHEST_BACK = 1.2
 """The touch is sought in a line through the first two frames, at most so many frames back."""
 

@@ -175,6 +175,7 @@ def _mixed(
 
 
 MOST_RUNS = 6
+"""Earlier answers kept to start from: each is a field over all frames, and NEAR wants the latest few."""
 NEAR, FARTHEST = 1e-2, 20.0
 """A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
 

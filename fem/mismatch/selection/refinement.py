@@ -28,11 +28,17 @@ ROUNDS, POLISH = 3, 6
 STEP = 0.03
 """Difference step as a share of the prior spread."""
 MOST_STEP = 1.0
+"""In prior spreads: the longest step of a round in any parameter."""
 MARGIN = 1e-3
+"""Share of a parameter's range that is kept from both bounds, where some laws have no answer."""
 SAME_E = 0.01
+"""Relative change of 1/E below which laws that depend on it are not computed anew: E is known no better."""
 STANDS_FOR_E = "as if gripper_compliance"
 TRUST = 10.0
+"""Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wide of what
+other recordings can say and narrow enough that slopes hold."""
 MOST_ALONE = 12
+"""Responses of single effects kept: a round of differences of two effects asks for fewer. Set by hand."""
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
 
