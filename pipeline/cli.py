@@ -21,11 +21,11 @@ from pipeline.batch.problem import BatchRefused
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.convert import convert
-from pipeline.commands.endings import INTERNAL, INTERRUPTED, USAGE
 from pipeline.commands.explain import explain
 from pipeline.commands.grade import grade
 from pipeline.commands.mat import mat
 from pipeline.commands.sample import sample
+from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
 from recon.plain_file import printable

@@ -30,6 +30,7 @@ from reports.svg import (
 from reports.words import NO_BREAK, number, percent, with_sd
 
 _ROW_PX = 24.0
+"""Height of a fruit's row, px: a line of text of 12 px and as much air."""
 _MOST_POINTS = 60
 """Of a control chart: beyond it the marks run together."""
 UNKNOWN_LOT = "unknown"

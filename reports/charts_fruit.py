@@ -13,6 +13,7 @@ from reports.svg import AxisScale, axis_x, axis_y, drawing, element, error_bar_x
 from reports.words import number, with_sd
 
 _MOST_POINTS = 160
+"""Marks of one pad's curve: on a drawing 360 px wide more would lie less than 2 px apart."""
 _PAD_MARKS = ("circle", "square", "triangle", "diamond")
 
 

@@ -8,6 +8,7 @@ from reports.skin_map import MapStyle, map_picture, sides_of
 _STYLE = MapStyle(
     low="photos that show it", high="", signed=False, hatched="not seen, closed by the method", least=1.0
 )
+"""`least`: the colour scale ends at one photo at least, so that a skin that none shows is drawn too."""
 
 
 def coverage_map(

@@ -16,7 +16,10 @@ from reports.words import effect_name, number, percent
 
 _MARKS = ("circle", "square", "triangle", "diamond")
 _WIDTH, _LEFT, _RIGHT, _TOP, _BOTTOM = 360.0, 48.0, 348.0, 56.0, 206.0
+"""px of the drawing and of its axes' ends: three charts side by side on a page, with room for numbers at the
+left, words above and the axis below."""
 MOST_BARS = 8
+"""Explanations with a bar, set by hand: further ones would be bars of no length."""
 
 
 def evidence_chart(ranking: Sequence[CandidateEntry], *, verdict: Sequence[str]) -> Markup:

@@ -17,7 +17,9 @@ from matplotlib.path import Path
 
 _INK = "#000000"
 _BAR_MM = 100.0
+"""A length that every ruler has, long enough that half a millimetre of misreading is 0.5 %."""
 _MM_PER_INCH = 25.4
+"""By definition; matplotlib takes sizes in inches."""
 
 
 def mat_sheet_pdf(

@@ -15,13 +15,21 @@ from scipy.spatial import cKDTree
 from reports.raycast import TracedSurface, Viewing, VisibleSurface
 
 _FLESH = np.array([0.99, 0.74, 0.47])
+"""sRGB shares, ripe flesh as on photos (by eye)."""
 _PIT = np.array([0.36, 0.20, 0.12])
+"""sRGB shares, a stone's brown (by eye)."""
 _PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
+"""sRGB shares of the pads' patches: blue, green, violet, grey, told apart by colour-blind readers too (by
+eye)."""
 _SUN = np.array([-0.45, 0.55, 0.70]) / np.linalg.norm([-0.45, 0.55, 0.70])
 """Where the light comes from: right, up, towards the viewer."""
 _HALFWAY = (_SUN + np.array([0.0, 0.0, 1.0])) / np.linalg.norm(_SUN + np.array([0.0, 0.0, 1.0]))
+"""Unit vector between light and viewer, for the highlight (Blinn and Phong's shading)."""
 _SHADOW_CELLS = 64
+"""Cells along a side of the grid on which the fruit's shadow is cast (by eye: it is soft, and
+interpolated)."""
 _NEIGHBOURS = 12
+"""Nearest markers of a pixel that paint a patch on it: a grid's 3 by 3 and three to spare."""
 
 
 def mesh_picture(

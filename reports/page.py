@@ -23,6 +23,7 @@ _EXIT_STATUS = {
     3: "some fruit not graded",
     4: "all graded, some E in doubt",
 }
+"""Words for the exit statuses of `drupe grade` (README)."""
 
 
 def report_html(batch: BatchEntry) -> str:

@@ -9,7 +9,10 @@ import open3d as o3d
 from jaxtyping import Bool, Float, Int
 
 _SKY_RAYS = 96
+"""Directions in which the sky is looked for: shares come in steps of a hundredth (by eye)."""
 _GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+"""Radians between two directions of Vogel's spiral, which covers a disc evenly (Vogel 1979, "A better way to
+construct the sunflower head", Mathematical Biosciences 44)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

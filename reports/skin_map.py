@@ -20,6 +20,7 @@ from reports.raycast import TracedSurface, Viewing, VisibleSurface
 BLIND_BELOW = 3.0
 """A spot whose signal is less than three times its noise could not be seen."""
 _INK, _GREY = "#16191d", np.array([0.70, 0.72, 0.75])
+"""Colours of lines (as the page's text) and of hatched skin (sRGB shares)."""
 _PAD_LINES = ("#0b2a4f", "#00594f", "#5a2a66", "#333333")
 _SIDES = (
     ("suture side", 0.0, 8.0),
@@ -29,6 +30,8 @@ _SIDES = (
     ("stem end", 0.0, 86.0),
     ("blossom end", 0.0, -86.0),
 )
+"""Name, azimuth and elevation of the view, degrees: four sides seen a little from above, then stem and
+blossom end."""
 SIGNED = LinearSegmentedColormap.from_list(
     "signed", ["#7d0630", "#d1495b", "#f2b9a6", "#f7f3ea", "#a9cbe0", "#3c8dbc", "#163f70"]
 )

@@ -10,10 +10,15 @@ from recon.cameras.mat import Mat, tag_bits
 # sRGB anchors, chosen by eye on shop nectarines
 _GROUND_UNRIPE = (0.62, 0.66, 0.22)
 _GROUND_RIPE = (0.93, 0.66, 0.18)
+"""sRGB shares of the ripe ground colour, by eye on shop nectarines like those below."""
 _BLUSH_PALE = (0.78, 0.24, 0.10)
+"""sRGB shares of the blush of a fruit that is not yet ripe."""
 _BLUSH_DEEP = (0.52, 0.05, 0.07)
+"""sRGB shares of a ripe fruit's blush."""
 _LENTICEL = (0.93, 0.80, 0.48)
+"""sRGB shares of the pale specks."""
 _STEM_END = (0.55, 0.50, 0.20)
+"""sRGB shares of the skin in the stem cavity."""
 
 
 def skin_colours(

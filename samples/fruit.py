@@ -12,9 +12,16 @@ from samples.cubed_sphere import even_sphere
 # uses: what a sample tests is a pit off its prior by the spreads below, not an unknown kind of fruit.
 PIT_OVER_BOX = (0.446, 0.328, 0.567)
 PIT_RAISED = (0.010, 0.0, 0.022)
+"""Half-lengths of the box by which a nectarine's pit sits above its centre; as in the prior of grading."""
 PIT_OFFSET_SD_MM = 0.3
+"""Spread of a pit's centre about its prior, mm, each coordinate (assumed)."""
 PIT_SIZE_SD = 0.02
+"""Relative spread of each of a pit's half axes about its prior (assumed)."""
 POISSON_RATIO = 0.45
+"""Of the flesh, and assumed when it is graded: samples test E, not Poisson's ratio."""
+MESH_ERROR_MM = 0.1
+"""Root mean square of the scanned mesh's waves, mm: what meshes from photos are off by (docs/validation.md,
+Photos to mesh: 0.06 to 0.13)."""
 
 
 @dataclass(frozen=True, kw_only=True)

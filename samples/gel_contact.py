@@ -92,7 +92,9 @@ def settled(gel: Gel, before: Anchors, position_mm: Float[np.ndarray, "n 3"]) ->
 
 
 _AT_NODES = lagrange(np.array([-1.0, 0.0, 1.0]))
+"""Quadratic shape functions at their own three nodes."""
 _SIMPSON = np.array([1.0, 4.0, 1.0]) / 3.0
+"""Weights of Simpson's rule on [-1, 1]."""
 
 
 def gel_areas(

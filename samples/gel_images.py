@@ -19,7 +19,11 @@ from scipy.spatial import cKDTree
 from tactile.sensors import GelCamera, GelLight
 
 COARSE_PX = 4
+"""Pixels between two rays that are followed exactly; displacement is smooth over a dot's width, splines fill
+in."""
 ROUNDS = 30
+"""Steps of the search for the point that a pixel shows, at most: it ends at 1e-3 px, each step gains about
+the slope of the displacement."""
 
 Field = Callable[[Float[np.ndarray, "m 2"]], Float[np.ndarray, "m 3"]]
 """Displacement (mm) of points of the undeformed face."""

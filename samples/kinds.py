@@ -44,6 +44,7 @@ _CHERRY = FruitKind(
     pit_over_box=(0.44, 0.36, 0.46),
     look=RED_CHERRY,
 )
+"""mm, radians and shares as FruitKind says, by eye on shop fruit."""
 _PLUM = FruitKind(
     half_axes_mm=(21.5, 20.0, 24.0),
     size_sd=0.06,
@@ -57,12 +58,14 @@ _PLUM = FruitKind(
     pit_over_box=(0.50, 0.30, 0.56),
     look=BLOOMED_PLUM,
 )
+"""mm, radians and shares likewise."""
 KINDS = {
     "cherry": _CHERRY,
     "black-cherry": replace(_CHERRY, half_axes_mm=(13.4, 12.0, 11.4), look=BLACK_CHERRY),
     "plum": _PLUM,
     "waxy-plum": replace(_PLUM, half_axes_mm=(24.0, 23.5, 22.5), stem_depth=0.11, look=WAXY_PLUM),
 }
+"""By name; half axes in mm, stem cavities as shares of the mean one, by eye on shop fruit."""
 
 
 def fruit_of_kind(name: str, *, seed: int) -> SampleFruit:

@@ -71,19 +71,25 @@ NECTARINE = NectarineLook(
     roughness=0.38, specular=0.45, clearcoat=0.6, clearcoat_gloss=0.75,
     colour=(0.9, 0.6, 0.2), other=(0.5, 0.05, 0.07), mottle=0.0, fine=0.0,
 )  # fmt: skip
+"""Roughness, gloss and coat are shares of 1 as the renderer's "principled" surface has them, colours sRGB
+shares; all by eye on shop fruit, as in the looks below."""
 RED_CHERRY = Look(
     roughness=0.22, specular=0.5, clearcoat=1.0, clearcoat_gloss=0.93,
     colour=(0.50, 0.06, 0.08), other=(0.30, 0.02, 0.05), mottle=0.12, fine=0.03,
 )  # fmt: skip
+"""By eye: glossy, red with dark mottle."""
 BLACK_CHERRY = Look(
     roughness=0.20, specular=0.5, clearcoat=1.0, clearcoat_gloss=0.95,
     colour=(0.17, 0.04, 0.09), other=(0.10, 0.03, 0.08), mottle=0.10, fine=0.02,
 )  # fmt: skip
+"""By eye: glossy and so dark that hardly more than its highlights is seen."""
 BLOOMED_PLUM = Look(
     roughness=0.75, specular=0.2, clearcoat=0.0, clearcoat_gloss=0.5,
     colour=(0.34, 0.26, 0.42), other=(0.26, 0.17, 0.33), mottle=0.12, fine=0.02,
 )  # fmt: skip
+"""By eye: dull from bloom."""
 WAXY_PLUM = Look(
     roughness=0.45, specular=0.4, clearcoat=0.2, clearcoat_gloss=0.6,
     colour=(0.50, 0.16, 0.20), other=(0.33, 0.09, 0.17), mottle=0.15, fine=0.02, specks=150,
 )  # fmt: skip
+"""By eye: its bloom rubbed off."""

@@ -14,7 +14,15 @@ import numpy as np
 
 from recon.cameras.mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
-from samples.fruit import SampleFruit, box_mm, fruits_of_seed, mesh_volume_mm3, scanned_mesh, skin_mesh
+from samples.fruit import (
+    MESH_ERROR_MM,
+    SampleFruit,
+    box_mm,
+    fruits_of_seed,
+    mesh_volume_mm3,
+    scanned_mesh,
+    skin_mesh,
+)
 from samples.grasp_plan import planned_grasps
 from samples.hexahedra import SHIPPED, Fineness
 from samples.photo_set import PhotoOptions, write_photos
@@ -25,7 +33,6 @@ from tactile.io.recording import write_recording
 __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]
 
 Progress = Callable[[str], None]
-MESH_ERROR_MM = 0.1
 
 _SETTINGS = """\
 # Nectarines that never grew: shapes, photos and grasps are simulated, the true moduli are in answers.json.

@@ -18,6 +18,7 @@ from tactile.io.recording import GelPad, Recording
 
 SENSOR = "20x20 marker gel"
 MARKER_AREA_MM2 = 1.0
+"""Of the gel for each marker: they are 1 mm apart."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,7 +9,9 @@ from samples.photo_set import PhotoOptions, write_photos
 from samples.sample_batch import Progress, write_answers, write_grasps, write_scan, write_settings
 
 SEED = 2
+"""Of both fruit; any number does."""
 FEW = 2
+"""Photos of the fruit that cannot be graded: two directions do not close a surface."""
 
 
 def write_two_fruits(folder: Path, *, fineness: Fineness = SHIPPED, progress: Progress | None = None) -> None:

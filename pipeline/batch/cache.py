@@ -66,7 +66,7 @@ def code_version(rooms: tuple[str, ...]) -> str:
     for room in rooms:
         folder = Path(__file__).resolve().parents[1] / room
         for path in sorted(folder.rglob("*")):
-            if path.suffix in {".py", ".toml"} and "data" not in path.parts:
+            if path.suffix in {".py", ".toml", ".csv"} and "data" not in path.parts:
                 digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     for library in LIBRARIES:
         digest.update(f"{library} {metadata.version(library)}".encode())

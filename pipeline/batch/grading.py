@@ -24,6 +24,7 @@ from pipeline.batch.run_summary import cause, decimals
 from pipeline.batch.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from pipeline.batch.same_recording import copies_doubted
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.results_lock import alone, is_held
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.files.write_guard import require_free, require_results_apart, require_temporary_apart
@@ -48,7 +49,6 @@ from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
 
-ALL_GRADED, SOME_NOT_GRADED, SOME_DOUBTED, INTERRUPTED = 0, 3, 4, 130
 RETRIED = frozenset(
     outcome.code
     for outcome in (
@@ -184,9 +184,9 @@ def grade(
 def _status(told: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
     """The exit status of a run that went to its end; what staff must look into is no 0."""
     if not all(record.graded for record in told):
-        return SOME_NOT_GRADED
+        return UNUSABLE
     alarm = finding is not None and finding.alarm
-    return SOME_DOUBTED if alarm or any(record.doubts for record in told) else ALL_GRADED
+    return DOUBTED if alarm or any(record.doubts for record in told) else DONE
 
 
 def _keep_what_is_told(

@@ -20,15 +20,18 @@ LENGTH_SLIPS: Slips = (
     (10, "is it in cm"), (25.4, "is it in inches"), (1000, "is it in m"), (0.001, "is it in µm"),
     (0.1, POINT), (0.01, POINT),
 )  # fmt: skip
+"""Factors that turn a length typed in another unit or without its point into mm; units are exact."""
 MASS_SLIPS: Slips = (
     (1000, "is it in kg"), (28.35, "is it in ounces"), (453.6, "is it in pounds"), (0.001, "is it in mg"),
     (0.1, POINT), (0.01, POINT),
 )  # fmt: skip
+"""The same into g: avoirdupois ounce 28.35 g, pound 453.6 g."""
 MODULUS_SLIPS: Slips = (
     (1e-3, "is it in kPa"), (1e-6, "is it in Pa"), (1000, "is it in GPa"), (0.006895, "is it in psi")
 )  # fmt: skip
+"""The same into MPa; 1 psi is 0.006895 MPa."""
 SHORE_SLIPS: Slips = ((0.1, POINT), (100, "is it a share of 1"))
-"""What a number is to be multiplied by, had it been meant so."""
+"""The same into degrees of Shore hardness, which end at 100."""
 SLIPS: dict[str, Slips] = {
     "height_mm": LENGTH_SLIPS,
     "diameter_mm": LENGTH_SLIPS,

@@ -30,7 +30,9 @@ from tactile.io.decimal_number import meant
 MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
 Name = Annotated[str, Field(min_length=1, max_length=200)]
+"""Characters. Set by hand: longer text is no name, it was pasted into the wrong place."""
 Words = Annotated[str, Field(max_length=10_000)]
+"""Characters of free text, some four pages. Set by hand: more was pasted into the wrong place."""
 Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
 """A standard deviation as a share; at a half nothing is known any more, and a ten-thousandth is a force
 standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""

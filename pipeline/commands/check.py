@@ -3,8 +3,9 @@
 import typer
 
 from pipeline.commands.batch_argument import BatchArgument
-from pipeline.commands.endings import DOUBTED, USAGE, said_when_interrupted
+from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import require_libraries
+from pipeline.exit_status import DONE, DOUBTED, USAGE
 from pipeline.safe_start import elsewhere
 
 
@@ -26,7 +27,7 @@ def check(batch: BatchArgument) -> None:
     problems = len(found) - doubts
     more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
     typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")
-    raise typer.Exit(USAGE if problems else DOUBTED if doubts else 0)
+    raise typer.Exit(USAGE if problems else DOUBTED if doubts else DONE)
 
 
 def _so_many(count: int, what: str) -> str:

@@ -7,7 +7,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.commands.endings import INTERRUPTED, UNUSABLE, about
+from pipeline.commands.endings import about
+from pipeline.exit_status import INTERRUPTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
 

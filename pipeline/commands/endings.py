@@ -1,4 +1,4 @@
-"""How commands end: exit statuses, and what is said of an interruption or a refused input."""
+"""How commands end: what is said of an interruption or a refused input."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-USAGE, INTERNAL, UNUSABLE, DOUBTED, INTERRUPTED = 2, 1, 3, 4, 130
+from pipeline.exit_status import INTERRUPTED
 
 
 @contextmanager

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.commands.endings import INTERRUPTED
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.exit_status import INTERRUPTED, UNUSABLE
 from pipeline.safe_start import elsewhere, load
 
 MOST_EXPLAINING = 4
@@ -74,7 +74,7 @@ def explain(
     with elsewhere():
         load(*LOADED_LATE)
         from pipeline.batch.progress import StageLines
-        from pipeline.diagnosis.explaining import NO_ANSWER, ExplainOutputs, NotExplained
+        from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
         from pipeline.diagnosis.explaining import explain as explain_case
         from pipeline.diagnosis.terminal_summary import print_explanation
 
@@ -89,7 +89,7 @@ def explain(
         )
     except NotExplained as reason:
         typer.echo(f"drupe: {case}: {reason}", err=True)
-        raise typer.Exit(NO_ANSWER) from None
+        raise typer.Exit(UNUSABLE) from None
     except KeyboardInterrupt:
         typer.echo("drupe: interrupted; no answer was written", err=True)
         raise typer.Exit(INTERRUPTED) from None

@@ -7,8 +7,8 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.batch_argument import BatchArgument
-from pipeline.commands.endings import INTERRUPTED
 from pipeline.commands.machine import cores, require_libraries
+from pipeline.exit_status import INTERRUPTED
 from pipeline.safe_start import elsewhere
 
 

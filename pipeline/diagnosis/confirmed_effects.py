@@ -54,12 +54,14 @@ LIMITS: dict[str, tuple[float, float]] = {
 }  # fmt: skip
 """What a parameter can be at all, wide: what was found may be far from usual."""
 MOST_SD = 1e6
+"""In the parameter's own unit: above every range in LIMITS, so that only slips and infinities are refused."""
 OF_THE_JAWS = frozenset({"sensor_gain", "sensor_drift", "gripper_compliance", "clock_lag", "pose_error"})
 """Faults of the measurement: they hold for every fruit of a batch, and are taken out of its recordings."""
 OF_ONE_FRUIT = frozenset({"soft_spot", "pit_offset", "pit_size", "loose_pit"})
 """What one fruit has and its neighbour has not; the rest of the effects are the lot's."""
 _ARMS = re.compile(r"(g_\d+|tau_\d+_s)\Z")
 _LENGTH = {"pair": 2, "triple": 3}
+"""Numbers in a list of this kind: a shift on the pad's face, a place in the fruit."""
 
 
 class ConfirmedEffect(BaseModel):

@@ -25,6 +25,8 @@ FEW_RECORDINGS = (
     "that differ in place, speed and hold, one of them with the fruit turned."
 )
 FEW = 3
+"""Grasps up to which a note asks for more: the null reference's cases have four
+(fem/mismatch/selection/null_reference.csv)."""
 LARGE_DEFORMATION = (
     "Stiffening counts from small strain on, so flesh's large deformation alone shows as a little of it; "
 )

@@ -17,6 +17,7 @@ from reports.explain_entries import ExplainEntry, ParameterEntry
 from reports.words import NO_BREAK, duration, effect_name, number, percent, with_sd
 
 SHOWN = 5
+"""Explanations on the terminal, set by hand to fit a screen; all stand in the JSON."""
 
 
 def print_explanation(found: ExplainEntry, written: list[Path], *, console: Console) -> None:

@@ -22,6 +22,8 @@ from reports.explain_entries import (
 )
 
 FORMAT, VERSION = "drupe-mismatch", 1
+"""Name and number of the format that docs/formats.md describes; the number grows when an old reader would
+fail."""
 IN_ALL = "in all"
 """The name of the whole run's time among its stages'."""
 

@@ -22,6 +22,7 @@ _ADVICE = {
     errno.EFBIG: f"raise the limit on the size of files (ulimit -f), {_ELSEWHERE}.",
     errno.EIO: f"the disk may be failing; {_ELSEWHERE[3:]}.",
 }
+"""What to do about a write that failed, by the system's error number."""
 MACHINE_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
 """What a write can meet that no input and no program is to blame for."""
 

@@ -8,9 +8,11 @@ from pipeline.batch.records import Given, MeshRecord
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior
 
 CALLIPER_SD_MM = 0.2
+"""Standard deviation, mm, of a diameter taken by calliper on soft skin (estimate)."""
 LEAST_APART_MM = 0.7
+"""mm: below it a stem or a leaning fruit explains the difference (estimate)."""
 LEAST_APART = 0.02
-"""Below these a calliper laid on soft skin, a stem or a leaning fruit explains the difference (estimate)."""
+"""Share of the measured size below which the same is so (estimate)."""
 
 
 def size_doubts(

@@ -28,6 +28,8 @@ from tactile.io.tac3d_arrays import write_source
 from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
+"""Frames between two lines of progress: about every second or two at 30 to 45 frames/s (docs/validation.md,
+Gel frames)."""
 WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames), a folder of Tac3D arrays, an .h5 with images, a .npz or .csv of "

@@ -8,11 +8,14 @@ from samples.mismatch.injected import EFFECTS
 from samples.mismatch.out_of_catalogue import OUTSIDE
 
 SEED = 2026
+"""Of all cases but the null ones; any number does. The published figures (docs/validation.md) are of this
+one."""
 
 _MORE_SINGLES = (
     ("viscoelastic", 1), ("soft_spot", 2), ("pit_offset", 1), ("damage", 1), ("skin", 1),
     ("graded_modulus", 1),
 )  # fmt: skip
+"""Effects that come again with another fruit, and their level (set by hand)."""
 _PAIRS = (
     ("pit_offset", "viscoelastic"), ("clock_lag", "skin"), ("graded_modulus", "sensor_gain"),
     ("pose_error", "viscoelastic"), ("slip", "soft_spot"), ("gripper_compliance", "pit_size"),

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
+from samples.fruit import POISSON_RATIO
 from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
-from samples.mismatch.drawn_fruit import ASSUMED_POISSON_RATIO, CATEGORIES, Category, DrawnFruit, drawn_fruit
+from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.freestone import LoosePitBody, loose_stiffness, pit_contact
 from samples.mismatch.grip import InnerContact
@@ -80,7 +81,7 @@ def planned(
         rng=rng,
         pit_shift_mm=None if offset is None else np.array(offset.parameters["offset_mm"]),
         pit_scale=1.0 if size is None else size.number("scale"),
-        poisson_ratio=ASSUMED_POISSON_RATIO if ratio is None else ratio.number("nu"),
+        poisson_ratio=POISSON_RATIO if ratio is None else ratio.number("nu"),
     )
     grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
     planted = tuple(_placed(p, drawn, grasps, rng) for p in planted)

@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.cubed_sphere import even_sphere
-from samples.fruit import SampleFruit, SamplePit, Skin
+from samples.fruit import PIT_OFFSET_SD_MM, PIT_SIZE_SD, POISSON_RATIO, SampleFruit, SamplePit, Skin
 
 Category = Literal["nectarine", "plum", "pdms_ball"]
 CATEGORIES: tuple[Category, ...] = ("nectarine", "plum", "pdms_ball")
-PIT_OFFSET_SD_MM, PIT_SIZE_SD, MESH_ERROR_MM = 0.3, 0.02, 0.1
 SOFTEST_MPA, FIRMEST_MPA = 0.15, 1.4
-ASSUMED_POISSON_RATIO = 0.45
+"""Moduli are drawn evenly in their logarithm between these: from ripe to unripe, as in the sample batch (0.2
+to 1.4 MPa) and a little softer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +49,8 @@ _KINDS = {
         pit_share=(0.4, 0.4, 0.4),
     ),
 }  # fmt: skip
+"""Half axes, stem cavity and suture in mm, spread as a share, the pit's half axes over the fruit's (assumed;
+the pdms_ball is the phantom's)."""
 
 
 def drawn_fruit(
@@ -58,7 +60,7 @@ def drawn_fruit(
     rng: np.random.Generator,
     pit_shift_mm: Float[np.ndarray, " 3"] | None = None,
     pit_scale: float = 1.0,
-    poisson_ratio: float = ASSUMED_POISSON_RATIO,
+    poisson_ratio: float = POISSON_RATIO,
 ) -> DrawnFruit:
     """A fruit about the origin; its pit is the prior's, 0.3 mm (per axis) and 2 % off, then moved or scaled.
 

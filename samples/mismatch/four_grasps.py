@@ -10,7 +10,10 @@ from samples.grasp_plan import Hold
 from samples.mismatch.protocol import Motion, four_manners, motion_of
 
 TILT_SD_DEG, UNEVEN_SD_MM = 4.0, 0.02
+"""How unlike their plan grasps are done, tilt in degrees and depth in mm (set by hand)."""
 OBLIQUE_TURN_DEG, OBLIQUE_TILT_DEG = 45.9, -28.8
+"""Degrees round the stem and towards it of the third grasp, set by hand: off the fruit's planes of
+symmetry."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,8 @@ from samples.mismatch.skin_points import seen_from_above, settle_in_cell, weight
 from samples.sample_failure import NotInEquilibrium
 
 HALF_WIDTH_MM, PER_MM = 10.0, 2
+"""Half the gel's side, mm, as wide as its 20 x 20 markers, and its points per mm: a patch of 5 mm radius has
+three hundred."""
 CLOSE_MM, SPACE_MM = 0.1, 1.0
 """Only gel points this near to skin this low look up."""
 

@@ -27,8 +27,12 @@ from samples.mismatch.skin_patch import SkinPatch
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N = 2e-7
+"""N, norm over all nodes: seven orders below the pads' force of some newtons."""
 LOOKS = 4
+"""How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
 SETTLED_MM = 2e-4
+"""mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
+(samples.sensor_noise)."""
 SERVES = 0.4
 """A kept tangent serves while a round leaves less than this share of the miss."""
 

@@ -14,9 +14,13 @@ from samples.mismatch.whole_fruit import WholeFruit
 from samples.sample_failure import NotInEquilibrium
 
 SETTLED_MM = 4e-4
+"""mm, the largest change of a skin node in a round: a tenth of a frame's noise of 4 um
+(samples.sensor_noise)."""
 REST_S = 1e4
 """Between two grasps."""
 ROUNDS, DEPTH = 60, 8
+"""Rounds before a step counts as unbalanced and is halved, and how many earlier ones are mixed (set by
+hand)."""
 HALVINGS = 3
 """How often a step that finds no balance is halved, without the trend and tangent of the whole one."""
 

@@ -10,11 +10,18 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 CLEARANCE_MM = 0.4
+"""Between pad and skin before and after, mm: more than the skin's own waves (0.1 mm), so that nothing
+touches."""
 AIR_BEFORE, AIR_AFTER, AIR_STEP_S = 30, 15, 0.1
+"""Frames in the air before and after contact, s between them: what zero and drift are told from."""
 HOLD_SHARES = (0.04, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)
+"""Of the hold's length at which frames are recorded: denser at first, where creep is fastest."""
 LOAD_FRAMES, UNLOAD_FRAMES, SHEAR_FRAMES = 8, 7, 6
+"""Frames of closing, opening and shearing: enough that curves show their bend (set by hand)."""
 SHEAR_MM, SHEAR_S, PAUSE_S = 1.2, 1.5, 0.4
+"""Sideways way of a pad in the hold (mm), its time and the pause before it (s), set by hand."""
 LET_GO_MM = -0.02
+"""mm past first touch of the last frame of opening: just out of contact."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,9 @@ from jaxtyping import Float, Int
 from samples.hexahedra import lagrange
 
 NEAREST_CELLS = 6
+"""Cells that are tried for a point: those round a corner of the mesh, and two to spare."""
 EDGE = 1.0 + 1e-6
+"""Of a cell's coordinates, which end at 1, with rounding errors."""
 
 
 def weights(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 9"]:

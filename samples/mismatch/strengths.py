@@ -9,6 +9,7 @@ from samples.sample_failure import SampleFailure
 
 Range = tuple[float, float]
 LEVELS = (0, 1, 2)
+"""Three, from just to be seen to plain."""
 
 _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "viscoelastic": {"g": ((0.1, 0.18), (0.22, 0.34), (0.4, 0.58))},
@@ -30,6 +31,8 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "clock_lag": {"lag_s": ((0.04, 0.06), (0.09, 0.13), (0.17, 0.25))},
     "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
 }
+"""From and to at each level, in the parameter's own unit (docs/formats.md; `change` and `share_per_s` are
+relative, `length_mm` is in mm, `size` about 1). Set by hand, from just to be seen to plain."""
 
 
 def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[str, Any]:

@@ -16,8 +16,11 @@ from samples.scenes.render import RenderOptions, load_world
 from samples.viewpoints import Viewpoint
 
 _FINER = 3
+"""Samples along each side of a pixel that tell how much of it the fruit covers: in steps of a ninth."""
 _WIDEST, _NARROWEST = 3.2, 1.15
+"""Widths of the square over that of the fruit's box."""
 _LEVELS = (0.30, 0.80)
+"""Exposure, as shares of full scale."""
 
 
 @dataclass(frozen=True, kw_only=True)

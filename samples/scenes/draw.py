@@ -18,7 +18,9 @@ from samples.viewpoints import Viewpoint
 
 FAMILIES = ("mat", "phone")
 FIRST_SEED = {"mat": 4000, "phone": 7000}
+"""Scenes of a family have seeds from here on, apart from each other."""
 _SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN = range(8)
+"""Numbers of the streams; a factor that is added comes last, so that none of the others changes."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,10 +12,14 @@ from samples.appearance import linear_rgb
 GROUNDS = ("cloth", "steel", "stone", "white-table", "wood")
 TILE_MM = 560.0  # side of the textured square; beyond it the texture is mirrored
 TILE_PX = 2048
+"""Side of a tile of texture, px (TILE_MM mm): set by hand, finer than photos of the scene show it."""
 
 _WOODS = ((0.62, 0.45, 0.28), (0.38, 0.25, 0.16), (0.74, 0.60, 0.42), (0.52, 0.34, 0.20))
+"""sRGB shares, one of which is drawn (by eye)."""
 _CLOTHS = ((0.76, 0.71, 0.62), (0.18, 0.22, 0.36), (0.55, 0.14, 0.14), (0.50, 0.52, 0.52), (0.30, 0.42, 0.30))
+"""sRGB shares likewise."""
 _STONES = ((0.45, 0.44, 0.43), (0.62, 0.58, 0.53), (0.25, 0.26, 0.28), (0.72, 0.71, 0.69))
+"""sRGB shares likewise."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -21,9 +21,13 @@ from samples.scenes.skin_optics import skin_attributes, skin_bsdf
 from samples.viewpoints import Viewpoint
 
 _PAPER_BELOW_MM = 0.02
+"""The mat lies below z = 0 by this, mm, so that the fruit on it does not share a plane with it."""
 _TABLE_BELOW_MM = 0.3
+"""And the table below the mat, as the sheet bends and is never quite down."""
 _WINDOW_OVER_BOX = 1.25
+"""The window with more light samples is so much wider than the fruit's box: its shadow and rim are inside."""
 _FEATHER_PX = 8
+"""Over so many pixels the window's picture is faded into the rest."""
 _LEAST_ALBEDO = 0.05  # what is seen by reflection alone has light, too
 
 

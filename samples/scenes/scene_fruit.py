@@ -56,6 +56,7 @@ KINDS = {
         pit_over_box=(0.44, 0.36, 0.46),
     ),
 }  # fmt: skip
+"""By name, in the units that Proportions says (assumed, by eye on shop fruit)."""
 
 
 def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[str, SampleFruit]:

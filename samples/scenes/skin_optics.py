@@ -28,7 +28,9 @@ GLOSSES: dict[str, tuple[float, float, float, float, float]] = {
     "glossy": (0.22, 0.50, 1.0, 0.93, 0.0),
 }
 _BLOOM: Rgb = (0.62, 0.65, 0.74)
+"""sRGB shares of wax bloom, a bluish grey (by eye)."""
 _BLOOM_ROUGHNESS = 0.85
+"""Of skin under full bloom, 1 being matt (by eye)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ from jaxtyping import Float
 from samples.viewpoints import Viewpoint, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
+"""Of the photos, px: a quarter of a phone's each way; rendering takes as long as there are pixels."""
 LIKELY_ODD = 0.3  # share of the sets in which a few photos come from a higher or lower place
 
 

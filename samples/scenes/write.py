@@ -23,6 +23,8 @@ from samples.viewpoints import Viewpoint
 # linear light that the metered part of a picture is brought to (by eye: paper is pale grey, not white)
 _PAPER_LEVEL = 0.62
 _SCENE_LEVEL = 0.16
+"""Geometric mean of the picture's luminance over full scale, where there is no paper to expose for: the
+middle grey of photography is 0.18."""
 
 
 def complete(folder: Path, *, photos: int) -> bool:
