@@ -32,7 +32,7 @@ def main(size: str) -> None:
     free = case["free"]
     stiffness = assemble(case["nodes"], case["tets"]).for_unit_modulus(poisson_ratio=NU)[free][:, free]
     last = np.searchsorted(free, (3 * case["candidates"][:, None] + np.arange(3)).ravel())
-    plan = fem.fronts.fronts(stiffness)
+    plan = fem.sparse.fronts.fronts(stiffness)
     spent, factor = least(lambda: cholesky(plan, stiffness.data))
     condensing, _ = least(lambda: compliance(factor, last))
     hundred, _ = least(lambda: factor.solve(case["load"]))
@@ -45,8 +45,8 @@ def main(size: str) -> None:
         is_last = np.isin(order, groups.of_dof[last])
         return tree_in_order(groups, np.concatenate([order[~is_last], order[is_last]]))
 
-    fem.fronts.elimination_tree = candidates_last
-    plan = fem.fronts.fronts(stiffness)
+    fem.sparse.fronts.elimination_tree = candidates_last
+    plan = fem.sparse.fronts.fronts(stiffness)
     spent, factor = least(lambda: cholesky(plan, stiffness.data))
     corner = factor.triangle[-1][-len(last) :, -len(last) :].copy(order="F")
     inverting, _ = least(lambda: dpotri(corner, lower=1))
@@ -54,7 +54,7 @@ def main(size: str) -> None:
     print(f"plain solves     {hundred * len(last) / 100:5.1f} s")
 
 
-def gigaflops(plan: fem.fronts.Fronts) -> float:
+def gigaflops(plan: fem.sparse.fronts.Fronts) -> float:
     """Of the factorisation's dense fronts."""
     p, q = np.diff(plan.start).astype(float), np.array([len(rows) for rows in plan.rows], dtype=float)
     return float((p**3 / 3 + p**2 * q + p * q**2).sum() / 1e9)

@@ -22,6 +22,7 @@ from tactile.io.recording import IndenterPad, read_recording
 from tactile.tactile_failure import TactileFailure
 
 TRACE_SEED = 20261120
+"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,11 +35,11 @@ class Diagnosis:
     facts: tuple[tuple[str, str], ...] = ()
 
 
-def finding(case: Case, diary: StageLog, *, jobs: int = 1) -> Diagnosis:
-    """Explains the case, in stages told to `diary`, with so many threads; raises as the stages do."""
+def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
+    """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
     bare = bare_trace(case)
     with threadpool_limits(1):
-        return _of_grasps(case, diary, jobs) if bare is None else _of_trace(case, diary, *bare)
+        return _of_grasps(case, log, jobs) if bare is None else _of_trace(case, log, *bare)
 
 
 def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
@@ -98,20 +99,20 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
     )
 
 
-def find(case: MismatchCase, diary: StageLog, *, jobs: int) -> Explanation:
+def find(case: MismatchCase, log: StageLog, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.procedure import explain
 
-    return explain(case, progress=diary.report, workers=jobs)
+    return explain(case, progress=log.report, workers=jobs)
 
 
-def _of_grasps(case: Case, diary: StageLog, jobs: int) -> Diagnosis:
-    fruit = grasped_fruit(case.task, diary)
+def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
+    fruit = grasped_fruit(case.task, log)
     handed = mismatch_case(case, fruit)
-    with diary.stage("explanation"):
-        found = find(handed, diary, jobs=jobs)
+    with log.stage("explanation"):
+        found = find(handed, log, jobs=jobs)
     notes = dict.fromkeys(
-        [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, diary.warnings)]
+        [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, log.warnings)]
     )
     budget, pit = handed.budget, fruit.pit.record
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
@@ -129,9 +130,9 @@ def _of_grasps(case: Case, diary: StageLog, jobs: int) -> Diagnosis:
     )
 
 
-def _of_trace(case: Case, diary: StageLog, name: str, trace: IndenterTrace) -> Diagnosis:
+def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
-    with diary.stage("explanation"):
+    with log.stage("explanation"):
         found = explain_trace(
             trace,
             thickness_mm=case.thickness_mm,

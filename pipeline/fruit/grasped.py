@@ -60,41 +60,41 @@ class GraspedFruit:
     doubts: tuple[Doubt, ...] = ()
 
 
-def grasped_fruit(task: FruitTask, diary: StageLog) -> GraspedFruit:
-    """Photos or a ready mesh to elements, in stages told to `diary`.
+def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
+    """Photos or a ready mesh to elements, in stages told to `log`.
 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
-    known = diary.known
-    with diary.stage("mesh"):
+    facts = log.facts
+    with log.stage("mesh"):
         shape = fruit_shape(task)
-        known["mesh"] = shape.record
-        diary.warnings += shape.warnings
+        facts.mesh = shape.record
+        log.warnings += shape.warnings
         if shape.views is not None:
             shown = coverage_map(shape.vertices, shape.faces, shape.views, seen_by=SEEN_BY)
             write_whole(task.results.coverage, shown)
         if shape.sd_mm is not None and shape.views is not None:
             shown = surface_sd_map(shape.vertices, shape.faces, shape.sd_mm, seen=shape.views >= SEEN_BY)
             write_whole(task.results.surface_sd, shown)
-    with diary.stage("pit"):
+    with log.stage("pit"):
         pit = embedded_pit(task, shape)
-        known["pit"] = pit.record
+        facts.pit = pit.record
         write_meshes(task.results, shape, pit)
         doubts = _pit_doubts(task, shape, pit)
-    placed, failures = _placed(task, shape, diary)
+    placed, failures = _placed(task, shape, log)
     failed = tuple(GraspRecord(grasp=name, failure=str(failure)) for name, failure in failures.items())
-    known["grasps"] = failed
+    facts.grasps = failed
     if not placed:
         write_whole(task.results.picture, mesh_picture(shape.vertices, shape.faces))
         raise _why_no_grasp(list(failures.values()))
     doubts += of_grasps(placed)
-    diary.warnings[:0] = [doubt.sentence for doubt in doubts]
-    diary.warnings += remarks_of_grasps(placed)
-    known["doubts"] = tuple(doubt.sentence for doubt in doubts)
+    log.warnings[:0] = [doubt.sentence for doubt in doubts]
+    log.warnings += remarks_of_grasps(placed)
+    facts.doubts = tuple(doubt.sentence for doubt in doubts)
     nu, nu_sd, source = poisson_ratio(task.settings, task.prior)
-    with diary.stage("flesh"):
+    with log.stage("flesh"):
         mesh = flesh_mesh(task, pit, _where_fine(placed, shape))
-        known["flesh"] = FleshRecord(
+        facts.flesh = FleshRecord(
             nodes=len(mesh.nodes_mm),
             tets=len(mesh.tets),
             poisson_ratio=nu,
@@ -126,25 +126,24 @@ def _pit_doubts(task: FruitTask, shape: FruitShape, pit: EmbeddedPit) -> list[Do
 
 
 def _placed(
-    task: FruitTask, shape: FruitShape, diary: StageLog
+    task: FruitTask, shape: FruitShape, log: StageLog
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
     """Every recording that can be used, and the failure of each that cannot."""
     placed: list[PlacedGrasp] = []
     failures: dict[str, TactileFailure] = {}
     folder, owner = task.folder, owner_of(task)
-    strangers: dict[str, bool] = {}
-    diary.known["strangers"] = strangers
+    strangers = log.facts.strangers
     recordings = {path.stem: path for path in folder.grasp_files()}
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
-    with diary.stage("contact"):
+    with log.stage("contact"):
         for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
             name = printable(named)
             field = "attribute fruit_id"
             try:
                 if path.is_dir():
                     field = "fruit_id in grasp.toml"
-                    kept = kept_recording(path, task.results.cache, diary.report)
-                    diary.warnings += kept.notes
+                    kept = kept_recording(path, task.results.cache, log.report)
+                    log.warnings += kept.notes
                     path = kept.path
                 grasp = place_grasp(
                     path,
@@ -154,13 +153,13 @@ def _placed(
                     faults=faults(task.settings.mismatch),
                     sd_mm=shape.sd_mm,
                     checked=_checked(task, shape),
-                    admit=partial(_admitted, owner, diary, strangers, name=name, field=field),
+                    admit=partial(_admitted, owner, log, strangers, name=name, field=field),
                 )
                 refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))
                 placed.append(grasp)
             except TactileFailure as failure:
                 failures[name] = failure
-                diary.warnings.append(f"not used: {failure.detail}")
+                log.warnings.append(f"not used: {failure.detail}")
     return placed, failures
 
 
@@ -172,7 +171,7 @@ def owner_of(task: FruitTask) -> Owner:
 
 def _admitted(
     owner: Owner,
-    diary: StageLog,
+    log: StageLog,
     strangers: dict[str, bool],
     recording: Recording,
     *,
@@ -187,7 +186,7 @@ def _admitted(
     if (other := stranger(named, owner)) is not None:
         strangers[other] = other in (owner.batch_fruits or ())
     found = owner_findings(named, recording.category, owner, source=name, field=field)
-    diary.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
+    log.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
     return found
 
 

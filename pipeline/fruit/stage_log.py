@@ -5,13 +5,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+from pipeline.batch.records import FleshRecord, GraspRecord, MeshRecord, ModulusRecord, PitRecord
+
+
+@dataclass
+class FruitFacts:
+    """What stages have found so far, as FruitRecord holds it; None and empty: not found yet."""
+
+    mesh: MeshRecord | None = None
+    pit: PitRecord | None = None
+    flesh: FleshRecord | None = None
+    grasps: tuple[GraspRecord, ...] = ()
+    modulus: ModulusRecord | None = None
+    mismatch: str | None = None
+    doubts: tuple[str, ...] = ()
+    strangers: dict[str, bool] = field(default_factory=dict)
+
 
 @dataclass
 class StageLog:
     """Facts, warnings and times so far; `report` is told when a stage begins."""
 
     report: Callable[[str], None]
-    known: dict[str, object] = field(default_factory=dict)
+    facts: FruitFacts = field(default_factory=FruitFacts)
     warnings: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
 

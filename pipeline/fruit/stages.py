@@ -31,13 +31,13 @@ from tactile.tactile_failure import TactileFailure
 
 def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     """Grades one fruit and writes its record; a fruit that cannot be graded ends with its reason."""
-    diary = StageLog(report)
+    log = StageLog(report)
     outcome, reason = Outcome.GRADED.code, ""
     task.results.claim()
     task.results.forget()
     with threadpool_limits(1):
         try:
-            _grade(task, diary)
+            _grade(task, log)
         except ReconFailure as failure:
             outcome, reason = failure.problem.value, failure.detail + _drawn(task, failure)
         except (TactileFailure, FemFailure) as failure:
@@ -49,18 +49,24 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
             if ending is Outcome.INTERNAL:
                 write_whole(task.results.traceback, traceback.format_exc())
             outcome, reason = ending.code, ending.sentence(particulars)
-    record = FruitRecord.model_validate(
-        {
-            **diary.known,
-            "fruit_id": task.fruit_id,
-            "outcome": outcome,
-            "reason": reason,
-            "key": task.key,
-            "given": task.given,
-            "warnings": diary.warnings,
-            "seconds": diary.seconds,
-            "peak_memory_MiB": _peak_memory_MiB(),
-        }
+    facts = log.facts
+    record = FruitRecord(
+        fruit_id=task.fruit_id,
+        outcome=outcome,
+        reason=reason,
+        key=task.key,
+        given=task.given,
+        mesh=facts.mesh,
+        pit=facts.pit,
+        flesh=facts.flesh,
+        grasps=facts.grasps,
+        modulus=facts.modulus,
+        mismatch=facts.mismatch,
+        doubts=facts.doubts,
+        strangers=facts.strangers,
+        warnings=tuple(log.warnings),
+        seconds=log.seconds,
+        peak_memory_MiB=_peak_memory_MiB(),
     )
     write_record(task.results.record, record)
     return record
@@ -84,11 +90,11 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
     return f" Where to stand: {path.parent.parent.name}/{path.parent.name}/{path.name}, and the report."
 
 
-def _grade(task: FruitTask, diary: StageLog) -> None:
-    known = diary.known
-    fruit = grasped_fruit(task, diary)
+def _grade(task: FruitTask, log: StageLog) -> None:
+    facts = log.facts
+    fruit = grasped_fruit(task, log)
     shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed
-    with diary.stage("modulus"):
+    with log.stage("modulus"):
         try:
             found = fruit_modulus(
                 task, placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
@@ -96,36 +102,36 @@ def _grade(task: FruitTask, diary: StageLog) -> None:
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
             records = [GraspRecord(grasp=g.name, failure=r) for g, r in zip(placed, reasons, strict=True)]
-            known["grasps"] = tuple(sorted([*failed, *records], key=lambda r: r.grasp))
+            facts.grasps = tuple(sorted([*failed, *records], key=lambda r: r.grasp))
             if not failed and len(records) == 1:
                 raise none.exceptions[0] from None
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
         records = [*failed, *map(grasp_record, placed, found.grasps)]
-        known["grasps"] = tuple(sorted(records, key=lambda r: r.grasp))
+        facts.grasps = tuple(sorted(records, key=lambda r: r.grasp))
         spread = effect_spread(task, fruit, found.modulus.E_MPa)
         misplaced = of_a_pit_found(
             modulus_record(found.modulus).pit_found, given=task.folder.pit_ply.is_file()
         )
         doubts = [*fruit.doubts, *misplaced]
-        known["doubts"] = tuple(doubt.sentence for doubt in doubts)
-        diary.warnings[:0] = [doubt.sentence for doubt in misplaced]
-        known["modulus"] = modulus_record(
+        facts.doubts = tuple(doubt.sentence for doubt in doubts)
+        log.warnings[:0] = [doubt.sentence for doubt in misplaced]
+        facts.modulus = modulus_record(
             found.modulus,
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
         )
         _refuse_implausible(task, found.modulus.E_MPa)
-        known["mismatch"] = in_words(used(task.settings.mismatch)) or None
-        diary.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
+        facts.mismatch = in_words(used(task.settings.mismatch)) or None
+        log.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
         for grasp, own in zip(placed, found.grasps, strict=True):
             if isinstance(own, FemFailure):
-                diary.warnings.append(f"not used: {grasp.name}: {own.detail}")
+                log.warnings.append(f"not used: {grasp.name}: {own.detail}")
             else:
                 said = causes_alone(own.warnings, explained=signs_explained(grasp))
-                diary.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
-        diary.warnings += found.modulus.warnings
-    with diary.stage("picture"):
+                log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
+        log.warnings += found.modulus.warnings
+    with log.stage("picture"):
         write_whole(
             task.results.picture,
             mesh_picture(

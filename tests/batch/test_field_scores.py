@@ -55,5 +55,7 @@ def test_a_fruit_of_which_nothing_is_said_is_not_named():
 
 @pytest.mark.parametrize("category", ["nectarine", "plum", "phantom"])
 def test_moduli_are_judged_by_the_range_that_the_product_has(category):
-    prior = tomllib.loads((ROOT / "recon" / "pit" / "priors" / f"{category}.toml").read_text(encoding="utf-8"))
+    prior = tomllib.loads(
+        (ROOT / "recon" / "pit" / "priors" / f"{category}.toml").read_text(encoding="utf-8")
+    )
     assert E_range_MPa(category) == tuple(prior["plausible"]["E_MPa"])

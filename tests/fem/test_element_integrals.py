@@ -68,7 +68,7 @@ def test_pattern_is_the_same_when_keys_are_too_long_to_number(monkeypatch):
     _, tets = cube_mesh(3)
     n = int(tets.max()) + 1
     short = ElementPattern.of(tets, n)
-    monkeypatch.setattr(fem.element_pattern, "KEY_BITS", 0)
+    monkeypatch.setattr(fem.elements.block_pattern, "KEY_BITS", 0)
     long = ElementPattern.of(tets, n)
     assert (short.indices == long.indices).all()
     assert (short.gather.indices == long.gather.indices).all()

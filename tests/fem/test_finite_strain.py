@@ -212,8 +212,8 @@ def test_newton_with_its_own_tangents_doubles_the_digits(free, pinch):
 
 def test_chord_steps_and_newton_agree_and_the_pattern_is_analysed_once(free, pinch, monkeypatch):
     analysed = []
-    real = fem.finite_balance.analyse
-    monkeypatch.setattr(fem.finite_balance, "analyse", lambda k: analysed.append(k) or real(k))
+    real = fem.solid.finite_strain_balance.analyse
+    monkeypatch.setattr(fem.solid.finite_strain_balance, "analyse", lambda k: analysed.append(k) or real(k))
     newton = FiniteStrainSolid(solid=free.solid, law=free.law)
     exact = newton.displacement(pinch, keep_factor=False, tolerance=1e-10)
     assert exact.tangents[0] >= 3
@@ -342,5 +342,5 @@ def test_nearly_incompressible_flesh_does_not_lock_at_its_many_points(monkeypatc
         found = finite_displacement(solid, NeoHookean(poisson_ratio=0.49), load).require_equilibrium()
         assert np.abs(found.displacement).max() > 1.9
         work.append((load * found.displacement).sum())
-        monkeypatch.setattr(fem.finite_elements, "tet_quadrature", four_points)
+        monkeypatch.setattr(fem.solid.finite_strain_elements, "tet_quadrature", four_points)
     assert work[1] == pytest.approx(work[0], rel=1e-3)

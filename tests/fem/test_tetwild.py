@@ -6,7 +6,7 @@ import sys
 MESH_THEN_INTERRUPT = """
 import os, signal, time
 import pyvista
-from fem.mesh.flesh_mesh.tetwild import fill
+from fem.mesh.tetwild import fill
 
 signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever the tests' own parent made of it
 box = pyvista.Box(bounds=(0, 10, 0, 10, 0, 10)).triangulate()

@@ -154,7 +154,7 @@ def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
 
     calibrated(5.0)
     assert read_sensor(out).calibration_file == out.with_suffix(".npz")
-    whole, written = pipeline.calibrate.put, []
+    whole, written = pipeline.recordings.calibration.put, []
 
     def killed(path: Path, data: bytes) -> None:
         if written:
@@ -162,10 +162,10 @@ def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
         written.append(path)
         whole(path, data)
 
-    monkeypatch.setattr(pipeline.calibrate, "put", killed)
+    monkeypatch.setattr(pipeline.recordings.calibration, "put", killed)
     with pytest.raises(KeyboardInterrupt):
         calibrated(5.2)
-    monkeypatch.setattr(pipeline.calibrate, "put", whole)
+    monkeypatch.setattr(pipeline.recordings.calibration, "put", whole)
     with pytest.raises(TactileFailure, match=r"calibration_file: found out\.npz of another calibration"):
         read_sensor(out)
     calibrated(5.2)

@@ -70,14 +70,14 @@ def finder(monkeypatch):
     """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
     handed = {}
 
-    def find(case, diary, *, jobs):
-        diary.report("naming")
+    def find(case, log, *, jobs):
+        log.report("naming")
         handed["case"], handed["jobs"] = case, jobs
         handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
         return handed.get("answer", fake_explanation())
 
-    monkeypatch.setattr(pipeline.finding, "find", find)
-    monkeypatch.setattr(pipeline.grasped, "flesh_mesh", lambda *_: NO_MESH)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
+    monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
     return handed
 
 
@@ -410,7 +410,7 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
         handed.update(rest, trace=trace)
         return fake_explanation(maps=None, traces=(), cells=())
 
-    monkeypatch.setattr(pipeline.finding, "explain_trace", explain_trace)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
     ran = drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
     assert ran.status == 0, ran.err
     assert (handed["thickness_mm"], handed["poisson_ratio"], handed["trace"].radius_mm) == (12.0, 0.45, 5.0)

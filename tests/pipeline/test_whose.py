@@ -69,11 +69,11 @@ def checked(batch):
 
 
 def prepared(batch, fruit="N02"):
-    """The fruit up to its elements, and the diary."""
-    diary = StageLog(lambda stage: None)
+    """The fruit up to its elements, and the log."""
+    log = StageLog(lambda stage: None)
     task = fruit_task(open_batch(batch), fruit, Results(batch / "results"))
     task.results.claim()
-    return grasped_fruit(task, diary), diary
+    return grasped_fruit(task, log), log
 
 
 REFUSED = (
@@ -100,11 +100,11 @@ def test_grading_refuses_it_too(batch):
 
 def test_a_refused_one_costs_no_other_recording(batch):
     shutil.copyfile(recording(batch, "N04"), recording(batch).with_name("grasp-2.h5"))
-    fruit, diary = prepared(batch)
+    fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
-    assert diary.known["strangers"] == {"N04": True}
+    assert log.facts.strangers == {"N04": True}
     assert fruit.doubts == ()
-    assert any(said.startswith("not used: grasp-2: attribute fruit_id") for said in diary.warnings)
+    assert any(said.startswith("not used: grasp-2: attribute fruit_id") for said in log.warnings)
 
 
 def test_an_id_that_the_batch_does_not_have_puts_E_in_doubt(batch):
@@ -112,11 +112,11 @@ def test_an_id_that_the_batch_does_not_have_puts_E_in_doubt(batch):
     status, text = checked(batch)
     assert status == 4
     assert DOUBTED in text
-    fruit, diary = prepared(batch)
+    fruit, log = prepared(batch)
     (doubt,) = fruit.doubts
     assert DOUBTED in doubt.sentence
     assert doubt.relative_sd == pytest.approx(0.35)
-    assert diary.warnings[0] == doubt.sentence
+    assert log.warnings[0] == doubt.sentence
 
 
 @pytest.mark.parametrize("said", ["", "N02", " n02", "unknown"])
@@ -134,9 +134,9 @@ def test_another_known_category_puts_E_in_doubt_and_one_of_the_users_own_does_no
     assert ["plum" in one.sentence for one in prepared(batch)[0].doubts] == [True]
     relabel(recording(batch), category="our early nectarine")
     assert checked(batch)[0] == 0
-    fruit, diary = prepared(batch)
+    fruit, log = prepared(batch)
     assert fruit.doubts == ()
-    assert any('its category is "our early nectarine"' in one for one in diary.warnings)
+    assert any('its category is "our early nectarine"' in one for one in log.warnings)
 
 
 def test_a_case_of_its_own_may_be_called_otherwise():
@@ -192,11 +192,11 @@ def test_a_copy_within_a_fruit_counts_once(batch):
     status, text = checked(batch)
     assert status == 2
     assert f"fruits/N02/grasps/grasp-2.h5: {said}" in text
-    fruit, diary = prepared(batch)
+    fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
     assert any(
         one.startswith("not used: grasp-2: holds the same displacements and forces as grasp-1")
-        for one in diary.warnings
+        for one in log.warnings
     )
 
 
