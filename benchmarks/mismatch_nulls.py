@@ -8,7 +8,7 @@ records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each c
 those that are there are left alone. --write replaces null_reference.csv and null_quantiles.csv in
 fem/mismatch/selection by the rows in JSONL.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
-fem.mismatch.evidence.discrepancy_prior states. --grasps takes only the first K recordings of each case,
+the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
 into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
 holds for fewer.
 """
@@ -26,8 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY
+from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.procedure import detection_statistics, plain_forward_model
 from fem.mismatch.selection.detection import p_values_beside
@@ -75,8 +74,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         handed = mismatch_case(case, grasped_fruit(case.task, StageLog(str)))
         forward, _ = plain_forward_model(replace(handed, grasps=handed.grasps[:grasps]))
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    discrepancy = {name: own for name, own in DISCREPANCY.items() if name not in without}
-    linear = screened(forward, recorded, EFFECTS, discrepancy=discrepancy)
+    linear = screened(forward, recorded, EFFECTS, without_discrepancy_of=without)
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
     shown: dict[str, dict[str, Any]] = {}
     for one in sorted(linear.shown, key=lambda own: -own.gain):
@@ -154,7 +152,12 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True)
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
-    parser.add_argument("--without", nargs="+", choices=list(DISCREPANCY), default=[])
+    parser.add_argument(
+        "--without",
+        nargs="+",
+        choices=[name for name, spec in SPECS.items() if spec.discrepancy is not None],
+        default=[],
+    )
     parser.add_argument("--grasps", type=int, choices=[1, 2, 3], default=None)
     chosen = parser.parse_args()
     if chosen.write and chosen.grasps is not None:

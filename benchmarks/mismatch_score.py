@@ -4,12 +4,11 @@ from typing import Any
 
 import numpy as np
 
-from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter
-from pipeline.diagnosis.confirmed_effects import PARAMETERS
 
 NINETY = 1.645
-FAMILY = {effect.name: effect.family for effect in EFFECTS}
+FAMILY = {name: spec.family for name, spec in SPECS.items()}
 PLACE = "centre_mm"
 
 
@@ -82,7 +81,7 @@ def _parameters(own: Candidate, parts: list[str], truth: dict[str, Any]) -> list
     """Each parameter that formats define: value, truth, relative error, inside its 90 % interval."""
     rows, known = [], _true(truth)
     for effect in parts:
-        for name in PARAMETERS.get(effect, {}):
+        for name in (parameter.name for parameter in SPECS[effect].parameters) if effect in SPECS else ():
             key = f"{effect}.{name}" if len(parts) > 1 else name
             if key not in own.parameters or key not in known or name == PLACE:
                 continue

@@ -1,137 +1,25 @@
-"""Every effect that the mismatch finder can name, in words for staff: what it means, and what to do."""
+"""The verdict of the mismatch finder in words for staff."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
-from reports.explain_entries import ExplainEntry
+from reports.explain_entries import EffectEntry, ExplainEntry
 from reports.words import NO_BREAK, effect_name, percent, with_sd
 
-
-@dataclass(frozen=True, kw_only=True)
-class EffectWords:
-    """`short` completes "Most likely ..."; `meaning` and `advice` are whole sentences."""
-
-    short: str
-    meaning: str
-    advice: str
-
-
-EFFECTS: dict[str, EffectWords] = {
-    "none": EffectWords(
+VERDICTS: dict[str, EffectEntry] = {
+    "none": EffectEntry(
         short="nothing is missing",
         meaning="The recordings agree with the model within their noise and what is not known exactly.",
         advice="Nothing needs doing: use the modulus as it is.",
     ),
-    "unknown": EffectWords(
+    "unknown": EffectEntry(
         short="something that none of the known effects explains",
         meaning="The recordings differ from the model in a way that repeats from grasp to grasp, and no "
         "known effect, alone or in pairs, accounts for it.",
         advice="Do not trust the modulus of this fruit. Look at the maps below, check fruit and gripper by "
         "eye, and record the fruit again.",
     ),
-    "viscoelastic": EffectWords(
-        short="the flesh creeps: it gives way slowly under a steady load",
-        meaning="Part of the flesh's resistance fades over time, so the same squeeze feels softer the longer "
-        "it lasts. All wet flesh does this; here it is strong enough to matter.",
-        advice="Compare fruit at the same speed and hold time, or apply the effect to the batch so that the "
-        "modulus is the one at the first instant.",
-    ),
-    "stiffening": EffectWords(
-        short="the flesh stiffens the further it is pressed",
-        meaning="The resistance grows faster than the squeeze: a deep grasp makes the fruit look firmer "
-        "than a light one. Some of it is large deformation alone, which no soft fruit is without.",
-        advice="Grasp all fruit equally deep and gently, or apply the effect so that the modulus is that of "
-        "the first touch.",
-    ),
-    "skin": EffectWords(
-        short="a stiff skin carries part of the load",
-        meaning="The skin works like a membrane stretched over the flesh: the fruit looks firmer than it is.",
-        advice="Apply the effect to the batch: the modulus is then that of the flesh under the skin.",
-    ),
-    "graded_modulus": EffectWords(
-        short="the flesh is not equally firm from skin to pit",
-        meaning="Firmness changes with depth: fruit often softens from the outside in, or around the pit.",
-        advice="Read the modulus as that of the flesh halfway between skin and pit.",
-    ),
-    "soft_spot": EffectWords(
-        short="there is a soft spot, such as a bruise",
-        meaning="One place in the flesh is much softer than the rest. It is marked on the fruit below.",
-        advice="Look at the fruit there, cut it open if in doubt, and sort it as bruised. The modulus given "
-        "afterwards is that of the sound flesh.",
-    ),
-    "anisotropy": EffectWords(
-        short="the flesh is firmer along the stem axis than across it, or the other way round",
-        meaning="Fibres make the flesh resist differently in different directions.",
-        advice="Grasp all fruit in the same direction, or apply the effect to the batch.",
-    ),
-    "poisson_ratio": EffectWords(
-        short="the flesh keeps its volume more, or less, than assumed",
-        meaning="Squeezed flesh bulges sideways by another share than the settings say (Poisson's ratio).",
-        advice="Apply the effect: the ratio goes into the batch's settings.",
-    ),
-    "pit_offset": EffectWords(
-        short="the pit does not sit where it is expected",
-        meaning="The pit is off its usual place, so that the flesh is thinner on one side.",
-        advice="Apply the effect for this fruit. Where many fruit of a lot show it, change the pit prior.",
-    ),
-    "pit_size": EffectWords(
-        short="the pit is larger or smaller than expected",
-        meaning="The pit's size differs from the category's by more than usual.",
-        advice="Apply the effect for this fruit. Where a cultivar always shows it, give the batch a pit "
-        "prior of its own.",
-    ),
-    "loose_pit": EffectWords(
-        short="the pit is loose in its hollow",
-        meaning="There is a gap between flesh and pit (a freestone): the flesh gives way easily at first, "
-        "until it meets the pit.",
-        advice="Nothing is wrong with the fruit. Read the modulus with the gap taken out.",
-    ),
-    "slip": EffectWords(
-        short="the fruit slips between the pads",
-        meaning="The pads slide over the skin: wax, juice or dust makes it slippery.",
-        advice="Wipe fruit and pads dry, close the gripper a little further and slower, and record again.",
-    ),
-    "plastic_set": EffectWords(
-        short="the grasp itself leaves a lasting dent",
-        meaning="The flesh does not spring back: it was pressed beyond what it bears.",
-        advice="Lower the gripper's force for this lot; the fruit grasped so far may show bruises.",
-    ),
-    "damage": EffectWords(
-        short="the flesh is softer the second time it is pressed",
-        meaning="The first squeeze breaks some of the flesh's structure, so that later ones meet less "
-        "resistance.",
-        advice="Use the first squeeze of every fruit only, lower the force, and do not grasp a place twice.",
-    ),
-    "sensor_gain": EffectWords(
-        short="one pad reads its force too high or too low",
-        meaning="The pads disagree about the same squeeze by a constant factor: one is out of calibration.",
-        advice="Calibrate this pad with a weight. Until then apply the effect: forces of the whole batch are "
-        "corrected by the factor found.",
-    ),
-    "sensor_drift": EffectWords(
-        short="the force reading of one pad drifts with time",
-        meaning="The pad's reading creeps although the load is steady: a warming gel, a tired membrane.",
-        advice="Let the sensor warm up, zero it before every grasp, and apply the effect to the recordings "
-        "made so far.",
-    ),
-    "gripper_compliance": EffectWords(
-        short="the gripper itself gives way under load",
-        meaning="Jaws or mount bend, so that they travel less than the machine reports.",
-        advice="Tighten the jaws. Apply the effect: travel is then corrected by what the jaws give way.",
-    ),
-    "clock_lag": EffectWords(
-        short="the sensor's clock and the gripper's are apart",
-        meaning="Gel frames and jaw positions were stamped by clocks that differ by a fraction of a second.",
-        advice="Synchronise the clocks in the recorder. Apply the effect to the recordings made so far.",
-    ),
-    "pose_error": EffectWords(
-        short="one pad is not where the gripper's calibration says",
-        meaning="A pad sits shifted or tilted against its recorded place.",
-        advice="Repeat the hand-eye calibration. Apply the effect to the recordings made so far.",
-    ),
 }
-"""By the names of the vocabulary; pairs are two of these."""
+"""The two verdicts that are no effect; the words of effects come with the entry (ExplainEntry.effects)."""
 
 
 def parts(effect: str) -> tuple[str, ...]:
@@ -139,10 +27,15 @@ def parts(effect: str) -> tuple[str, ...]:
     return tuple(effect.split("+"))
 
 
-def in_short(effect: str) -> str:
+def words_of(name: str, found: ExplainEntry) -> EffectEntry | None:
+    """Of a single effect or a verdict that is none; None where the entry does not bring them."""
+    return VERDICTS.get(name) or found.effects.get(name)
+
+
+def in_short(effect: str, found: ExplainEntry) -> str:
     """What the effect is, to complete a sentence; of a pair, both."""
-    known = [EFFECTS[part].short if part in EFFECTS else effect_name(part) for part in parts(effect)]
-    return ", and ".join(known)
+    known = [(words_of(part, found), part) for part in parts(effect)]
+    return ", and ".join(effect_name(part) if words is None else words.short for words, part in known)
 
 
 def explain_verdict(found: ExplainEntry) -> str:
@@ -167,7 +60,7 @@ def explain_verdict(found: ExplainEntry) -> str:
         names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
         return f"These recordings cannot tell apart: {listed}; with the likeliest of them {moved}."
-    first = in_short(named[0])
+    first = in_short(named[0], found)
     sure = next((one.probability for one in found.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
     return f"{first[:1].upper()}{first[1:]}{certainty}; {moved}."

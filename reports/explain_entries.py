@@ -16,14 +16,24 @@ Value = float | tuple[float, ...] | str
 
 
 @dataclass(frozen=True, kw_only=True)
+class EffectEntry:
+    """An effect in words: `short` completes "Most likely ..."; `meaning` and `advice` are whole sentences."""
+
+    short: str
+    meaning: str
+    advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
 class ParameterEntry:
-    """One parameter of an effect; `sd` None: not estimated; `interval` for scalars."""
+    """One parameter of an effect; `words`: its meaning; `sd` None: not estimated; `interval` for scalars."""
 
     name: str
     value: Value
     sd: float | tuple[float, ...] | None
     unit: str
     interval: tuple[float, float] | None = None
+    words: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +130,8 @@ class ExplainEntry:
     E_after_MPa: float
     E_after_sd_MPa: float
     made_utc: datetime
+    effects: Mapping[str, EffectEntry] = field(default_factory=dict)
+    """Words of the single effects in verdict and ranking, by name."""
     centre_mm: tuple[float, float, float] | None = None
     radius_mm: float | None = None
     statistics: Mapping[str, float] = field(default_factory=dict)

@@ -9,14 +9,13 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from reports.effect_words import (
-    EFFECTS,
     by_rank,
     component_in_words,
     explain_verdict,
-    in_short,
     parts,
     when_in_words,
     where_in_words,
+    words_of,
 )
 from reports.explain_charts import (
     evidence_chart,
@@ -26,7 +25,6 @@ from reports.explain_charts import (
     share_bar,
 )
 from reports.explain_entries import CheckEntry, ExplainEntry, ParameterEntry, Value
-from reports.parameter_words import parameter_words
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
 
@@ -66,7 +64,6 @@ def explain_html(found: ExplainEntry) -> str:
         "mark": _mark,
         "number": number,
         "p": _p,
-        "parameter": parameter_words,
         "percent": percent,
         "share_bar": share_bar,
         "value": _value,
@@ -102,10 +99,11 @@ def _kind(found: ExplainEntry) -> str:
 def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
     """(name, what it means, what to do) of every single effect in the verdict."""
     singles = dict.fromkeys(part for effect in by_rank(found) for part in parts(effect))
+    known = [(name, words_of(name, found)) for name in singles]
     return [
-        (f"{effect_name(name).capitalize()}: {in_short(name)}.", EFFECTS[name].meaning, EFFECTS[name].advice)
-        for name in singles
-        if name in EFFECTS
+        (f"{effect_name(name).capitalize()}: {words.short}.", words.meaning, words.advice)
+        for name, words in known
+        if words is not None
     ]
 
 

@@ -1,47 +1,24 @@
-"""All effects that the finder knows. Adding physics is adding a file to effects/ and its line here."""
+"""All effects that the finder knows: those of the files in effects/, each of which holds one as EFFECT."""
 
+import pkgutil
+from importlib import import_module
+
+from fem.mismatch import effects
 from fem.mismatch.effect import Effect
-from fem.mismatch.effects import (
-    anisotropy,
-    clock_lag,
-    damage,
-    graded_modulus,
-    gripper_compliance,
-    loose_pit,
-    pit_offset,
-    pit_size,
-    plastic_set,
-    poisson_ratio,
-    pose_error,
-    sensor_drift,
-    sensor_gain,
-    skin,
-    slip,
-    soft_spot,
-    stiffening,
-    viscoelastic,
-)
+from fem.mismatch.effect_spec import EffectSpec, NextGrasp
 
-EFFECTS: tuple[Effect, ...] = tuple(
-    module.EFFECT
-    for module in (
-        viscoelastic,
-        stiffening,
-        skin,
-        graded_modulus,
-        soft_spot,
-        anisotropy,
-        poisson_ratio,
-        pit_offset,
-        pit_size,
-        loose_pit,
-        slip,
-        plastic_set,
-        damage,
-        sensor_gain,
-        sensor_drift,
-        gripper_compliance,
-        clock_lag,
-        pose_error,
-    )
-)
+
+def _collected() -> tuple[Effect, ...]:
+    """By EffectSpec.rank, which decides between explanations that are exactly equal."""
+    names = sorted(module.name for module in pkgutil.iter_modules(effects.__path__))
+    found: list[Effect] = [import_module(f"{effects.__name__}.{name}").EFFECT for name in names]
+    return tuple(sorted(found, key=lambda effect: effect.spec.rank))
+
+
+EFFECTS: tuple[Effect, ...] = _collected()
+SPECS: dict[str, EffectSpec] = {effect.spec.name: effect.spec for effect in EFFECTS}
+"""By name, in the order of the catalogue."""
+SEPARATORS: dict[frozenset[str], NextGrasp] = {
+    frozenset((spec.name, other)): grasp for spec in SPECS.values() for other, grasp in spec.separated_by
+}
+"""What to record to tell two effects apart."""

@@ -17,6 +17,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.signature_variant import ONE_WAY
 
 MOST_ROUNDS, STILL = 12, 1e-3
 """Rounds end where 1/E changes by a smaller share than this."""
@@ -55,7 +56,7 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
         if moved < STILL:
             break
     else:
-        names = ", ".join(known.effect.name for known in effects)
+        names = ", ".join(known.effect.spec.name for known in effects)
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
             f"E with {names} still changes by {moved:.2%} after {MOST_ROUNDS} rounds, "
@@ -70,7 +71,7 @@ def _beyond(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float
     """d in the frames used; small departures add."""
     beyond = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
     for known in effects:
-        answer = known.effect.respond(forward, known.parameters(1 / forward.compliance), "")
+        answer = known.effect.respond(forward, known.parameters(1 / forward.compliance), ONE_WAY)
         for k, recording in enumerate(forward.base.grasps):
             beyond[k] = beyond[k] + answer.unit[k] - recording.tracks.unit_displacement
             if answer.shift_mm is not None:

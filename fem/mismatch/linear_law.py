@@ -7,10 +7,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, ParameterSpec
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, reduced_laws
+from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,20 +22,19 @@ class LinearLaw:
     `positive`: theta is never below zero. `sd`: prior spread of theta about `null(ground)`, the plain law.
     """
 
-    name: str
-    parameter: ParameterSpec
+    spec: EffectSpec
     sd: float
     operators: Callable[[ForwardModel], tuple[Operator, Sequence[Operator]]]
     amounts: Callable[[ForwardModel, float], Sequence[float]]
     null: Callable[[ForwardModel], float] = lambda forward: 0.0
-    family: Family = "object"
     positive: bool = False
     needs_pit: bool = False
 
     @property
-    def parameters(self) -> tuple[ParameterSpec, ...]:
-        """The one parameter."""
-        return (self.parameter,)
+    def parameter(self) -> ParameterSpec:
+        """The one that is searched for."""
+        (parameter,) = self.spec.searched
+        return parameter
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """dc/dtheta at the plain law; none where the law needs a pit and there is none."""
@@ -42,7 +43,7 @@ class LinearLaw:
         fields = [ObservationDelta(markers=forward.compliance * law.first) for law in self._laws(forward)]
         return [
             Signature(
-                label="",
+                variant=ONE_WAY,
                 columns=(
                     Regressor(name=self.parameter.name, sd=self.sd, fields=fields, positive=self.positive),
                 ),
@@ -56,7 +57,7 @@ class LinearLaw:
         spec = self.parameter
         return {spec.name: float(np.clip(self.null(forward) + amounts[0], spec.low, spec.high))}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The law of this parameter, in the reduced space."""
         amounts = self.amounts(forward, parameters[self.parameter.name])
         return Response(unit=[law.response(amounts) for law in self._laws(forward)])
@@ -66,7 +67,7 @@ class LinearLaw:
             derivative, parts = self.operators(forward)
             return reduced_laws(forward, derivative=derivative, parts=parts)
 
-        return forward.kept(self.name, laws)
+        return forward.kept(self.spec.name, laws)
 
 
 def plain_stiffness(forward: ForwardModel) -> Operator:

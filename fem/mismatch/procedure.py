@@ -8,7 +8,7 @@ import numpy as np
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Remarked
+from fem.mismatch.effect import Placed, Remarked
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
@@ -26,6 +26,7 @@ from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 
 
@@ -66,7 +67,7 @@ def explain(
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
     before = modulus_of(forward)
-    ranking = candidates(forward, found, linear)
+    ranking = candidates(found, linear)
     with stage("proof"):
         proof = held_out(forward, recorded, null, after)
         predicted = traces(forward, recorded, null, after)
@@ -110,7 +111,7 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     said = [] if best.settled else [NOT_SETTLED.format(name=best.name)]
     for effect in best.effects:
         if isinstance(effect, Remarked):
-            own = f"{effect.name}." if len(best.effects) > 1 else ""
+            own = f"{effect.spec.name}." if len(best.effects) > 1 else ""
             said.append(
                 effect.remark({k.removeprefix(own): v for k, v in parameters.items() if k.startswith(own)})
             )
@@ -119,12 +120,11 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
 
 def _where(recording: Where, best: Refit) -> Where:
     """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
-    for effect, choice, own in zip(best.effects, best.choices, best.parameters, strict=True):
-        if effect.name == "soft_spot":
-            x, y, z = (own[f"centre_mm.{k}"] for k in range(3))
-            return Where(region="flesh", centre_mm=(x, y, z), radius_mm=own["radius_mm"])
-        if any(choice in grasp.pad_names for grasp in best.forward.base.grasps):
-            return Where(region=f"pad {choice}")
+    for effect, variant, own in zip(best.effects, best.variants, best.parameters, strict=True):
+        if isinstance(effect, Placed):
+            return effect.where(own)
+        if isinstance(variant, OfPad):
+            return Where(region=f"pad {variant.pad}")
     return recording
 
 

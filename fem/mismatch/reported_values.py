@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
@@ -15,18 +15,19 @@ from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
+from fem.mismatch.signature_variant import pad_of
 
 NINETY = 1.645
 """Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
 
 
-def candidates(forward: ForwardModel, found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
+def candidates(found: ModelSelection, linear: LinearRound) -> tuple[Candidate, ...]:
     """The ranking, with parameters where an effect was refitted."""
     base = predictive(linear.products, linear.nuisances)
-    return tuple(_candidate(forward, one, linear, base) for one in found.ranking)
+    return tuple(_candidate(one, linear, base) for one in found.ranking)
 
 
-def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
+def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
     """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
     if one.refit is None:
         drop = sum(shown.chi2_drop for shown in one.shown)
@@ -39,7 +40,7 @@ def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base
     return Candidate(
         effect=one.name,
         probability=one.probability,
-        parameters=_parameters(forward, again, modulus),
+        parameters=_parameters(again, modulus),
         log_evidence=one.gain,
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=None if held is None or base is None else held - base,
@@ -48,28 +49,32 @@ def _candidate(forward: ForwardModel, one: Hypothesis, linear: LinearRound, base
     )
 
 
-def _parameters(forward: ForwardModel, again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
+def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     """A refit's parameters by name, with standard deviation and 90 % interval; vectors are joined again."""
     several = len(again.effects) > 1
     found: dict[str, Parameter] = {}
     first = 0
-    for effect, choice, values in zip(again.effects, again.choices, again.parameters, strict=True):
-        prefix = f"{effect.name}." if several else ""
-        if choice in _pads(forward):
-            found[f"{prefix}pad"] = Parameter(value=choice, sd=None, unit="")
-        vectors: dict[str, list[tuple[float, float]]] = {}
-        for k, spec in enumerate(effect.parameters):
-            name, value, unit, spread = _said(spec, values[spec.name], first + k, modulus)
-            stem, _, component = name.partition(".")
-            if component:
-                vectors.setdefault(stem, []).append((value, spread))
-                found[prefix + stem] = Parameter(
-                    value=tuple(v for v, _ in vectors[stem]), sd=tuple(s for _, s in vectors[stem]), unit=unit
+    for effect, variant, values in zip(again.effects, again.variants, again.parameters, strict=True):
+        prefix = f"{effect.spec.name}." if several else ""
+        for parameter in effect.spec.parameters:
+            if parameter.kind == "pad":
+                found[prefix + parameter.name] = Parameter(value=pad_of(variant), sd=None, unit="")
+                continue
+            said = [
+                _said(parameter, spec, values[spec.name], first + k, modulus)
+                for k, spec in enumerate(parameter.searched)
+            ]
+            first += len(said)
+            if len(said) > 1:
+                found[prefix + parameter.name] = Parameter(
+                    value=tuple(v for v, _ in said), sd=tuple(s for _, s in said), unit=parameter.unit
                 )
-            else:
-                ends = _ninety(value, spread, spec, scale=value / values[spec.name] if value else 1.0)
-                found[prefix + name] = Parameter(value=value, sd=spread, unit=unit, interval=ends)
-        first += len(effect.parameters)
+                continue
+            ((value, spread),), (spec,) = said, parameter.searched
+            ends = _ninety(value, spread, spec, scale=value / values[spec.name] if value else 1.0)
+            found[prefix + parameter.name] = Parameter(
+                value=value, sd=spread, unit=parameter.unit, interval=ends
+            )
     return found
 
 
@@ -82,20 +87,17 @@ def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 
 
 
 def _said(
-    spec: ParameterSpec, value: float, number: int, modulus: ModulusWith
-) -> tuple[str, float, str, float]:
-    """Name, value, unit and spread as an answer gives them."""
+    parameter: EffectParameter, spec: ParameterSpec, value: float, number: int, modulus: ModulusWith
+) -> tuple[float, float]:
+    """Value and spread as an answer gives them: v E^p of what is searched for, and E goes with it."""
     size = value if spec.log else 1.0
     spread = float(size * modulus.sd[number])
-    if spec.name == "Et_over_E_mm":  # the membrane against the flesh is what shows, and E goes with it
-        E = modulus.at
-        own = (E.value + value * E.value * modulus.change[number] / size) * spread
-        return "Et_N_per_mm", value * E.value, "N/mm", float(np.hypot(own, value * E.sd))
-    return spec.name, value, spec.unit, spread
-
-
-def _pads(forward: ForwardModel) -> set[str]:
-    return {pad for recording in forward.base.grasps for pad in recording.pad_names}
+    power, E = parameter.modulus_power, modulus.at
+    if not power:
+        return value, spread
+    scale = E.value**power
+    own = (scale + power * value * scale * modulus.change[number] / size) * spread
+    return value * scale, float(np.hypot(own, power * value * E.value ** (power - 1) * E.sd))
 
 
 def traces(

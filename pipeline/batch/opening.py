@@ -36,7 +36,6 @@ _NO_PITS = (
     'all under [pit]: prior = "core.toml" (or an STL, PLY or OBJ of it, mm), or prior = "none" where there '
     "is none."
 )
-_OF_A_PIT = frozenset({"pit_offset", "pit_size", "loose_pit"})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -262,7 +261,7 @@ def _effects_without_pit(
             "other fruit in its fruits, or take it out.",
         )
         for one in settings.mismatch
-        if one.effect in _OF_A_PIT
+        if one.spec.of_the_pit
         for fruit_id in bare
         if one.fruits is None or fruit_id in one.fruits
     ]
@@ -295,7 +294,7 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
                 "none; take it out of its fruits.",
             )
             for one in settings.mismatch
-            if one.effect in _OF_A_PIT and row.fruit_id in (one.fruits or ())
+            if one.spec.of_the_pit and row.fruit_id in (one.fruits or ())
         ]
         pit = folder.fruit(row.fruit_id).pit_ply
         if pit.exists() or pit.is_symlink():

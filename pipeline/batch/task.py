@@ -8,7 +8,7 @@ from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
 from pipeline.batch.records import Given
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
-from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, effects_on, keyed
+from pipeline.diagnosis.confirmed_effects import effects_on, keyed
 from pipeline.ranking.reference_body import CATEGORY, reference_prior
 from recon.cameras.mat import Mat
 from recon.pit.priors import PitBody, PitPrior
@@ -51,7 +51,7 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
     category, body, prior = batch.category, batch.body, batch.prior
     if row.reference:
         # Of the confirmed effects, those of the whole batch's flesh are not this body's.
-        own = tuple(one for one in own if one.fruits is not None or one.effect in OF_THE_JAWS)
+        own = tuple(one for one in own if one.fruits is not None or one.spec.of_the_jaws)
         changed = {
             "mismatch": own,
             "pit": PitSettings(prior=NO_PIT),

@@ -7,10 +7,12 @@ from datetime import datetime
 
 from pydantic import ValidationError
 
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.effect_spec import Scope
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter
 from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
-from pipeline.diagnosis.confirmed_effects import OF_ONE_FRUIT, PARAMETERS, ConfirmedEffect, Value
+from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, Value
 from pipeline.diagnosis.diagnosed_case import Case
 
 HEADER = re.compile(r"[ \t]*\[")
@@ -95,7 +97,7 @@ def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEff
                 effect=effect,
                 parameters=values,
                 sd=spread,
-                fruits=(fruit_id,) if effect in OF_ONE_FRUIT else None,
+                fruits=(fruit_id,) if _of_one_fruit(effect) else None,
                 found_in=fruit_id,
                 probability=round(winner.probability, 4),
             )
@@ -110,12 +112,15 @@ def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
         for name, parameter in winner.parameters.items()
         if name.startswith(f"{effect}.")
     }
-    wanted = PARAMETERS.get(effect, {})
-    arms = ("g_", "tau_") if effect == "viscoelastic" else ()
+    spec = SPECS.get(effect)
     for name, parameter in winner.parameters.items():
-        if name in wanted or (arms and name.startswith(arms)):
+        if spec is not None and spec.parameter(name) is not None:
             own.setdefault(name, parameter)
     return own
+
+
+def _of_one_fruit(effect: str) -> bool:
+    return effect in SPECS and SPECS[effect].scope is Scope.FRUIT
 
 
 def _rounded(value: Value) -> Value:

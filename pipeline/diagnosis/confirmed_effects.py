@@ -1,16 +1,16 @@
 """Effects that a batch's settings hold as confirmed: `[[mismatch]]` in batch.toml, which grading uses."""
 
 import difflib
-import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from jaxtyping import Float
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from fem.elements.assembly import LARGEST_POISSON_RATIO
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, Entry
 from recon.plain_file import printable
 from tactile.correction import (
     ComplianceFault,
@@ -21,45 +21,9 @@ from tactile.correction import (
     PoseFault,
 )
 
-Kind = Literal["number", "pair", "triple", "pad"]
 Value = float | tuple[float, ...] | str
-PARAMETERS: dict[str, dict[str, Kind]] = {
-    "viscoelastic": {"g": "number", "tau_s": "number"},
-    "stiffening": {"b": "number"},
-    "skin": {"Et_N_per_mm": "number"},
-    "graded_modulus": {"gamma": "number"},
-    "soft_spot": {"centre_mm": "triple", "radius_mm": "number", "ratio": "number"},
-    "anisotropy": {"axial": "number"},
-    "poisson_ratio": {"nu": "number"},
-    "pit_offset": {"offset_mm": "triple"},
-    "pit_size": {"scale": "number"},
-    "loose_pit": {"gap_mm": "number"},
-    "slip": {"mu": "number"},
-    "plastic_set": {"yield_over_E": "number"},
-    "damage": {"dmax": "number", "W0_over_E": "number"},
-    "sensor_gain": {"pad": "pad", "gain": "number"},
-    "sensor_drift": {"pad": "pad", "newton_per_s": "number"},
-    "gripper_compliance": {"mm_per_N": "number"},
-    "clock_lag": {"lag_s": "number"},
-    "pose_error": {"pad": "pad", "shift_mm": "pair", "tilt_deg": "number"},
-}
-"""Every effect that can be confirmed, and the parameters that it needs; docs/formats.md defines them."""
-LIMITS: dict[str, tuple[float, float]] = {
-    "g": (0.0, 1.0), "tau_s": (1e-6, 1e6), "b": (-10.0, 1e3), "Et_N_per_mm": (0.0, 1e4), "gamma": (-1.0, 1.0),
-    "centre_mm": (-1e3, 1e3), "radius_mm": (1e-3, 1e3), "ratio": (1e-6, 1e6), "axial": (-10.0, 1e3),
-    "nu": (0.0, LARGEST_POISSON_RATIO), "offset_mm": (-100.0, 100.0), "scale": (0.01, 100.0),
-    "gap_mm": (0.0, 50.0), "mu": (0.0, 100.0), "yield_over_E": (0.0, 1e3), "dmax": (0.0, 1.0),
-    "W0_over_E": (0.0, 1e6), "gain": (0.01, 100.0), "newton_per_s": (-1e3, 1e3), "mm_per_N": (-10.0, 10.0),
-    "lag_s": (-100.0, 100.0), "shift_mm": (-100.0, 100.0), "tilt_deg": (-90.0, 90.0),
-}  # fmt: skip
-"""What a parameter can be at all, wide: what was found may be far from usual."""
 MOST_SD = 1e6
-"""In the parameter's own unit: above every range in LIMITS, so that only slips and infinities are refused."""
-OF_THE_JAWS = frozenset({"sensor_gain", "sensor_drift", "gripper_compliance", "clock_lag", "pose_error"})
-"""Faults of the measurement: they hold for every fruit of a batch, and are taken out of its recordings."""
-OF_ONE_FRUIT = frozenset({"soft_spot", "pit_offset", "pit_size", "loose_pit"})
-"""What one fruit has and its neighbour has not; the rest of the effects are the lot's."""
-_ARMS = re.compile(r"(g_\d+|tau_\d+_s)\Z")
+"""In the parameter's own unit: above every range of limits, so that only slips and infinities are refused."""
 _LENGTH = {"pair": 2, "triple": 3}
 """Numbers in a list of this kind: a shift on the pad's face, a place in the fruit."""
 
@@ -92,33 +56,37 @@ class ConfirmedEffect(BaseModel):
     @field_validator("effect")
     @classmethod
     def _known(cls, effect: str) -> str:
-        if effect not in PARAMETERS:
-            near = difflib.get_close_matches(effect, PARAMETERS, n=1)
-            hint = f'did you mean "{near[0]}"?' if near else f"known effects: {', '.join(PARAMETERS)}"
+        if effect not in SPECS:
+            near = difflib.get_close_matches(effect, SPECS, n=1)
+            hint = f'did you mean "{near[0]}"?' if near else f"known effects: {', '.join(SPECS)}"
             raise ValueError(f"no effect that grading knows; {hint}")
         return effect
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        wanted = PARAMETERS[self.effect]
-        for name, kind in wanted.items():
+        for parameter in self.spec.parameters:
+            name = parameter.name
             if name not in self.parameters:
                 raise ValueError(f"{self.effect} needs the parameter {name}, found {sorted(self.parameters)}")
-            _require(name, self.parameters[name], kind)
+            _require(name, self.parameters[name], parameter)
+        wanted = {parameter.name: parameter for parameter in self.spec.parameters}
         for name in self.parameters.keys() - wanted.keys():
-            if self.effect != "viscoelastic" or not _ARMS.match(name):
+            known = self.spec.parameter(name)
+            if known is None:
                 raise ValueError(f'{self.effect} has no parameter "{name}"; it has {", ".join(wanted)}')
-            _require(name, self.parameters[name], "number")
+            _require(name, self.parameters[name], known)
         for name in self.sd:
-            if name not in self.parameters or wanted.get(name) == "pad":
+            if name not in self.parameters or isinstance(self.parameters[name], str):
                 raise ValueError(f'sd has "{name}", which is no number among the parameters')
             spread = self.spread(name)
             if not 0 <= spread <= MOST_SD:
                 raise ValueError(f"sd.{name} is {spread:g}, expected 0 or more and at most {MOST_SD:g}")
-        for name in ("gain", "scale"):
-            if name in wanted and not self.number(name) > 0:
-                raise ValueError(f"{name} is {self.number(name):g}, expected above zero")
         return self
+
+    @property
+    def spec(self) -> EffectSpec:
+        """What the catalogue states of the effect."""
+        return SPECS[self.effect]
 
     def number(self, name: str) -> float:
         """A scalar parameter."""
@@ -149,7 +117,8 @@ class ConfirmedEffect(BaseModel):
         return (self.effect, self.pad, self.fruits)
 
 
-def _require(name: str, value: Value, kind: Kind) -> None:
+def _require(name: str, value: Value, parameter: EffectParameter) -> None:
+    kind, (low, high) = parameter.kind, parameter.limits
     if kind == "pad":
         right = isinstance(value, str) and value in ("left", "right", "tip")
         wanted = "left, right or tip"
@@ -161,7 +130,6 @@ def _require(name: str, value: Value, kind: Kind) -> None:
         wanted = f"{_LENGTH[kind]} numbers"
     if not right:
         raise ValueError(f"{name} is {value!r:.80}, expected {wanted}")
-    low, high = LIMITS.get(name) or LIMITS["g" if name.startswith("g_") else "tau_s"]
     numbers = () if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
     if not all(low <= one <= high for one in numbers):
         raise ValueError(f"{name} is {value!r:.80}, expected {low:g} to {high:g}")
@@ -186,9 +154,9 @@ def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
     """What the effects say of the pit."""
     found = PitFound()
     for one in effects:
-        if one.effect == "pit_offset":
+        if one.spec.correction is Correction.PIT_OFFSET:
             found = replace(found, offset_mm=one.vector("offset_mm"), offset_sd_mm=one.spread("offset_mm"))
-        if one.effect == "pit_size":
+        if one.spec.correction is Correction.PIT_SIZE:
             scale = one.number("scale")
             found = replace(found, scale=scale, size_sd=one.spread("scale") / scale)
     return found
@@ -200,21 +168,27 @@ def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[Confi
 
 
 def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
-    """The jaws' faults among the effects, to be taken out of every recording."""
-    return tuple(_fault(one) for one in effects if one.effect in OF_THE_JAWS)
+    """What is wrong with the recordings of the jaws, to be taken out of every one of them."""
+    return tuple(
+        _FAULTS[one.spec.correction](one)
+        for one in effects
+        if one.spec.enters is Entry.RECORDING and one.spec.correction is not None
+    )
 
 
-def _fault(one: ConfirmedEffect) -> Fault:
-    if one.effect == "sensor_gain":
-        return GainFault(pad=one.pad, gain=one.number("gain"))
-    if one.effect == "sensor_drift":
-        return DriftFault(pad=one.pad, newton_per_s=one.number("newton_per_s"))
-    if one.effect == "gripper_compliance":
-        return ComplianceFault(mm_per_N=one.number("mm_per_N"))
-    if one.effect == "clock_lag":
-        return LagFault(lag_s=one.number("lag_s"))
+def _pose_fault(one: ConfirmedEffect) -> PoseFault:
     x, y = one.vector("shift_mm")
     return PoseFault(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
+
+
+_FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
+    Correction.FORCE_GAIN: lambda one: GainFault(pad=one.pad, gain=one.number("gain")),
+    Correction.FORCE_DRIFT: lambda one: DriftFault(pad=one.pad, newton_per_s=one.number("newton_per_s")),
+    Correction.JAW_COMPLIANCE: lambda one: ComplianceFault(mm_per_N=one.number("mm_per_N")),
+    Correction.CLOCK_LAG: lambda one: LagFault(lag_s=one.number("lag_s")),
+    Correction.PAD_POSE: _pose_fault,
+}
+"""How a recording is put right for each correction that enters there."""
 
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import Explanation
 from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.diagnosis.diagnosed_case import Case
@@ -99,7 +100,8 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
     """What the batch's settings have to do with the answer."""
     named = [found.verdict] if isinstance(found.verdict, str) else found.verdict
-    if case.batch is None or not any("stiffening" in name.split("+") for name in named):
+    parts = {part for name in named for part in name.split("+")}
+    if case.batch is None or not any(SPECS[part].holds_large_deformation for part in parts & SPECS.keys()):
         return []
     large = case.task.settings.flesh.model == "neo-hookean"
     return [LARGE_DEFORMATION + (TAKEN_IN if large else TAKE_IT_IN)]

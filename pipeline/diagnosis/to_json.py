@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter
+from pipeline.diagnosis.effect_entries import effect_entries, parameter_words
 from reports.explain_entries import (
     CandidateEntry,
     CellEntry,
@@ -121,12 +122,13 @@ def explain_entry(
 ) -> ExplainEntry:
     """The same for the page."""
     fit, maps = found.heldout, found.maps
+    verdict = (found.verdict,) if isinstance(found.verdict, str) else tuple(found.verdict)
     return ExplainEntry(
         name=name,
         category=category,
         detected=found.detected,
         p_value=found.p_value,
-        verdict=(found.verdict,) if isinstance(found.verdict, str) else tuple(found.verdict),
+        verdict=verdict,
         region=found.where.region,
         centre_mm=found.where.centre_mm,
         radius_mm=found.where.radius_mm,
@@ -138,6 +140,7 @@ def explain_entry(
         E_after_MPa=found.after.value,
         E_after_sd_MPa=found.after.sd,
         made_utc=made,
+        effects=effect_entries([*verdict, *(one.effect for one in found.ranking)]),
         statistics=found.statistics,
         rms=(fit.rms_before, fit.rms_after, fit.noise_rms) if fit else None,
         next_grasp=found.next_grasp,
@@ -165,7 +168,14 @@ def _candidate_entry(one: Candidate) -> CandidateEntry:
         heldout_gain=one.heldout,
         refitted=one.refitted,
         parameters=tuple(
-            ParameterEntry(name=name, value=p.value, sd=p.sd, unit=p.unit, interval=p.interval)
+            ParameterEntry(
+                name=name,
+                value=p.value,
+                sd=p.sd,
+                unit=p.unit,
+                interval=p.interval,
+                words=parameter_words(one.effect, name),
+            )
             for name, p in one.parameters.items()
         ),
         E_MPa=one.modulus.value if one.modulus else None,

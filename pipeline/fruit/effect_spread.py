@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
+from fem.mismatch.effect_spec import Entry
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, ConfirmedEffect, faults
+from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, faults
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_effects import in_the_model
 from pipeline.fruit.grasped import GraspedFruit
@@ -34,7 +35,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     """
     shared, own, doubts = [0.0], [0.0], []
     effects = task.settings.mismatch
-    counted = [*in_the_model(effects), *(one for one in effects if one.effect in OF_THE_JAWS)]
+    counted = [*in_the_model(effects), *(one for one in effects if one.spec.enters is Entry.RECORDING)]
     for k, one in enumerate(effects):
         if one not in counted:
             continue

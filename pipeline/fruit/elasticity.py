@@ -112,9 +112,9 @@ def responses(
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
-    # The law of stiffening flesh is large deformation's too.
-    stiffens = any(one.effect == "stiffening" for one in effects)
-    large = task.settings.flesh.model == "neo-hookean" and not stiffens
+    # A law that holds large deformation itself must not be given it twice.
+    holds_it = any(one.spec.holds_large_deformation for one in effects)
+    large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
     key = stage_key(

@@ -12,13 +12,13 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.displacement_correction import KnownEffect, departures
 from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Entry
 from fem.mismatch.mismatch_case import MismatchCase
-from pipeline.diagnosis.confirmed_effects import OF_THE_JAWS, PARAMETERS, ConfirmedEffect
+from pipeline.diagnosis.confirmed_effects import ConfirmedEffect
 
-BEFORE_THE_MODEL = OF_THE_JAWS | {"poisson_ratio", "pit_offset", "pit_size"}
-"""Effects that are taken into account before there is a model: in the recordings, the settings, the mesh."""
-MECHANICS: dict[str, Effect] = {one.name: one for one in EFFECTS if one.name not in BEFORE_THE_MODEL}
-"""Those that change how flesh or contact answers a force."""
+MECHANICS: dict[str, Effect] = {one.spec.name: one for one in EFFECTS if one.spec.enters is Entry.RESPONSE}
+"""Effects that change how flesh or contact answers a force; the others are taken into account before there is
+a model, in the recordings, the settings or the mesh."""
 
 
 def known(one: ConfirmedEffect) -> KnownEffect:
@@ -29,16 +29,13 @@ def known(one: ConfirmedEffect) -> KnownEffect:
 def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
     """Parameters of the settings under the names of the effect's ParameterSpecs.
 
-    Components of a vector stand alone; the stiffness of a skin (N/mm) counts in that of flesh of modulus E.
+    Components of a vector stand alone; what counts against the flesh's modulus is brought to E.
     """
     values: dict[str, float] = {}
-    for name, value in one.parameters.items():
-        if isinstance(value, tuple):
-            values |= {f"{name}.{k}": component for k, component in enumerate(value)}
-        elif name == "Et_N_per_mm":
-            values["Et_over_E_mm"] = float(value) / E_MPa
-        else:
-            values[name] = float(value)
+    for parameter in one.spec.parameters:
+        value = one.parameters[parameter.name]
+        if not isinstance(value, str):
+            values |= parameter.searched_values(value, E_MPa=E_MPa)
     return values
 
 
@@ -71,7 +68,7 @@ def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, .
 def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that the modulus takes into account."""
     model = in_the_model(effects)
-    return tuple(one for one in effects if one.effect in BEFORE_THE_MODEL or one in model)
+    return tuple(one for one in effects if one.spec.enters is not Entry.RESPONSE or one in model)
 
 
 def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
@@ -86,5 +83,5 @@ def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
 
 
 def _too_much(one: ConfirmedEffect) -> list[str]:
-    """Parameters beyond those of one relaxing arm."""
-    return sorted(one.parameters.keys() - PARAMETERS[one.effect].keys())
+    """Further parameters of a kind (EffectParameter.numbered)."""
+    return sorted(one.parameters.keys() - {parameter.name for parameter in one.spec.parameters})

@@ -7,6 +7,7 @@ from jaxtyping import Float
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mismatch.effect_spec import Correction
 from pipeline.batch.cache import Artifact, cached, stage_key
 from pipeline.batch.settings import Settings
 from pipeline.batch.task import FruitTask
@@ -23,7 +24,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
     before both.
     """
     for one in settings.mismatch:
-        if one.effect == "poisson_ratio":
+        if one.spec.correction is Correction.POISSON_RATIO:
             return one.number("nu"), one.spread("nu"), "found by drupe explain"
     if settings.poisson_ratio is not None:
         return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"

@@ -14,6 +14,7 @@ from fem.mismatch.model import slip_path, stress_history
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY, OfPad
 
 LAWS = [
     (damage.EFFECT, {"dmax": 0.35, "W0_over_E": 0.004}, {"dmax": 0.3, "W0_over_E": 0.003}),
@@ -22,34 +23,36 @@ LAWS = [
 ]
 
 
-@pytest.mark.parametrize(("effect", "values", "_"), LAWS, ids=lambda x: getattr(x, "name", ""))
+@pytest.mark.parametrize(
+    ("effect", "values", "_"), LAWS, ids=lambda x: x.spec.name if hasattr(x, "spec") else ""
+)
 def test_a_law_that_is_not_solved_in_its_rounds_says_so(monkeypatch, effect, values, _):
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 2)
     with pytest.raises(FemFailure, match="after 2 rounds") as failure:
-        effect.respond(forward_of(), values, "")
+        effect.respond(forward_of(), values, ONE_WAY)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 @pytest.mark.parametrize(
-    ("effect", "values", "others", "choice"),
+    ("effect", "values", "others", "variant"),
     [
-        *((effect, values, others, "") for effect, values, others in LAWS),
-        (pit_size.EFFECT, {"scale": 0.8}, {"scale": 0.75}, ""),
+        *((effect, values, others, ONE_WAY) for effect, values, others in LAWS),
+        (pit_size.EFFECT, {"scale": 0.8}, {"scale": 0.75}, ONE_WAY),
         (
             pose_error.EFFECT,
             {"dx_mm": 1.5, "dy_mm": 1.0, "tilt_deg": 2.0},
             {"dx_mm": 1.8, "dy_mm": 1.2, "tilt_deg": 2.2},
-            "left",
+            OfPad(pad="left"),
         ),
     ],
-    ids=lambda x: getattr(x, "name", ""),
+    ids=lambda x: x.spec.name if hasattr(x, "spec") else "",
 )
-def test_the_same_call_gives_the_same_answer_whatever_was_asked_before(effect, values, others, choice):
+def test_the_same_call_gives_the_same_answer_whatever_was_asked_before(effect, values, others, variant):
     forward = forward_of()
-    names = dict(zip([spec.name for spec in effect.parameters], values.values(), strict=True))
-    before = effect.respond(forward, names, choice).unit[0]
-    effect.respond(forward, dict(zip(names, others.values(), strict=True)), choice)
-    np.testing.assert_array_equal(effect.respond(forward, names, choice).unit[0], before)
+    names = dict(zip([spec.name for spec in effect.spec.searched], values.values(), strict=True))
+    before = effect.respond(forward, names, variant).unit[0]
+    effect.respond(forward, dict(zip(names, others.values(), strict=True)), variant)
+    np.testing.assert_array_equal(effect.respond(forward, names, variant).unit[0], before)
 
 
 def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
@@ -81,7 +84,7 @@ def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_th
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
-    assert [one.signature.label for one in linear.shown] == [""]
+    assert [one.signature.variant for one in linear.shown] == [ONE_WAY]
 
 
 def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):
@@ -96,5 +99,5 @@ def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypat
 def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):
     monkeypatch.setattr(loose_pit, "STILL", 0.0)
     with pytest.raises(FemFailure, match="gap") as failure:
-        loose_pit.EFFECT.respond(forward_of(), {"gap_mm": 0.1}, "")
+        loose_pit.EFFECT.respond(forward_of(), {"gap_mm": 0.1}, ONE_WAY)
     assert failure.value.problem is FemProblem.NOT_CONVERGED

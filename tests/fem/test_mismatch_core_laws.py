@@ -16,6 +16,7 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.membrane import membrane_stiffness
 from fem.solid.rigid_core import reduced, rigid_modes
@@ -97,7 +98,7 @@ def test_the_reduced_space_answers_as_the_law_factorised_in_full(
     forward = pinched_once()
     plain = forward.base.grasps[0].tracks.unit_displacement
     expected = in_full(forward, changed_solid(forward, value * matrix(forward))) - plain
-    found = effect.respond(forward, {effect.parameter.name: value}, "").unit[0] - plain
+    found = effect.respond(forward, {effect.parameter.name: value}, ONE_WAY).unit[0] - plain
     assert np.linalg.norm(expected) > 0.02 * np.linalg.norm(plain)
     assert np.linalg.norm(found - expected) < off * np.linalg.norm(expected)
 
@@ -108,7 +109,7 @@ def test_another_poisson_ratio_answers_as_the_fruit_solved_with_it(nu):
     plain = forward.base.grasps[0].tracks.unit_displacement
     solid = UnitModulusSolid.factorise(fruit_mesh(), poisson_ratio=nu, support="free")
     expected = in_full(forward, solid) - plain
-    found = poisson_ratio.EFFECT.respond(forward, {"nu": nu}, "").unit[0] - plain
+    found = poisson_ratio.EFFECT.respond(forward, {"nu": nu}, ONE_WAY).unit[0] - plain
     assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
 
 
@@ -125,7 +126,9 @@ def test_each_signature_is_the_slope_of_its_own_model(effect, step):
     forward = pinched_once()
     (signature,) = effect.signatures(forward)
     null = effect.null(forward)
-    ends = [effect.respond(forward, {effect.parameter.name: null + way}, "").unit[0] for way in (step, -step)]
+    ends = [
+        effect.respond(forward, {effect.parameter.name: null + way}, ONE_WAY).unit[0] for way in (step, -step)
+    ]
     slope = COMPLIANCE * (ends[0] - ends[1]) / (2 * step)
     markers = signature.columns[0].fields[0].markers
     assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
@@ -137,9 +140,9 @@ def test_stiffer_skin_side_and_skin_give_way_less_under_a_pad():
     recording: GraspResponse = forward.base.grasps[0]
     work = lambda unit: float((unit * recording.over_time(recording.patterns)).sum())  # noqa: E731
     plain = work(recording.tracks.unit_displacement)
-    assert work(skin.EFFECT.respond(forward, {"Et_over_E_mm": 3.0}, "").unit[0]) < plain
-    assert work(graded_modulus.EFFECT.respond(forward, {"gamma": -0.4}, "").unit[0]) < plain
-    assert work(anisotropy.EFFECT.respond(forward, {"axial": 1.0}, "").unit[0]) < plain
+    assert work(skin.EFFECT.respond(forward, {"Et_over_E_mm": 3.0}, ONE_WAY).unit[0]) < plain
+    assert work(graded_modulus.EFFECT.respond(forward, {"gamma": -0.4}, ONE_WAY).unit[0]) < plain
+    assert work(anisotropy.EFFECT.respond(forward, {"axial": 1.0}, ONE_WAY).unit[0]) < plain
 
 
 def test_axial_stiffness_of_a_stretch_along_the_stem_is_mu_times_its_square_times_the_volume():

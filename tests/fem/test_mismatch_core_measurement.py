@@ -31,6 +31,7 @@ from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.model_selection import NullCase, named
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
 
 AIR_S = TIME_S[:3].mean()
 
@@ -100,7 +101,7 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
 def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
     """Parameters, choice and modulus after a refit of one recording."""
     forward, _, again = linear_and_refitted(only_grasp(planted_case(altered, **options), 0), effect)
-    return again.parameters[0], again.choices[0], modulus(forward, again)
+    return again.parameters[0], again.variants[0].label, modulus(forward, again)
 
 
 def modulus(forward: ForwardModel, again) -> float:
@@ -115,7 +116,7 @@ def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
     known = tuple(replace(own, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for own in grasp.pads)
     case = replace(case, grasps=(replace(grasp, pads=known),))
     forward, _, again = linear_and_refitted(case, sensor_gain.EFFECT)
-    assert again.choices == (pad,)
+    assert again.variants == (OfPad(pad=pad),)
     assert again.parameters[0]["gain"] == pytest.approx(0.8, rel=0.02)
     assert modulus(forward, again) == pytest.approx(E_MPA, rel=0.03)
 
@@ -149,10 +150,10 @@ class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
     ) -> dict[str, float]:
         return super().start(forward, signature, 3 * amounts)
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         if parameters["mm_per_N"] > 0.45:
             raise FemFailure(FemProblem.PIT_OUTSIDE_FRUIT, "no such fruit")
-        return super().respond(forward, parameters, choice)
+        return super().respond(forward, parameters, variant)
 
 
 def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
@@ -192,19 +193,19 @@ def sound() -> ForwardModel:
 
 
 @pytest.mark.parametrize(
-    ("effect", "altered", "parameters", "choice"),
+    ("effect", "altered", "parameters", "variant"),
     [
-        (sensor_gain.EFFECT, on_pad("left", gained(1.3)), (1.3,), "left"),
-        (pose_error.EFFECT, on_pad("left", misplaced((2.0, -1.5), 4.0)), (2.0, -1.5, 4.0), "left"),
+        (sensor_gain.EFFECT, on_pad("left", gained(1.3)), (1.3,), OfPad(pad="left")),
+        (pose_error.EFFECT, on_pad("left", misplaced((2.0, -1.5), 4.0)), (2.0, -1.5, 4.0), OfPad(pad="left")),
     ],
 )
 def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happened(
-    sound, effect, altered, parameters, choice
+    sound, effect, altered, parameters, variant
 ):
     """The gel's displacement drives the model, so its forces are those of springs with each pad's gain."""
     forward, _ = plain_forward_model(only_grasp(planted_case(altered, noise=0.0), 0))
-    names = [spec.name for spec in effect.parameters]
-    response = effect.respond(forward, dict(zip(names, parameters, strict=True)), choice)
+    names = [spec.name for spec in effect.spec.searched]
+    response = effect.respond(forward, dict(zip(names, parameters, strict=True)), variant)
     true, recording = sound.base.grasps[0], forward.base.grasps[0]
     shift = 0.0 if response.shift_mm is None else response.shift_mm[0]
     np.testing.assert_allclose(recording.tracks.position_mm - shift, true.tracks.position_mm, atol=2e-3)
@@ -223,11 +224,11 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         [GraspEquations.of(forward, recording) for recording in forward.base.grasps],
         [pose_error.EFFECT],
     )
-    assert linear.best[0].signature.label == "right"
+    assert linear.best[0].signature.variant == OfPad(pad="right")
     sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
     best = named(forward, linear, detected=True, sound=sound).ranking[0].refit
     assert best is not None
-    assert best.choices == ("left",)
+    assert best.variants == (OfPad(pad="left"),)
     assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)
 
 
@@ -240,12 +241,16 @@ def turning(pad: Recording) -> Recording:
 def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
     wrong = on_pad("left", misplaced((2.0, -1.5), 4.0))
     forward, _ = plain_forward_model(only_grasp(planted_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
-    names = [spec.name for spec in pose_error.EFFECT.parameters]
-    response = pose_error.EFFECT.respond(forward, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
+    names = [spec.name for spec in pose_error.EFFECT.spec.searched]
+    response = pose_error.EFFECT.respond(
+        forward, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), OfPad(pad="left")
+    )
     assert response.shift_mm is not None
     left = beyond_motions(forward, response.unit[0], response.shift_mm[0])
     still, _ = plain_forward_model(only_grasp(planted_case(wrong, noise=0.0), 0))
-    as_still = pose_error.EFFECT.respond(still, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), "left")
+    as_still = pose_error.EFFECT.respond(
+        still, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), OfPad(pad="left")
+    )
     assert as_still.shift_mm is not None
     # as much as on a fruit that does not turn: 1.1 um, and 3 where the pad rides where it seems to be
     left_still = beyond_motions(still, as_still.unit[0], as_still.shift_mm[0])
@@ -270,29 +275,29 @@ def test_the_weight_of_a_sound_fruit_starts_no_search_for_a_tilt():
 
     forward, _ = plain_forward_model(planted_case(weighs, noise=0.0))
     for pad in ("left", "right"):
-        start = pose_error.EFFECT.other_start(forward, pad)
+        start = pose_error.EFFECT.other_start(forward, OfPad(pad=pad))
         assert start is not None
         assert abs(start["tilt_deg"]) < 1.0
 
 
 @pytest.mark.parametrize(
-    ("effect", "choice", "null", "steps", "tolerance"),
+    ("effect", "variant", "null", "steps", "tolerance"),
     [
-        (sensor_gain.EFFECT, "left", (1.0,), (1e-4,), 1e-3),
-        (sensor_drift.EFFECT, "right", (0.0,), (1e-3,), 1e-9),
-        (gripper_compliance.EFFECT, "", (0.0,), (1e-3,), 1e-9),
-        (clock_lag.EFFECT, "", (0.0,), (clock_lag.STEP_S,), 1e-9),
-        (pose_error.EFFECT, "left", (0.0, 0.0, 0.0), (0.15, 0.15, 0.15), 0.03),
+        (sensor_gain.EFFECT, OfPad(pad="left"), (1.0,), (1e-4,), 1e-3),
+        (sensor_drift.EFFECT, OfPad(pad="right"), (0.0,), (1e-3,), 1e-9),
+        (gripper_compliance.EFFECT, ONE_WAY, (0.0,), (1e-3,), 1e-9),
+        (clock_lag.EFFECT, ONE_WAY, (0.0,), (clock_lag.STEP_S,), 1e-9),
+        (pose_error.EFFECT, OfPad(pad="left"), (0.0, 0.0, 0.0), (0.15, 0.15, 0.15), 0.03),
     ],
 )
-def test_each_signature_is_the_slope_of_its_own_model(sound, effect, choice, null, steps, tolerance):
-    signature = next(one for one in effect.signatures(sound) if one.label == choice)
-    names = [spec.name for spec in effect.parameters]
+def test_each_signature_is_the_slope_of_its_own_model(sound, effect, variant, null, steps, tolerance):
+    signature = next(one for one in effect.signatures(sound) if one.variant == variant)
+    names = [spec.name for spec in effect.spec.searched]
     for k, step in enumerate(steps):
         values = np.array(null)
-        here = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        here = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
         values[k] += step
-        ahead = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        ahead = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
         for number, field in enumerate(signature.columns[k].fields):
             slope = sound.compliance * (ahead.unit[number] - here.unit[number])
             if ahead.shift_mm is not None:
@@ -305,14 +310,14 @@ def test_each_signature_is_the_slope_of_its_own_model(sound, effect, choice, nul
 
 
 def test_no_amount_of_any_of_them_changes_nothing(sound):
-    for effect, choice, values in [
-        (sensor_gain.EFFECT, "left", (1.0,)),
-        (sensor_drift.EFFECT, "left", (0.0,)),
-        (gripper_compliance.EFFECT, "", (0.0,)),
-        (clock_lag.EFFECT, "", (0.0,)),
+    for effect, variant, values in [
+        (sensor_gain.EFFECT, OfPad(pad="left"), (1.0,)),
+        (sensor_drift.EFFECT, OfPad(pad="left"), (0.0,)),
+        (gripper_compliance.EFFECT, ONE_WAY, (0.0,)),
+        (clock_lag.EFFECT, ONE_WAY, (0.0,)),
     ]:
-        names = [spec.name for spec in effect.parameters]
-        response = effect.respond(sound, dict(zip(names, values, strict=True)), choice)
+        names = [spec.name for spec in effect.spec.searched]
+        response = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
         for number, recording in enumerate(sound.base.grasps):
             np.testing.assert_allclose(response.unit[number], recording.tracks.unit_displacement, atol=1e-12)
             if response.shift_mm is not None:

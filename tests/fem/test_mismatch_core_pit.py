@@ -13,6 +13,7 @@ from fem.mismatch.effects import pit_offset, pit_size
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.quadratic_surrogate import anchored
 from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved
 
@@ -34,7 +35,7 @@ def solved(place: tuple[float, float, float, float]) -> np.ndarray:
 
 
 def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
-    return effect.respond(forward(), dict(zip(names, values, strict=True)), "").unit[0]
+    return effect.respond(forward(), dict(zip(names, values, strict=True)), ONE_WAY).unit[0]
 
 
 def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
@@ -42,7 +43,7 @@ def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
     search = replace(forward(), warm_starts=WarmStarts())
     plain = forward().base.grasps[0].tracks.unit_displacement
     for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
-        (found,) = pit_size.EFFECT.respond(search, {"scale": scale}, "").unit
+        (found,) = pit_size.EFFECT.respond(search, {"scale": scale}, ONE_WAY).unit
         expected = solved((0, 0, 0, np.log(scale)))
         assert np.linalg.norm(found - expected) < tolerance * np.linalg.norm(expected - plain)
 

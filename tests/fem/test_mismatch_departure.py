@@ -18,6 +18,7 @@ from fem.mismatch import displacement_correction
 from fem.mismatch.displacement_correction import KnownEffect, departures
 from fem.mismatch.effects import skin, viscoelastic
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.signature_variant import ONE_WAY
 
 G, TAU_S = 0.35, 1.2
 STEP_S, AIR = 0.4, 3
@@ -111,7 +112,7 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
 def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_comes_with_it():
     E_MPa, Et_N_per_mm = 0.3, 1.5
     recording = forward_of().base.grasps[0]
-    (stiff,) = skin.EFFECT.respond(forward_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, "").unit
+    (stiff,) = skin.EFFECT.respond(forward_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, ONE_WAY).unit
     history = long_pinch()
     ends = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     pads = tuple(

@@ -16,6 +16,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import path_frames
 from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
 from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 from fem.solid.small_strain import linear_stress
 from fem.solid.strain_field import FleshStrain
@@ -149,10 +150,12 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
     firm = forward_of()
     soft = replace(firm, compliance=1.5 * firm.compliance)
     plain = firm.base.grasps[0].tracks.unit_displacement
-    alike = {spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.parameters}
-    more = module.EFFECT.respond(firm, parameters, "").unit[0] - plain
-    found = module.EFFECT.respond(soft, alike, "").unit[0] - plain
-    other = module.EFFECT.respond(soft, parameters, "").unit[0] - plain
+    alike = {
+        spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.spec.searched
+    }
+    more = module.EFFECT.respond(firm, parameters, ONE_WAY).unit[0] - plain
+    found = module.EFFECT.respond(soft, alike, ONE_WAY).unit[0] - plain
+    other = module.EFFECT.respond(soft, parameters, ONE_WAY).unit[0] - plain
     size = np.linalg.norm(more)
     assert np.linalg.norm(found - more) < 2e-3 * size
     assert np.linalg.norm(other - more) > 0.1 * size
@@ -184,8 +187,8 @@ def test_only_the_last_runs_are_kept():
 
 def difference(module: object, forward: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
     effect = module.EFFECT
-    one = effect.respond(forward, parameters, "").unit[0]
-    return forward.compliance * (one - effect.respond(forward, base, "").unit[0])
+    one = effect.respond(forward, parameters, ONE_WAY).unit[0]
+    return forward.compliance * (one - effect.respond(forward, base, ONE_WAY).unit[0])
 
 
 def cosine_and_ratio(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
@@ -219,7 +222,7 @@ def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, floa
     forward = forward_of()
     signature = plastic_set.EFFECT.signatures(forward)[0]
     Y = plastic_set.EFFECT.start(forward, signature, np.ones(1))["yield_over_E"]
-    unit = plastic_set.EFFECT.respond(forward, {"yield_over_E": Y}, "").unit[0]
+    unit = plastic_set.EFFECT.respond(forward, {"yield_over_E": Y}, ONE_WAY).unit[0]
     moved = forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement)
     return cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
 
@@ -257,7 +260,7 @@ def twice_pinched() -> ForwardModel:
 )
 def test_the_second_recording_finds_the_flesh_as_the_first_one_left_it(module, parameters):
     forward = twice_pinched()
-    first, second = module.EFFECT.respond(forward, parameters, "").unit
+    first, second = module.EFFECT.respond(forward, parameters, ONE_WAY).unit
     plain = forward.base.grasps[0].tracks.unit_displacement
     size = np.linalg.norm(first - plain)
     assert size > 0

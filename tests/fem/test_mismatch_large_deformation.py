@@ -15,6 +15,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import Parameter
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY, InMode
 from fem.solid.finite_strain import FiniteStrainSolid
 
 MU, LAME = unit_lame_constants(NU)
@@ -56,7 +57,9 @@ def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
 
 
 def neo_hookean_signature(forward: ForwardModel) -> np.ndarray:
-    found = next(one for one in stiffening.EFFECT.signatures(forward) if one.label == "neo-hookean")
+    found = next(
+        one for one in stiffening.EFFECT.signatures(forward) if one.variant == InMode(mode="neo-hookean")
+    )
     return found.columns[0].fields[0].markers
 
 
@@ -99,6 +102,6 @@ def test_large_deformation_that_is_not_found_is_a_signature_that_says_why(compli
     """Rounds that have not settled, and rounds that ran away."""
     soft = replace(forward_of(), compliance=compliance)
     plain, large = stiffening.EFFECT.signatures(soft)
-    assert (plain.label, plain.untried) == ("", "")
+    assert (plain.variant, plain.untried) == (ONE_WAY, "")
     assert large.columns == ()
     assert "moves by this law" in large.untried

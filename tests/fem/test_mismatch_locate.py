@@ -12,6 +12,7 @@ from fem.mismatch.localisation.anova import Cells, analysis_of_variance, explain
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
+from fem.mismatch.signature_variant import ONE_WAY
 
 SPOT_MM = np.array([HALF_AXES_MM[0] - 4.5, 1.0, -0.5])
 NOISE_MM = 0.004
@@ -25,7 +26,7 @@ def left_by_plain(forward: ForwardModel) -> list[np.ndarray]:
 def planted_spot(rng: np.random.Generator) -> ForwardModel:
     plain = forward_of()
     place = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}
-    more = EFFECT.respond(plain, place, "").unit[0] - plain.base.grasps[0].tracks.unit_displacement
+    more = EFFECT.respond(plain, place, ONE_WAY).unit[0] - plain.base.grasps[0].tracks.unit_displacement
     return forward_of(COMPLIANCE * more + NOISE_MM * rng.normal(size=more.shape))
 
 

@@ -6,22 +6,30 @@ import numpy as np
 import pytest
 
 from fem.estimation.zero_drift import RestingForces
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect import Signature
+from fem.mismatch.effect_spec import DiscrepancyPrior
 from fem.mismatch.evidence.discrepancy_prior import (
-    DISCREPANCY,
     beside,
     discrepancy_columns,
     discrepancy_spread,
 )
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.signature_variant import ONE_WAY
 
 SHAPE = (4, 12, 3)
 NOISE_MM = 0.01
 
 
 def effect(name: str) -> SimpleNamespace:
-    return SimpleNamespace(name=name)
+    return SimpleNamespace(spec=SPECS[name])
+
+
+def prior(name: str) -> DiscrepancyPrior:
+    found = SPECS[name].discrepancy
+    assert found is not None
+    return found
 
 
 class Recording:
@@ -47,7 +55,7 @@ def gain_of(name: str, *, amount: float, compliance_ratio: float = 1.0, complian
     position = compliance * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
     forward = SimpleNamespace(compliance=compliance, compliance_ratio=compliance_ratio, workers=1)
     own = Regressor(name="own", sd=4.0, fields=[ObservationDelta(markers=field)], positive=True)
-    columns = discrepancy_columns(forward, [(effect(name), Signature(label="", columns=(own,)))])
+    columns = discrepancy_columns(forward, [(effect(name), Signature(variant=ONE_WAY, columns=(own,)))])
     products = GramMatrix(forward, [Recording(position, unit)], [*columns, own])
     nuisances = tuple(range(1, len(columns) + 1))
     return products.fit((*nuisances, len(columns) + 1)).log_evidence - products.fit(nuisances).log_evidence
@@ -55,7 +63,7 @@ def gain_of(name: str, *, amount: float, compliance_ratio: float = 1.0, complian
 
 @pytest.mark.parametrize("name", ["skin", "poisson_ratio"])
 def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
-    mean, sd = DISCREPANCY[name]
+    mean, sd = prior(name).mean, prior(name).sd
     assert gain_of(name, amount=mean) < 0
     assert gain_of(name, amount=mean + sd) < 0
     assert gain_of(name, amount=mean + 10 * sd) > 30
@@ -63,7 +71,7 @@ def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
 
 
 def test_jaws_seem_to_give_way_the_more_the_softer_the_flesh():
-    soft = DISCREPANCY["gripper_compliance"][0] * 4.0 * 3.0
+    soft = prior("gripper_compliance").mean * 4.0 * 3.0
     assert gain_of("gripper_compliance", amount=soft, compliance_ratio=3.0, compliance=4.0) < 0
     assert gain_of("gripper_compliance", amount=10 * soft, compliance_ratio=3.0, compliance=4.0) > 30
 
@@ -74,9 +82,13 @@ def test_an_effect_without_a_seeming_amount_counts_from_nothing():
 
 def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
     columns = [
-        Regressor(name=name, sd=1.0, fields=[]) for name in ("1/E", "as if skin", "as if poisson_ratio")
+        Regressor(name="1/E", sd=1.0, fields=[]),
+        *(
+            Regressor(name=f"as if {name}", sd=1.0, fields=[], discrepancy_of=SPECS[name])
+            for name in ("skin", "poisson_ratio")
+        ),
     ]
     assert beside([effect("skin")], columns, (1, 2)) == (2,)
     assert beside([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
-    assert discrepancy_spread(effect("skin")) > DISCREPANCY["skin"][0]
+    assert discrepancy_spread(effect("skin")) > prior("skin").mean
     assert discrepancy_spread(effect("poisson_ratio")) == 0

@@ -18,6 +18,7 @@ from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 
@@ -191,7 +192,7 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
 
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
-    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, "").unit[0]
+    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, ONE_WAY).unit[0]
     forward = moved_by(unit)
     recording = forward.base.grasps[0]
     first = EFFECT.signatures(forward)[0]

@@ -6,13 +6,14 @@ from pinched_forward_model import forward_of
 from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.reported_values import _ninety
 from fem.mismatch.selection.modulus_with import SYSTEMATIC, _own_error, modulus_of, modulus_with
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +24,7 @@ def jaws() -> Refit:
 @pytest.fixture(scope="module")
 def thick_skin() -> Refit:
     forward = forward_of()
-    unit = skin.EFFECT.respond(forward, {"Et_over_E_mm": 6.0}, "").unit[0]
+    unit = skin.EFFECT.respond(forward, {"Et_over_E_mm": 6.0}, ONE_WAY).unit[0]
     planted = forward_of(forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement))
     linear = screened(
         planted, [GraspEquations.of(planted, one) for one in planted.base.grasps], [skin.EFFECT]
@@ -33,12 +34,12 @@ def thick_skin() -> Refit:
 
 def asked(again: Refit, share: float) -> float:
     """d ln E / d parameter (of its logarithm where it is searched on one), of the effect itself."""
-    (effect,), (choice,), (values,) = again.effects, again.choices, again.parameters
-    (spec,) = effect.parameters
+    (effect,), (variant,), (values,) = again.effects, again.variants, again.parameters
+    (spec,) = effect.spec.searched
     ends = []
     for way in (1, -1):
         on = values[spec.name] * (1 + way * share)
-        ends.append(modulus_of(again.forward, effect.respond(again.forward, {spec.name: on}, choice)).value)
+        ends.append(modulus_of(again.forward, effect.respond(again.forward, {spec.name: on}, variant)).value)
     step = np.log((1 + share) / (1 - share)) if spec.log else 2 * share * values[spec.name]
     return float(np.log(ends[0] / ends[1]) / step)
 

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from pinched_forward_model import COMPLIANCE, forward_of
 
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.effects import damage, skin, soft_spot
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
 from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.signature_variant import ONE_WAY
 
 SOFTER = 1.25
 TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
@@ -22,7 +23,7 @@ def planted():
     """Flesh that is damaged, and softer than the plain model's by SOFTER."""
     forward = forward_of()
     truly = replace(forward, compliance=SOFTER * COMPLIANCE)
-    moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, "").unit[0]
+    moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, ONE_WAY).unit[0]
     return forward_of(moved - COMPLIANCE * forward.base.grasps[0].tracks.unit_displacement)
 
 
@@ -48,7 +49,7 @@ def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
 
 def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     linear = rounds([damage.EFFECT])
-    search = _Search(planted(), linear, (linear.best[0],), damage.EFFECT.parameters)
+    search = _Search(planted(), linear, (linear.best[0],), damage.EFFECT.spec.searched)
     before = search.linearised(search.scaled([0.3, 0.006]))
     after, followed = search.followed(before)
     assert followed
@@ -70,9 +71,9 @@ def test_the_spread_of_a_laws_parameter_has_that_of_the_modulus_in_it():
 
 def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     linear = rounds([damage.EFFECT, skin.EFFECT])
-    shown = {one.effect.name: one for one in linear.best}
+    shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
-    specs = [spec for one in effects for spec in one.effect.parameters]
+    specs = [spec for one in effects for spec in one.effect.spec.searched]
     search = _Search(planted(), linear, effects, specs)
     middle = (search.low + search.high) / 2
     assert search.at_an_end(middle) == (False, False)
@@ -87,15 +88,17 @@ def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
 
 def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch):
     linear = rounds([damage.EFFECT, skin.EFFECT])
-    shown = {one.effect.name: one for one in linear.best}
+    shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
-    search = _Search(planted(), linear, effects, [spec for one in effects for spec in one.effect.parameters])
+    search = _Search(
+        planted(), linear, effects, [spec for one in effects for spec in one.effect.spec.searched]
+    )
     asked = []
     respond = type(damage.EFFECT).respond
     monkeypatch.setattr(
         type(damage.EFFECT),
         "respond",
-        lambda self, forward, own, choice: asked.append(dict(own)) or respond(self, forward, own, choice),
+        lambda self, forward, own, variant: asked.append(dict(own)) or respond(self, forward, own, variant),
     )
     at = search.scaled([0.3, 0.006, 0.5])
     search.respond(at)
@@ -111,7 +114,9 @@ def test_threads_change_no_number():
     one, two = (rounds(effects, workers=workers) for workers in (1, 3))
     assert one.null.log_evidence == two.null.log_evidence
     assert [shown.gain for shown in one.shown] == [shown.gain for shown in two.shown]
-    assert [shown.signature.label for shown in one.shown] == [shown.signature.label for shown in two.shown]
+    assert [shown.signature.variant for shown in one.shown] == [
+        shown.signature.variant for shown in two.shown
+    ]
 
 
 def test_a_strain_power_is_for_a_logarithmic_scale():

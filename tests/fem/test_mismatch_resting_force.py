@@ -11,6 +11,7 @@ from fem.grasp_history import GraspHistory
 from fem.mismatch.effects import sensor_drift
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.signature_variant import OfPad
 
 AIR_S, AFTER = TIME_S[:3].mean(), 5
 E_MPA = 0.25
@@ -79,7 +80,7 @@ def test_a_drift_that_markers_noise_hides_is_found_by_its_size_and_taken_out_of_
     forward, linear, again = linear_and_refitted(
         let_go(planted_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
     )
-    assert again.choices == ("right",)
+    assert again.variants == (OfPad(pad="right"),)
     assert again.parameters[0]["newton_per_s"] == pytest.approx(rate, rel=0.1)
     assert linear.best[0].gain > 10
     assert modulus_of(forward, again.response).value == pytest.approx(E_MPA, rel=0.03)

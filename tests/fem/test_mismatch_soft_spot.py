@@ -10,9 +10,10 @@ from pinched_forward_model import COMPLIANCE, forward_of, pinched
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import tetrahedralise
-from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, label_of, place_of
+from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, variant_of
 from fem.mismatch.localisation.spot_search import Spot
 from fem.mismatch.model.spot_response import to_first_order
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.inclusion import Softened, ball_stiffness, drop_of, times
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import reduced
@@ -32,7 +33,7 @@ def softened_solid(solid: UnitModulusSolid, *, centre_mm, radius_mm, ratio) -> U
 
 
 def responded(forward, **changes: float) -> np.ndarray:
-    return EFFECT.respond(forward, {**TRUTH, **changes}, "").unit[0]
+    return EFFECT.respond(forward, {**TRUTH, **changes}, ONE_WAY).unit[0]
 
 
 def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_uniform_strain(solid_ball):
@@ -83,13 +84,12 @@ def test_signature_is_the_slope_of_the_model_at_no_drop():
     small = 1e-3
     spot = Spot(centre_mm=SPOT_MM, radius_mm=4.5, score=1.0, drop=1.0)
     planted = forward_of(COMPLIANCE * (responded(forward) - forward.base.grasps[0].tracks.unit_displacement))
-    label = EFFECT.signatures(planted)[1].label
-    centre_mm, radius_mm = place_of(label)
-    place = {**dict(zip(CENTRE, centre_mm, strict=True)), "radius_mm": radius_mm}
+    variant = EFFECT.signatures(planted)[1].variant
+    place = {**dict(zip(CENTRE, variant.centre_mm, strict=True)), "radius_mm": variant.radius_mm}
     slope = responded(planted, **place, ratio=1 - small) - responded(planted, **place, ratio=1.0)
     given = EFFECT.signatures(planted)[1].columns[0].fields[0].markers
     assert np.linalg.norm(COMPLIANCE * slope / small - given) < 0.01 * np.linalg.norm(given)
-    assert place_of(label_of(spot))[1] == 4.5
+    assert variant_of(spot).radius_mm == 4.5
 
 
 def test_planted_spot_is_found_where_it_is_and_started_near_its_ratio():
@@ -99,7 +99,7 @@ def test_planted_spot_is_found_where_it_is_and_started_near_its_ratio():
     forward = forward_of(more + 0.004 * rng.normal(size=more.shape))
     signatures = EFFECT.signatures(forward)
     assert len(signatures) <= 6
-    away = [np.linalg.norm(place_of(one.label)[0] - SPOT_MM) for one in signatures]
+    away = [np.linalg.norm(one.variant.centre_mm - SPOT_MM) for one in signatures]
     nearest = signatures[int(np.argmin(away))]
     assert min(away) < 3.0
     start = EFFECT.start(forward, nearest, np.array([0.9]))

@@ -37,8 +37,8 @@ def test_detection_comes_out_as_it_did_with_those_tuples():
     assert of_sound("what is left") == np.median(null_reference().statistics[:, 2])
     assert null_gain("skin", 2.0) == 0.37
     assert null_gain("unheard of", 2.0) == 0
-    assert null_gain_in_full("stiffening", 2.0) == 0
-    assert null_gain_in_full("skin+soft_spot", 1.0) == 1.93
+    assert null_gain_in_full([("stiffening", "stiffening neo-hookean")], 2.0) == 0
+    assert null_gain_in_full([("skin",), ("soft_spot",)], 1.0) == 1.93
 
 
 def test_each_file_says_where_its_numbers_come_from():

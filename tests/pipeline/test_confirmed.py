@@ -10,9 +10,10 @@ import pytest
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.catalogue import SPECS
 from pipeline.batch.layout import FruitResults
 from pipeline.batch.settings import PitSettings, Settings
-from pipeline.diagnosis.confirmed_effects import PARAMETERS, ConfirmedEffect, PitFound, pit_found
+from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, PitFound, pit_found
 from pipeline.fruit.effect_spread import _shifted
 from pipeline.fruit.flesh_effects import (
     MECHANICS,
@@ -102,12 +103,13 @@ def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
 
 
 def test_every_effect_that_can_be_confirmed_reaches_the_modulus():
-    for name, kinds in PARAMETERS.items():
-        values = {"number": 0.4, "pair": (0.1, 0.2), "triple": (0.1, 0.2, 0.3), "pad": "left"}
-        one = ConfirmedEffect(effect=name, parameters={key: values[kind] for key, kind in kinds.items()})
+    values = {"number": 0.4, "pair": (0.1, 0.2), "triple": (0.1, 0.2, 0.3), "pad": "left"}
+    for name, spec in SPECS.items():
+        parameters = {parameter.name: values[parameter.kind] for parameter in spec.parameters}
+        one = ConfirmedEffect(effect=name, parameters=parameters)
         assert used([one]) == (one,)
         if name in MECHANICS:
-            wanted = {spec.name for spec in MECHANICS[name].parameters}
+            wanted = {spec.name for spec in MECHANICS[name].spec.searched}
             assert catalogue_parameters(one, 0.5).keys() == wanted
 
 

@@ -7,12 +7,13 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from reports.effect_words import EFFECTS, effect_name, explain_verdict, where_in_words
+from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
 from reports.explain_entries import (
     CandidateEntry,
     CellEntry,
     CheckEntry,
+    EffectEntry,
     ExplainEntry,
     MapEntry,
     ParameterEntry,
@@ -20,32 +21,18 @@ from reports.explain_entries import (
     VarianceEntry,
 )
 from reports.explain_page import explain_html
-from reports.parameter_words import PARAMETERS, parameter_words
 from reports.raycast import TracedSurface, Viewing
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
 
-VOCABULARY = [
-    "none",
-    "viscoelastic",
-    "stiffening",
-    "skin",
-    "graded_modulus",
-    "soft_spot",
-    "anisotropy",
-    "poisson_ratio",
-    "pit_offset",
-    "pit_size",
-    "loose_pit",
-    "slip",
-    "plastic_set",
-    "damage",
-    "sensor_gain",
-    "sensor_drift",
-    "gripper_compliance",
-    "clock_lag",
-    "pose_error",
-    "unknown",
-]
+EFFECTS = {
+    name: EffectEntry(short=short, meaning=f"What {name} means.", advice=f"What to do about {name}.")
+    for name, short in {
+        "viscoelastic": "the flesh creeps",
+        "clock_lag": "the clocks are apart",
+        "pit_size": "the pit is larger or smaller than expected",
+        "sensor_gain": "one pad reads its force too high or too low",
+    }.items()
+}
 OCTAHEDRON = np.array(
     [[4, 0, 2], [4, 2, 1], [4, 1, 3], [4, 3, 0], [5, 2, 0], [5, 1, 2], [5, 3, 1], [5, 0, 3]]
 )
@@ -95,6 +82,7 @@ def entry(**changes):
         E_after_MPa=0.315,
         E_after_sd_MPa=0.006,
         made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
+        effects=EFFECTS,
         rms=(2.6, 1.04, 1.0),
         next_grasp="Hold one grasp for 30 s.",
         cells=tuple(
@@ -187,13 +175,20 @@ def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
     )
 
 
-def test_every_effect_of_the_vocabulary_has_its_words():
-    assert set(EFFECTS) == set(VOCABULARY)
-    for name, words in EFFECTS.items():
-        assert words.meaning.endswith("."), name
-        assert words.advice.endswith("."), name
-        assert words.short[0].islower()
-        assert name == "none" or effect_name(name) not in ("", "none")
+def test_verdicts_that_are_no_effect_have_words_of_their_own():
+    for verdict in ("none", "unknown"):
+        page = explain_html(entry(verdict=(verdict,), effects={}))
+        assert VERDICTS[verdict].advice in page
+
+
+def test_an_effect_without_words_is_told_by_its_name():
+    assert "Pose error (pose error" in explain_verdict(
+        entry(
+            verdict=("pose_error",),
+            effects={},
+            ranking=(CandidateEntry(effect="pose_error", probability=1.0, log_evidence=9.0, chi2_gain=20.0),),
+        )
+    )
 
 
 def test_several_names_are_given_the_likeliest_first():
@@ -208,12 +203,6 @@ def test_a_pair_is_said_as_two():
 def test_a_spot_is_told_with_its_place_and_width():
     spot = entry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0)
     assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
-
-
-def test_parameters_of_further_arms_and_of_pairs_have_words():
-    assert parameter_words("g_2") == PARAMETERS["g"]
-    assert parameter_words("sensor_gain.gain") == PARAMETERS["gain"]
-    assert parameter_words("new_thing") == "new thing"
 
 
 def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():

@@ -5,13 +5,39 @@ from collections.abc import Sequence
 import numpy as np
 
 from fem.elements.assembly import unit_lame_constants
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
 """Picks zz of the six stresses xx, yy, zz, yz, xz, xy."""
+
+SPEC = EffectSpec(
+    name="anisotropy",
+    rank=60,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh is firmer along the stem axis than across it, or the other way round",
+        meaning="Fibres make the flesh resist differently in different directions.",
+        advice="Grasp all fruit in the same direction, or apply the effect to the batch.",
+    ),
+    parameters=(
+        number(
+            "axial",
+            "1",
+            "extra stiffness along the stem axis",
+            limits=(-10.0, 1e3),
+            low=-1.5,
+            high=6.0,
+            model_share=0.25,
+        ),
+    ),
+    separated_by=(("pit_offset", NextGrasp.ACROSS),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
@@ -20,9 +46,8 @@ def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     return axial, (plain_stiffness(forward), axial)
 
 
-EFFECT = LinearLaw(
-    name="anisotropy",
-    parameter=ParameterSpec(name="axial", unit="1", low=-1.5, high=6.0, model_share=0.25),
+EFFECT: Effect = LinearLaw(
+    spec=SPEC,
     sd=0.8,
     operators=_operators,
     amounts=lambda forward, theta: (1.0, theta),

@@ -10,32 +10,56 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 STEP_S = 0.05
 """Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by
 hand."""
+
+SPEC = EffectSpec(
+    name="clock_lag",
+    rank=170,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="the sensor's clock and the gripper's are apart",
+        meaning="Gel frames and jaw positions were stamped by clocks that differ by a fraction of a second.",
+        advice="Synchronise the clocks in the recorder. Apply the effect to the recordings made so far.",
+    ),
+    parameters=(
+        number(
+            "lag_s",
+            "s",
+            "how late force and displacement are against the jaws",
+            limits=(-100.0, 100.0),
+            low=-1.0,
+            high=1.0,
+            model_sd=0.001,
+            model_share=0.01,
+        ),
+    ),
+    correction=Correction.CLOCK_LAG,
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 @dataclass(frozen=True)
 class ClockLag:
     """One lag for all recordings."""
 
-    name: str = "clock_lag"
-    family: Family = "measurement"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="lag_s", unit="s", low=-1.0, high=1.0, model_sd=0.001, model_share=0.01),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The pads' velocity."""
         fields = [
             ObservationDelta(markers=_gone(recording, STEP_S) / STEP_S) for recording in forward.base.grasps
         ]
-        return [Signature(label="", columns=(Regressor(name="lag_s", sd=0.15, fields=fields),))]
+        return [Signature(variant=ONE_WAY, columns=(Regressor(name="lag_s", sd=0.15, fields=fields),))]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -43,7 +67,7 @@ class ClockLag:
         """The amount is the lag."""
         return {"lag_s": float(np.clip(amounts[0], -0.8, 0.8))}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Positions as recorded less those of the earlier pose."""
         return Response(
             unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
@@ -62,4 +86,4 @@ def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
     return gone
 
 
-EFFECT = ClockLag()
+EFFECT: Effect = ClockLag()

@@ -16,10 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.solid.small_strain import linear_stress, strain_energy
 
@@ -35,17 +37,48 @@ FAR_DMAX, FAR_W0 = 0.25, 4.0
 FRAMES = 44
 """Frames of all recordings together."""
 
+SPEC = EffectSpec(
+    name="damage",
+    rank=130,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh is softer the second time it is pressed",
+        meaning="The first squeeze breaks some of the flesh's structure, so that later ones meet less "
+        "resistance.",
+        advice="Use the first squeeze of every fruit only, lower the force, and do not grasp a place twice.",
+    ),
+    parameters=(
+        number(
+            DMAX,
+            "1",
+            "most of the resistance that is lost",
+            limits=(0.0, 1.0),
+            low=0.02,
+            high=0.95,
+            model_share=0.04,
+        ),
+        number(
+            W0,
+            "1",
+            "energy at which it is lost, over E",
+            limits=(0.0, 1e6),
+            low=1e-6,
+            high=1.0,
+            log=True,
+            model_share=0.1,
+            strain_power=2.0,
+        ),
+    ),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class Damage:
     """The effect; see the module."""
 
-    name: str = "damage"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=DMAX, unit="1", low=0.02, high=0.95, model_share=0.04),
-        ParameterSpec(name=W0, unit="1", low=1e-6, high=1.0, log=True, model_share=0.1, strain_power=2.0),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each W0, its amount dmax."""
@@ -59,7 +92,7 @@ class Damage:
             fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
             found.append(
                 Signature(
-                    label=f"W0 {relative * level:.3g}",
+                    variant=AtValue(symbol="W0", value=significant(relative * level, 3)),
                     columns=(Regressor(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
                 )
             )
@@ -73,9 +106,9 @@ class Damage:
     ) -> dict[str, float]:
         """The signature's W0. Damaged flesh strains more: dmax is less than the amount, x / (1 + x)."""
         amount = max(float(amounts[0]), 0.0)
-        return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: float(signature.label.split()[1])}
+        return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: value_of(signature.variant)}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The law in the field that it itself brings."""
         state = path_state(forward, frames=FRAMES, remembers=True)
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
@@ -87,10 +120,10 @@ class Damage:
             lambda moved: pieces.forces(moved, law),
             compliance=forward.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=first_guess(forward, self.name, place),
+            start=first_guess(forward, self.spec.name, place),
             together=True,
         )
-        keep_run(forward, self.name, place, more)
+        keep_run(forward, self.spec.name, place, more)
         return Response(
             unit=[
                 recording.tracks.unit_displacement + own
@@ -124,4 +157,4 @@ def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_
     return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
 
 
-EFFECT = Damage()
+EFFECT: Effect = Damage()

@@ -5,11 +5,37 @@ E is that halfway. d by the distances to both (fem.mismatch.model.forward_model)
 
 from collections.abc import Sequence
 
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
+
+SPEC = EffectSpec(
+    name="graded_modulus",
+    rank=40,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh is not equally firm from skin to pit",
+        meaning="Firmness changes with depth: fruit often softens from the outside in, or around the pit.",
+        advice="Read the modulus as that of the flesh halfway between skin and pit.",
+    ),
+    parameters=(
+        number(
+            "gamma",
+            "1",
+            "change of firmness from skin (−) to pit (+)",
+            limits=(-1.0, 1.0),
+            low=-0.9,
+            high=0.9,
+            model_share=0.18,
+        ),
+    ),
+    separated_by=(("pit_size", NextGrasp.ACROSS),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
@@ -20,9 +46,8 @@ def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     return graded, (plain_stiffness(forward), graded)
 
 
-EFFECT = LinearLaw(
-    name="graded_modulus",
-    parameter=ParameterSpec(name="gamma", unit="1", low=-0.9, high=0.9, model_share=0.18),
+EFFECT: Effect = LinearLaw(
+    spec=SPEC,
     sd=0.4,
     needs_pit=True,
     operators=_operators,

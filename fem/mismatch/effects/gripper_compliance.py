@@ -9,28 +9,54 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pad_force
+from fem.mismatch.signature_variant import ONE_WAY, Variant
+
+SPEC = EffectSpec(
+    name="gripper_compliance",
+    rank=160,
+    family="measurement",
+    scope=Scope.GRIPPER,
+    words=EffectWords(
+        short="the gripper itself gives way under load",
+        meaning="Jaws or mount bend, so that they travel less than the machine reports.",
+        advice="Tighten the jaws. Apply the effect: travel is then corrected by what the jaws give way.",
+    ),
+    parameters=(
+        number(
+            "mm_per_N",
+            "mm/N",
+            "how far each jaw gives way per newton",
+            limits=(-10.0, 10.0),
+            low=0.0,
+            high=0.5,
+            model_share=0.1,
+        ),
+    ),
+    correction=Correction.JAW_COMPLIANCE,
+    discrepancy=DiscrepancyPrior(mean=0.001, sd=0.0007, per_compliance=True, trades_with_modulus=True),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 @dataclass(frozen=True)
 class GripperCompliance:
     """One compliance for all jaws."""
 
-    name: str = "gripper_compliance"
-    family: Family = "measurement"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="mm_per_N", unit="mm/N", low=0.0, high=0.5, model_share=0.1),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Each pad's force along its own normal."""
         fields = [ObservationDelta(markers=_ahead(recording)) for recording in forward.base.grasps]
         return [
-            Signature(label="", columns=(Regressor(name="mm_per_N", sd=0.03, positive=True, fields=fields),))
+            Signature(
+                variant=ONE_WAY, columns=(Regressor(name="mm_per_N", sd=0.03, positive=True, fields=fields),)
+            )
         ]
 
     def start(
@@ -39,7 +65,7 @@ class GripperCompliance:
         """The amount is the compliance."""
         return {"mm_per_N": float(np.clip(amounts[0], 0.0, 0.4))}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Positions too far ahead by the jaw's own giving way."""
         return Response(
             unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
@@ -57,4 +83,4 @@ def _ahead(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     return ahead
 
 
-EFFECT = GripperCompliance()
+EFFECT: Effect = GripperCompliance()

@@ -18,12 +18,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import loose_flesh
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.signature_variant import AtValue, Variant, value_of
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
@@ -42,16 +44,39 @@ MOST_ROUNDS, STILL = 12, 1e-3
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it, until it changes
 by a smaller share than STILL (a tenth of what E is known to)."""
 
+SPEC = EffectSpec(
+    name="loose_pit",
+    rank=100,
+    family="object",
+    scope=Scope.FRUIT,
+    words=EffectWords(
+        short="the pit is loose in its hollow",
+        meaning="There is a gap between flesh and pit (a freestone): the flesh gives way easily at first, "
+        "until it meets the pit.",
+        advice="Nothing is wrong with the fruit. Read the modulus with the gap taken out.",
+    ),
+    parameters=(
+        number(
+            GAP,
+            "mm",
+            "gap between flesh and pit",
+            limits=(0.0, 50.0),
+            low=LOWEST_MM,
+            high=HIGHEST_MM,
+            log=True,
+            model_share=0.2,
+        ),
+    ),
+    of_the_pit=True,
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class LoosePit:
     """The effect; see the module."""
 
-    name: str = "loose_pit"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=GAP, unit="mm", low=LOWEST_MM, high=HIGHEST_MM, log=True, model_share=0.2),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each gap; none where the flesh has no pit."""
@@ -59,11 +84,11 @@ class LoosePit:
             return []
         found = []
         for gap_mm in GAPS_MM:
-            label = f"gap {gap_mm:g} mm"
+            variant = AtValue(symbol="gap", value=gap_mm, unit="mm")
             try:
                 unit = self._settled(forward, gap_mm)
             except FemFailure as failure:
-                found.append(Signature(label=label, columns=(), untried=failure.detail))
+                found.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
             more = [
                 forward.compliance * (loose - recording.tracks.unit_displacement)
@@ -76,7 +101,7 @@ class LoosePit:
                     fields=[ObservationDelta(markers=own) for own in more],
                     positive=True,
                 )
-                found.append(Signature(label=label, columns=(column,)))
+                found.append(Signature(variant=variant, columns=(column,)))
         return found
 
     def start(
@@ -86,13 +111,13 @@ class LoosePit:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own gap: its amount is one."""
-        return {GAP: float(signature.label.split()[1])}
+        return {GAP: value_of(signature.variant)}
 
     def respond(
         self,
         forward: ForwardModel,
         parameters: Mapping[str, float],
-        choice: str,
+        variant: Variant,
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it."""
         return Response(unit=self._settled(forward, parameters[GAP]))
@@ -115,7 +140,7 @@ class LoosePit:
         )
 
 
-EFFECT = LoosePit()
+EFFECT: Effect = LoosePit()
 
 
 def loose_response(forward: ForwardModel, recording: GraspResponse, gap: float) -> Float[np.ndarray, "f n 3"]:

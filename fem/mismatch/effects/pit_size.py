@@ -7,20 +7,41 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.sensitivity import PIT_SIZE
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.signature_variant import ONE_WAY, Variant
+
+SPEC = EffectSpec(
+    name="pit_size",
+    rank=90,
+    family="object",
+    scope=Scope.FRUIT,
+    words=EffectWords(
+        short="the pit is larger or smaller than expected",
+        meaning="The pit's size differs from the category's by more than usual.",
+        advice="Apply the effect for this fruit. Where a cultivar always shows it, give the batch a pit "
+        "prior of its own.",
+    ),
+    parameters=(
+        number("scale", "1", "size of the pit over the expected", limits=(0.01, 100.0), low=0.5, high=1.5),
+    ),
+    correction=Correction.PIT_SIZE,
+    of_the_pit=True,
+    always_refitted=True,  # a pit a quarter smaller is far from linear
+    separated_by=(("gripper_compliance", NextGrasp.DEPTHS),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 @dataclass(frozen=True)
 class PitSize:
     """True size over the prior's."""
 
-    name: str = "pit_size"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (ParameterSpec(name="scale", unit="1", low=0.5, high=1.5),)
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The first order in ln scale; none for a fruit without a pit."""
@@ -28,7 +49,7 @@ class PitSize:
         if any(PIT_SIZE not in change for change in changes):
             return []
         fields = [ObservationDelta(markers=forward.compliance * change[PIT_SIZE]) for change in changes]
-        return [Signature(label="", columns=(Regressor(name="ln scale", sd=0.2, fields=fields),))]
+        return [Signature(variant=ONE_WAY, columns=(Regressor(name="ln scale", sd=0.2, fields=fields),))]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -36,10 +57,10 @@ class PitSize:
         """The amount is ln scale."""
         return {"scale": float(np.exp(np.clip(amounts[0], -0.5, 0.35)))}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The fruit meshed with that pit."""
         pit = np.array([0.0, 0.0, 0.0, np.log(parameters["scale"])])
-        return Response(unit=pit_responses(forward, self.name, pit))
+        return Response(unit=pit_responses(forward, self.spec.name, pit))
 
 
-EFFECT = PitSize()
+EFFECT: Effect = PitSize()

@@ -17,7 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import (
@@ -29,6 +30,7 @@ from fem.mismatch.model.stress_history import (
     path_state,
     settled,
 )
+from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, Tensors, exceeded_by
 from fem.solid.small_strain import deviator, von_mises
 
@@ -46,16 +48,39 @@ MARGIN = 0.7
 FRAMES = 48
 """Frames of all recordings together."""
 
+SPEC = EffectSpec(
+    name="plastic_set",
+    rank=120,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the grasp itself leaves a lasting dent",
+        meaning="The flesh does not spring back: it was pressed beyond what it bears.",
+        advice="Lower the gripper's force for this lot; the fruit grasped so far may show bruises.",
+    ),
+    parameters=(
+        number(
+            YIELD,
+            "1",
+            "stress at which a dent stays, over E",
+            limits=(0.0, 1e3),
+            low=1e-3,
+            high=0.5,
+            log=True,
+            model_share=0.05,
+            strain_power=1.0,
+        ),
+    ),
+    separated_by=(("damage", NextGrasp.CYCLES),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class PlasticSet:
     """The effect; see the module."""
 
-    name: str = "plastic_set"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=YIELD, unit="1", low=1e-3, high=0.5, log=True, model_share=0.05, strain_power=1.0),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each Y, its amount 1 to 3 where the law holds."""
@@ -69,7 +94,7 @@ class PlasticSet:
             fields = [ObservationDelta(markers=forward.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(
-                    label=f"Y {Y:.4g}",
+                    variant=AtValue(symbol="Y", value=significant(Y, 4)),
                     columns=(Regressor(name="set", sd=PRIOR_SD, positive=True, fields=fields),),
                 )
             )
@@ -82,9 +107,9 @@ class PlasticSet:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's Y."""
-        return {YIELD: float(signature.label.split()[1])}
+        return {YIELD: value_of(signature.variant)}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The law in the field that it itself brings."""
         state = path_state(forward, frames=FRAMES, remembers=True)
         Y = parameters[YIELD]
@@ -97,10 +122,10 @@ class PlasticSet:
             _set(forward, pieces, Y),
             compliance=forward.compliance,
             stiffer=np.ones(len(state.linear)),
-            start=first_guess(forward, self.name, place),
+            start=first_guess(forward, self.spec.name, place),
             together=True,
         )
-        keep_run(forward, self.name, place, more)
+        keep_run(forward, self.spec.name, place, more)
         return Response(
             unit=[
                 recording.tracks.unit_displacement + own
@@ -146,4 +171,4 @@ def _stress_seen(forward: ForwardModel, state: PathState) -> tuple[Float[np.ndar
     return largest.max(axis=1), exceeded_by(LARGE, largest, pieces.volume_mm3)
 
 
-EFFECT = PlasticSet()
+EFFECT: Effect = PlasticSet()

@@ -5,11 +5,30 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from fem.elements.assembly import unit_lame_constants
-from fem.mismatch.effect import ParameterSpec
+from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
+
+SPEC = EffectSpec(
+    name="poisson_ratio",
+    rank=70,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh keeps its volume more, or less, than assumed",
+        meaning="Squeezed flesh bulges sideways by another share than the settings say (Poisson's ratio).",
+        advice="Apply the effect: the ratio goes into the batch's settings.",
+    ),
+    parameters=(
+        number("nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995),
+    ),
+    correction=Correction.POISSON_RATIO,
+    discrepancy=DiscrepancyPrior(mean=0.03, sd=0.015),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
@@ -24,9 +43,8 @@ def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     return derivative, (matrix_operator(parts.k_mu), matrix_operator(parts.k_lambda))
 
 
-EFFECT = LinearLaw(
-    name="poisson_ratio",
-    parameter=ParameterSpec(name="nu", unit="1", low=0.05, high=0.4995),
+EFFECT: Effect = LinearLaw(
+    spec=SPEC,
     sd=0.06,
     operators=_operators,
     amounts=lambda forward, theta: unit_lame_constants(theta),

@@ -15,13 +15,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number, vector
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to, slid_response, turn_of
 from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.mismatch.signature_variant import OfPad, Variant, pad_of
 from fem.solid.pad_link import pad_link
 
 NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
@@ -31,18 +33,49 @@ FAR = 0.1
 """See fem.mismatch.model.quadratic_surrogate. A shift beside a tilt of twice its size would else never be
 looked at itself."""
 
+SPEC = EffectSpec(
+    name="pose_error",
+    rank=180,
+    family="interaction",
+    scope=Scope.GRIPPER,
+    words=EffectWords(
+        short="one pad is not where the gripper's calibration says",
+        meaning="A pad sits shifted or tilted against its recorded place.",
+        advice="Repeat the hand-eye calibration. Apply the effect to the recordings made so far.",
+    ),
+    parameters=(
+        PAD,
+        vector(
+            "shift_mm",
+            "mm",
+            "shift of the pad in its plane",
+            components=2,
+            limits=(-100.0, 100.0),
+            low=-7.0,
+            high=7.0,
+            model_sd=0.5,
+        ),
+        number(
+            "tilt_deg",
+            "deg",
+            "tilt of the pad",
+            limits=(-90.0, 90.0),
+            low=-10.0,
+            high=10.0,
+            model_sd=0.1,
+            model_share=0.05,
+        ),
+    ),
+    correction=Correction.PAD_POSE,
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class PoseError:
-    """One pad; which is the signature's label."""
+    """One pad; which is the signature's variant."""
 
-    name: str = "pose_error"
-    family: Family = "interaction"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=NAMES[0], unit="mm", low=-7.0, high=7.0, model_sd=0.5, model_share=0.0),
-        ParameterSpec(name=NAMES[1], unit="mm", low=-7.0, high=7.0, model_sd=0.5, model_share=0.0),
-        ParameterSpec(name=NAMES[2], unit="deg", low=-10.0, high=10.0, model_sd=0.1, model_share=0.05),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The pad slid along its x and y, and tilted by a degree."""
@@ -63,7 +96,7 @@ class PoseError:
                 )
                 for k, name in enumerate(NAMES)
             )
-            found.append(Signature(label=pad, columns=columns))
+            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
         return found
 
     def start(
@@ -72,33 +105,34 @@ class PoseError:
         """The amounts are the parameters."""
         return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
 
-    def other_start(self, forward: ForwardModel, choice: str) -> dict[str, float] | None:
+    def other_start(self, forward: ForwardModel, variant: Variant) -> dict[str, float] | None:
         """What best balances forces and moments of all recordings, to first order.
 
         Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
         """
+        pad = pad_of(variant)
         normal, right = np.diag(np.full(len(NAMES), PRIOR_SD**-2.0)), np.zeros(len(NAMES))
         free = False
         for recording in forward.base.grasps:
             equations = balance_equations(forward, recording)
-            if equations is None or choice not in recording.pad_names:
+            if equations is None or pad not in recording.pad_names:
                 continue
-            columns, free = _first_order(forward, recording, choice)[2], True
+            columns, free = _first_order(forward, recording, pad)[2], True
             weighed = np.stack([equations.weighed(column) for column in columns])
             normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
             right += np.tensordot(weighed, equations.measured, axes=2)
         theta = np.clip(np.linalg.solve(normal, right), -6.0, 6.0)
         return dict(zip(NAMES, theta.tolist(), strict=True)) if free else None
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The pad linked to the skin where it truly was."""
         theta = np.array([parameters[name] for name in NAMES])
-        grasps = forward.base.grasps
+        grasps, pad = forward.base.grasps, pad_of(variant)
 
         def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
             found = []
             for recording in grasps:
-                unit, shift, balance = _first_order(forward, recording, choice)
+                unit, shift, balance = _first_order(forward, recording, pad)
                 found.append(
                     [
                         recording.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
@@ -110,10 +144,10 @@ class PoseError:
 
         found = anchored(
             forward,
-            (self.name, choice, forward.compliance),
+            (self.spec.name, pad, forward.compliance),
             theta,
             first_order=first_order,
-            exact=lambda at: forward.each(lambda recording: _exact(forward, recording, choice, at)),
+            exact=lambda at: forward.each(lambda recording: _exact(forward, recording, pad, at)),
             far=FAR,
         )
         return Response(
@@ -216,4 +250,4 @@ def _ridden(turns: Float[np.ndarray, "f 3"], elsewhere_mm: Float[np.ndarray, "n 
     return np.cross(turns[:, None], elsewhere_mm)
 
 
-EFFECT = PoseError()
+EFFECT: Effect = PoseError()

@@ -12,22 +12,48 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
+from fem.mismatch.signature_variant import OfPad, Variant, pad_of
+
+SPEC = EffectSpec(
+    name="sensor_drift",
+    rank=150,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="the force reading of one pad drifts with time",
+        meaning="The pad's reading creeps although the load is steady: a warming gel, a tired membrane.",
+        advice="Let the sensor warm up, zero it before every grasp, and apply the effect to the recordings "
+        "made so far.",
+    ),
+    parameters=(
+        PAD,
+        number(
+            "newton_per_s",
+            "N/s",
+            "growth of the reading per second",
+            limits=(-1e3, 1e3),
+            low=-3.0,
+            high=3.0,
+            model_share=0.01,
+        ),
+    ),
+    correction=Correction.FORCE_DRIFT,
+    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.003),  # N/s
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """One pad's drift; which pad is the signature's label."""
+    """One pad's drift; which pad is the signature's variant."""
 
-    name: str = "sensor_drift"
-    family: Family = "measurement"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="newton_per_s", unit="N/s", low=-3.0, high=3.0, model_share=0.01),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Minus the response to a growing pressure, and the imbalance that it brings."""
@@ -42,7 +68,7 @@ class SensorDrift:
                 )
             ]
             columns = (Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
-            found.append(Signature(label=pad, columns=columns))
+            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
         return found
 
     def start(
@@ -51,17 +77,17 @@ class SensorDrift:
         """The amount is the drift."""
         return {"newton_per_s": float(np.clip(amounts[0], -2.5, 2.5))}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The forces of that pad less the drift: exact and linear."""
         rate = parameters["newton_per_s"]
-        parts = _of_pad(forward, choice)
+        parts = _of_pad(forward, pad_of(variant))
         return Response(
             unit=[
                 recording.tracks.unit_displacement - rate * alone
                 for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
             ],
             balance=[rate * balance for _, balance in parts],
-            rest=[rate * _at_rest(recording, choice) for recording in forward.base.grasps],
+            rest=[rate * _at_rest(recording, pad_of(variant)) for recording in forward.base.grasps],
         )
 
 
@@ -102,4 +128,4 @@ def _of_pad(
     return found
 
 
-EFFECT = SensorDrift()
+EFFECT: Effect = SensorDrift()

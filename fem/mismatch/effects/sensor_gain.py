@@ -13,28 +13,54 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
+from fem.mismatch.signature_variant import OfPad, Variant, pad_of
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
 """Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""
 MOST_BESIDE = 20.0
 """What a gel's maker says never outweighs more ln evidence of the markers than this."""
 
+SPEC = EffectSpec(
+    name="sensor_gain",
+    rank=140,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="one pad reads its force too high or too low",
+        meaning="The pads disagree about the same squeeze by a constant factor: one is out of calibration.",
+        advice="Calibrate this pad with a weight. Until then apply the effect: forces of the whole batch are "
+        "corrected by the factor found.",
+    ),
+    parameters=(
+        PAD,
+        number(
+            "gain",
+            "1",
+            "recorded force over true force",
+            limits=(0.01, 100.0),
+            low=0.5,
+            high=2.0,
+            model_share=0.003,
+        ),
+    ),
+    correction=Correction.FORCE_GAIN,
+    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.002),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class SensorGain:
-    """One pad's gain; which pad is the signature's label."""
+    """One pad's gain; which pad is the signature's variant."""
 
-    name: str = "sensor_gain"
-    family: Family = "measurement"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="gain", unit="1", low=0.5, high=2.0, model_share=0.003),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Minus the response to that pad's forces, and the imbalance that they leave."""
@@ -45,7 +71,7 @@ class SensorGain:
                 for alone, balance in _of_pad(forward, pad)
             ]
             columns = (Regressor(name=f"{pad} gain", sd=0.15, fields=fields),)
-            found.append(Signature(label=pad, columns=columns))
+            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
         return found
 
     def start(
@@ -54,22 +80,22 @@ class SensorGain:
         """The amount is the gain less one, as 1 - 1/gain."""
         return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
 
-    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> float:
         """ln of the pads' stiffness being as said with this gain, over that without."""
         stiffer = [(pad, _stiffer(forward, pad)) for pad in pads_of(forward)]
         known = [(pad, z) for pad, z in stiffer if z is not None]
         if not known:
             return 0.0
         z = np.array([z for _, z in known])
-        gained = np.array([np.log(parameters["gain"]) if pad == choice else 0.0 for pad, _ in known])
+        gained = np.array([np.log(parameters["gain"]) if pad == pad_of(variant) else 0.0 for pad, _ in known])
         weight = np.linalg.inv(GEL_SD**2 * np.eye(len(z)) + COMMON_GEL_SD**2)
         found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
         return float(np.clip(found, -MOST_BESIDE, MOST_BESIDE))
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The forces of that pad divided by the gain."""
         share = 1 - 1 / parameters["gain"]
-        parts = _of_pad(forward, choice)
+        parts = _of_pad(forward, pad_of(variant))
         return Response(
             unit=[
                 recording.tracks.unit_displacement - share * alone
@@ -119,4 +145,4 @@ def _alone(
     return recording.over_time(response_to(forward, recording, np.where(own, recording.patterns, 0.0)))
 
 
-EFFECT = SensorGain()
+EFFECT: Effect = SensorGain()

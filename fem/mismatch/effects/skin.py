@@ -6,11 +6,49 @@ Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio
 
 from collections.abc import Sequence
 
-from fem.mismatch.effect import ParameterSpec
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import (
+    DiscrepancyPrior,
+    EffectParameter,
+    EffectSpec,
+    EffectWords,
+    NextGrasp,
+    ParameterSpec,
+    Scope,
+)
 from fem.mismatch.linear_law import LinearLaw, matrix_operator, plain_stiffness
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
+
+SPEC = EffectSpec(
+    name="skin",
+    rank=30,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="a stiff skin carries part of the load",
+        meaning="The skin works like a membrane stretched over the flesh: the fruit looks firmer than it is.",
+        advice="Apply the effect to the batch: the modulus is then that of the flesh under the skin.",
+    ),
+    parameters=(
+        EffectParameter(
+            name="Et_N_per_mm",
+            unit="N/mm",
+            words="stiffness of the skin",
+            limits=(0.0, 1e4),
+            searched=(ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_share=0.1),),
+            modulus_power=1.0,
+        ),
+    ),
+    separated_by=(
+        ("gripper_compliance", NextGrasp.DEPTHS),
+        ("poisson_ratio", NextGrasp.ACROSS),
+        ("graded_modulus", NextGrasp.ACROSS),
+    ),
+    discrepancy=DiscrepancyPrior(mean=0.42, sd=0.09, saturating=True),  # mm
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
@@ -21,9 +59,8 @@ def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     return stretched, (plain_stiffness(forward), stretched)
 
 
-EFFECT = LinearLaw(
-    name="skin",
-    parameter=ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_share=0.1),
+EFFECT: Effect = LinearLaw(
+    spec=SPEC,
     sd=4.0,
     positive=True,
     operators=_operators,

@@ -17,13 +17,15 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.model.slip_path import slip_path
+from fem.mismatch.signature_variant import AtValue, Variant, value_of
 
 MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0)
@@ -34,32 +36,54 @@ hand."""
 SEEN_MM = 0.002
 """A path that is nowhere longer than this shows nothing."""
 
+SPEC = EffectSpec(
+    name="slip",
+    rank=110,
+    family="interaction",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the fruit slips between the pads",
+        meaning="The pads slide over the skin: wax, juice or dust makes it slippery.",
+        advice="Wipe fruit and pads dry, close the gripper a little further and slower, and record again.",
+    ),
+    parameters=(
+        number(
+            MU,
+            "1",
+            "friction between pad and skin",
+            limits=(0.0, 100.0),
+            low=LOWEST,
+            high=HIGHEST,
+            log=True,
+            model_share=0.2,
+        ),
+    ),
+    separated_by=(("pose_error", NextGrasp.DRY),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class Slip:
     """The effect; see the module."""
 
-    name: str = "slip"
-    family: Family = "interaction"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name=MU, unit="1", low=LOWEST, high=HIGHEST, log=True, model_share=0.2),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
         least = least_mu(_ratios(forward))
         found = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
-            label = f"mu {mu:.4f}"
+            variant = AtValue(symbol="mu", value=round(mu, 4))
             try:
                 paths = _paths(forward, mu)
             except FemFailure as failure:
-                found.append(Signature(label=label, columns=(), untried=failure.detail))
+                found.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
                 fields = [ObservationDelta(markers=-path) for path in paths]
                 column = Regressor(name="path", sd=1.0, fields=fields, positive=True)
-                found.append(Signature(label=label, columns=(column,)))
+                found.append(Signature(variant=variant, columns=(column,)))
         return found
 
     def start(
@@ -69,9 +93,9 @@ class Slip:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
-        return {MU: float(np.clip(float(signature.label.split()[1]), LOWEST, HIGHEST))}
+        return {MU: float(np.clip(value_of(signature.variant), LOWEST, HIGHEST))}
 
-    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> float:
+    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> float:
         """Markers piled up on this cone."""
         return max(_ratios(forward).log_ratio(parameters[MU]), 0.0)
 
@@ -79,7 +103,7 @@ class Slip:
         self,
         forward: ForwardModel,
         parameters: Mapping[str, float],
-        choice: str,
+        variant: Variant,
     ) -> Response:
         """The markers behind the skin by the path slid."""
         return Response(
@@ -88,7 +112,7 @@ class Slip:
         )
 
 
-EFFECT = Slip()
+EFFECT: Effect = Slip()
 
 
 def _ratios(forward: ForwardModel) -> ShearRatios:

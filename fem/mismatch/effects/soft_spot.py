@@ -13,11 +13,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number, vector
 from fem.mismatch.localisation.spot_search import Spot, best_spots
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.spot_response import softened, to_first_order
+from fem.mismatch.result import Where
+from fem.mismatch.signature_variant import AtPlace, Variant
 from fem.solid.inclusion import ball_stiffness, drop_of
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
@@ -27,23 +30,59 @@ MIDDLE_RATIO = 0.35
 RATIOS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85)
 """Of the moduli, tried as starts: from next to nothing to next to sound."""
 
+SPEC = EffectSpec(
+    name="soft_spot",
+    rank=50,
+    family="object",
+    scope=Scope.FRUIT,
+    words=EffectWords(
+        short="there is a soft spot, such as a bruise",
+        meaning="One place in the flesh is much softer than the rest. It is marked on the fruit below.",
+        advice="Look at the fruit there, cut it open if in doubt, and sort it as bruised. The modulus given "
+        "afterwards is that of the sound flesh.",
+    ),
+    parameters=(
+        vector(
+            "centre_mm",
+            "mm",
+            "centre of the spot",
+            components=3,
+            limits=(-1e3, 1e3),
+            low=-500.0,
+            high=500.0,
+            spread=40.0,
+            model_sd=0.5,
+        ),
+        number(
+            RADIUS,
+            "mm",
+            "radius of the spot",
+            limits=(1e-3, 1e3),
+            low=3.0,
+            high=10.0,
+            log=True,
+            model_share=0.08,
+        ),
+        number(
+            RATIO,
+            "1",
+            "firmness of the spot over that of the flesh",
+            limits=(1e-6, 1e6),
+            low=0.05,
+            high=0.95,
+            model_share=0.12,
+        ),
+    ),
+    separated_by=(("sensor_gain", NextGrasp.TURNED),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
 
 @dataclass(frozen=True)
 class SoftSpot:
     """The effect; see the module."""
 
-    name: str = "soft_spot"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        *(
-            ParameterSpec(
-                name=name, unit="mm", low=-500.0, high=500.0, spread=40.0, model_sd=0.5, model_share=0.0
-            )
-            for name in CENTRE
-        ),
-        ParameterSpec(name=RADIUS, unit="mm", low=3.0, high=10.0, log=True, model_share=0.08),
-        ParameterSpec(name=RATIO, unit="1", low=0.05, high=0.95, model_share=0.12),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
@@ -51,7 +90,7 @@ class SoftSpot:
         sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
         return [
             Signature(
-                label=label_of(spot),
+                variant=variant_of(spot),
                 columns=(Regressor(name="drop", sd=sd, fields=_fields(forward, spot), positive=True),),
             )
             for spot in spots
@@ -64,7 +103,10 @@ class SoftSpot:
 
         Where the drop is more than such a ball can give, a larger one.
         """
-        centre_mm, radius_mm = place_of(signature.label)
+        place = signature.variant
+        if not isinstance(place, AtPlace):
+            raise TypeError(f"{place!r} is no place in the flesh")
+        centre_mm, radius_mm = np.array(place.centre_mm), place.radius_mm
         largest = drop_of(RATIOS[0], forward.poisson_ratio)
         radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
         inside = _inside(forward, centre_mm, radius_mm)
@@ -79,29 +121,28 @@ class SoftSpot:
             ]
             beyond = left - forward.compliance * forward.sight.observed(more)
             lost.append(float(beyond @ beyond))
-        place = dict(zip(CENTRE, map(float, centre_mm), strict=True))
-        return {**place, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
+        centre = dict(zip(CENTRE, place.centre_mm, strict=True))
+        return {**centre, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def where(self, parameters: Mapping[str, float]) -> Where:
+        """The ball."""
+        x, y, z = (parameters[name] for name in CENTRE)
+        return Where(region="flesh", centre_mm=(x, y, z), radius_mm=parameters[RADIUS])
+
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
         inside = _inside(forward, centre_mm, parameters[RADIUS])
         return Response(unit=[own[0] for own in softened(forward.base, inside, [parameters[RATIO]])])
 
 
-EFFECT = SoftSpot()
+EFFECT: Effect = SoftSpot()
 
 
-def label_of(spot: Spot) -> str:
-    """Tells one place from another, and is all that is kept of it."""
-    x, y, z = spot.centre_mm
-    return f"{x:.2f} {y:.2f} {z:.2f} radius {spot.radius_mm:.2f} mm"
-
-
-def place_of(label: str) -> tuple[Float[np.ndarray, "3"], float]:
-    """Centre and radius, mm, of a label."""
-    words = label.split()
-    return np.array([float(word) for word in words[:3]]), float(words[4])
+def variant_of(spot: Spot) -> AtPlace:
+    """The place, to a hundredth of a millimetre."""
+    x, y, z = (round(float(component), 2) for component in spot.centre_mm)
+    return AtPlace(centre_mm=(x, y, z), radius_mm=round(float(spot.radius_mm), 2))
 
 
 def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:

@@ -22,11 +22,13 @@ from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
 from fem.mismatch.result import Parameter
+from fem.mismatch.signature_variant import ONE_WAY, InMode, Variant
 from fem.solid.flesh_pieces import FleshPieces, Tensors
 from fem.solid.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
 
@@ -47,17 +49,24 @@ LEAST_VOLUME = 0.01
 STEEPEST = 4.0
 """b W/mu above which the exponential goes on as a straight line: no round of the search may run away."""
 
-
-@dataclass(frozen=True)
-class Stiffening:
-    """The effect; see the module."""
-
-    name: str = "stiffening"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(
-            name=B,
-            unit="1",
+SPEC = EffectSpec(
+    name="stiffening",
+    rank=20,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh stiffens the further it is pressed",
+        meaning="The resistance grows faster than the squeeze: a deep grasp makes the fruit look firmer "
+        "than a light one. Some of it is large deformation alone, which no soft fruit is without.",
+        advice="Grasp all fruit equally deep and gently, or apply the effect so that the modulus is that of "
+        "the first touch.",
+    ),
+    parameters=(
+        number(
+            B,
+            "1",
+            "how fast the flesh stiffens",
+            limits=(-10.0, 1e3),
             low=0.1,
             high=400.0,
             log=True,
@@ -65,7 +74,26 @@ class Stiffening:
             strain_power=-2.0,
             low_is_a_law=True,
         ),
-    )
+    ),
+    separated_by=(
+        ("damage", NextGrasp.CYCLES),
+        ("plastic_set", NextGrasp.CYCLES),
+        ("gripper_compliance", NextGrasp.DEPTHS),
+        ("skin", NextGrasp.DEPTHS),
+        ("poisson_ratio", NextGrasp.DEPTHS),
+        ("graded_modulus", NextGrasp.DEPTHS),
+    ),
+    modes=(NEO_HOOKEAN,),
+    holds_large_deformation=True,
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
+
+@dataclass(frozen=True)
+class Stiffening:
+    """The effect; see the module."""
+
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
@@ -81,15 +109,19 @@ class Stiffening:
             FleshPieces.whole(forward.points, workers=forward.workers).forces(s * state.linear, law)
         )
         fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
-        found = [Signature(label="", columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),))]
+        found = [
+            Signature(
+                variant=ONE_WAY, columns=(Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields),)
+            )
+        ]
         try:
-            moved = _beyond_linear(forward, self.parameters[0].low, guess=None)
+            moved = _beyond_linear(forward, self.spec.searched[0].low, guess=None)
         except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
-            return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(), untried=failure.detail)]
+            return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(), untried=failure.detail)]
         large = state.at_markers(moved)
         beyond = [ObservationDelta(markers=s * own) for own in large]
         column = Regressor(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
-        return [*found, Signature(label=NEO_HOOKEAN, apart=True, columns=(column,))]
+        return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(column,))]
 
     def start(
         self,
@@ -98,7 +130,7 @@ class Stiffening:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
-        if signature.label == NEO_HOOKEAN:
+        if signature.variant == InMode(mode=NEO_HOOKEAN):
             return {B: HARDLY}
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
 
@@ -112,13 +144,13 @@ class Stiffening:
             "deformation by itself, which no soft fruit is without."
         )
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
         b, s = parameters[B], forward.compliance
         state = path_state(forward, frames=FRAMES, remembers=False)
         place = np.log([b * s**2, s])
-        more = _beyond_linear(forward, b, guess=first_guess(forward, self.name, place))
-        keep_run(forward, self.name, place, more)
+        more = _beyond_linear(forward, b, guess=first_guess(forward, self.spec.name, place))
+        keep_run(forward, self.spec.name, place, more)
         return Response(
             unit=[
                 recording.tracks.unit_displacement + own
@@ -210,4 +242,4 @@ def _shrunk(
     return a, _exponential(top) * (1 + 2 * top)
 
 
-EFFECT = Stiffening()
+EFFECT: Effect = Stiffening()

@@ -15,31 +15,70 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.materials.relaxing_arm import lagging
-from fem.mismatch.effect import Family, ParameterSpec, Response, Signature
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.signature_variant import AtValue, Variant, value_of
 
 TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Relaxation times of the signatures, s: threefold apart, from the shortest press to beyond the hold. Set by
 hand."""
+
+SPEC = EffectSpec(
+    name="viscoelastic",
+    rank=10,
+    family="object",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the flesh creeps: it gives way slowly under a steady load",
+        meaning="Part of the flesh's resistance fades over time, so the same squeeze feels softer the longer "
+        "it lasts. All wet flesh does this; here it is strong enough to matter.",
+        advice="Compare fruit at the same speed and hold time, or apply the effect to the batch so that the "
+        "modulus is the one at the first instant.",
+    ),
+    parameters=(
+        number(
+            "g",
+            "1",
+            "share of the resistance that fades",
+            limits=(0.0, 1.0),
+            low=0.01,
+            high=0.95,
+            model_share=0.03,
+            numbered=True,
+        ),
+        number(
+            "tau_s",
+            "s",
+            "time over which it fades",
+            limits=(1e-6, 1e6),
+            low=0.05,
+            high=200.0,
+            log=True,
+            model_share=0.05,
+            numbered=True,
+        ),
+    ),
+    separated_by=(
+        ("clock_lag", NextGrasp.SPEEDS),
+        ("sensor_drift", NextGrasp.SPEEDS),
+    ),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
 
 @dataclass(frozen=True)
 class Viscoelastic:
     """One relaxing arm."""
 
-    name: str = "viscoelastic"
-    family: Family = "object"
-    parameters: tuple[ParameterSpec, ...] = (
-        ParameterSpec(name="g", unit="1", low=0.01, high=0.95, model_share=0.03),
-        ParameterSpec(name="tau_s", unit="s", low=0.05, high=200.0, log=True, model_share=0.05),
-    )
+    spec: EffectSpec = SPEC
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """g / (1 - g) h, one for each tau."""
         return [
             Signature(
-                label=f"tau {tau:g} s",
+                variant=AtValue(symbol="tau", value=tau, unit="s"),
                 columns=(
                     Regressor(
                         name=f"g, tau {tau:g} s",
@@ -61,9 +100,9 @@ class Viscoelastic:
         """From the retarded share and time to those of relaxation."""
         ratio = float(np.clip(amounts[0], 0.02, 5.0))
         g = ratio / (1 + ratio)
-        return {"g": g, "tau_s": float(signature.label.split()[1]) * (1 - g)}
+        return {"g": g, "tau_s": value_of(signature.variant) * (1 - g)}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], choice: str) -> Response:
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Exact for force histories that run straight between frames."""
         g, tau_s = parameters["g"], parameters["tau_s"]
         crept = _crept(forward, tau_s / (1 - g))
@@ -85,4 +124,4 @@ def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray
     return found
 
 
-EFFECT = Viscoelastic()
+EFFECT: Effect = Viscoelastic()

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fem.mismatch.effect_spec import EffectSpec
+
 ARM_MM = 20.0
 """Length that brings moments to forces."""
 
@@ -28,7 +30,8 @@ class ObservationDelta:
 class Regressor:
     """One unknown amount: its name, prior mean (zero) and standard deviation, its field in every recording.
 
-    None: this recording does not show it. `positive`: an amount below zero makes no sense.
+    None: this recording does not show it. `positive`: an amount below zero makes no sense. `discrepancy_of`:
+    the effect that the model's own error looks like, where the amount is that of such an error.
     """
 
     name: str
@@ -36,6 +39,7 @@ class Regressor:
     fields: Sequence[ObservationDelta | None]
     positive: bool = False
     mean: float = 0.0
+    discrepancy_of: EffectSpec | None = None
 
 
 def wrench(

@@ -16,7 +16,7 @@ own greatest in the same way, so that many looks do not add up to a false alarm;
 distribution with F - 1 degrees of freedom is the p-value.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -36,16 +36,14 @@ def null_gain(kind: str, compliance_ratio: float) -> float:
     return compliance_ratio * null_reference().quantiles.get(kind, 0.0)
 
 
-def null_gain_in_full(effect: str, compliance_ratio: float) -> float:
-    """What an effect's full model does, or the more usual of two joined by "+".
+def null_gain_in_full(effects: Iterable[Sequence[str]], compliance_ratio: float) -> float:
+    """What an effect's full model does, or the more usual of two; each by its kinds (EffectSpec.kinds).
 
     It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
     gain on sound recordings what the whole does not.
     """
-    own = [
-        [value for kind, value in null_reference().quantiles.items() if kind.split()[0] == part]
-        for part in effect.split("+")
-    ]
+    usual = null_reference().quantiles
+    own = [[usual[kind] for kind in kinds if kind in usual] for kinds in effects]
     return compliance_ratio * max(min(values, default=0.0) for values in own)
 
 

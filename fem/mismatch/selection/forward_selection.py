@@ -13,8 +13,8 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
     Greatest first, none that makes no sense. The refitted effect's own parameters are free to move along
     their slopes.
     """
-    mine = {effect.name for effect in known.effects}
-    others = [one for one in linear.shown if one.effect.name not in mine]
+    mine = {effect.spec.name for effect in known.effects}
+    others = [one for one in linear.shown if one.effect.spec.name not in mine]
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
     plain = beside(known.effects, linear.products.columns, linear.nuisances)

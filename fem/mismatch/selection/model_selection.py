@@ -11,16 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_sound
 from fem.mismatch.selection.forward_selection import added
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
+from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import (
-    ALWAYS_REFITTED,
     ENOUGH_GAIN,
     EQUAL_PROBABILITY,
     MOST_NULLS,
@@ -72,6 +71,10 @@ class _Tried:
     refit: Refit | None = None
     failed: str = ""
 
+    @property
+    def always_refitted(self) -> bool:
+        return any(one.effect.spec.always_refitted for one in self.shown)
+
 
 @dataclass(frozen=True, kw_only=True)
 class NullCase:
@@ -89,9 +92,9 @@ class NullCase:
         """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
         return (one.gain if gain is None else gain) - null_gain(one.kind, self.compliance_ratio)
 
-    def in_full(self, name: str) -> float:
-        """What a refitted effect gains even there."""
-        return null_gain_in_full(name, self.compliance_ratio)
+    def in_full(self, effects: Sequence[Effect]) -> float:
+        """What a refitted effect gains even there, or the more usual of two."""
+        return null_gain_in_full([effect.spec.kinds for effect in effects], self.compliance_ratio)
 
     @property
     def least(self) -> float:
@@ -103,7 +106,7 @@ def named(forward: ForwardModel, linear: LinearRound, *, detected: bool, sound: 
     """Refits the best singles and pairs; where nothing was detected none is the first."""
     best: dict[str, LinearFit] = {}
     for one in sorted(linear.shown, key=sound.beyond, reverse=True):
-        best.setdefault(one.effect.name, one)
+        best.setdefault(one.effect.spec.name, one)
     found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
     polished, failed = None, list[_Tried]()
     if detected:
@@ -139,9 +142,7 @@ def _singles(
     for number, one in enumerate(found):
         enough = best > ENOUGH_GAIN * (linear.null.chi2 - sound.chi2) / 2
         hopeful = number < MOST_SINGLES and one.gain > (NEAR_EQUAL if enough else REFIT_SHARE) * most
-        again = (
-            _refitted(forward, linear, one, best, sound) if hopeful or one.name in ALWAYS_REFITTED else one
-        )
+        again = _refitted(forward, linear, one, best, sound) if hopeful or one.always_refitted else one
         tried.append(again)
         best = max(best, again.gain if again.refit is not None else 0.0)
     for _ in found:
@@ -158,7 +159,7 @@ def _refitted(
 ) -> _Tried:
     """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
     found, failed = [], ""
-    for shown in _pads_that_may_be(forward, [(own.gain, own) for own in linear.shown], *one.shown):
+    for shown in _pads_that_may_be([(own.gain, own) for own in linear.shown], *one.shown):
         try:
             again = refit(forward, linear, (shown,), beat=best)
         except FemFailure as failure:
@@ -170,26 +171,21 @@ def _refitted(
     return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
 
 
-def _pads_that_may_be(
-    forward: ForwardModel, gains: Sequence[tuple[float, LinearFit]], one: LinearFit
-) -> list[LinearFit]:
+def _pads_that_may_be(gains: Sequence[tuple[float, LinearFit]], one: LinearFit) -> list[LinearFit]:
     """A signature, and where it is a pad's those of other pads that gain nearly as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    pads = pads_of(forward)
-    if one.signature.label not in pads:
+    if not isinstance(one.signature.variant, OfPad):
         return [one]
-    same = [(gain, own) for gain, own in gains if own.effect.name == one.effect.name]
+    same = [(gain, own) for gain, own in gains if own.effect.spec.name == one.effect.spec.name]
     most = max(gain for gain, _ in same)
     return [
         one,
         *(
             own
             for gain, own in same
-            if own.signature.label in pads
-            and own.signature.label != one.signature.label
-            and gain > OTHER_PAD_SHARE * most
+            if own.signature.variant != one.signature.variant and gain > OTHER_PAD_SHARE * most
         ),
     ]
 
@@ -197,12 +193,12 @@ def _pads_that_may_be(
 def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
     """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
     beside = sum(
-        effect.beside(again.forward, own, choice)
-        for effect, own, choice in zip(again.effects, again.parameters, again.choices, strict=True)
+        effect.beside(again.forward, own, variant)
+        for effect, own, variant in zip(again.effects, again.parameters, again.variants, strict=True)
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.name)
+    return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.effects)
 
 
 def _pairs(
@@ -215,7 +211,7 @@ def _pairs(
     least = max(PAIR_GAIN, sound.least)
     if single.fit.chi2 <= sound.most_chi2:
         least = max(least, PAIR_PLAIN_GAIN * sound.compliance_ratio)
-    if any(spec.strain_power for effect in single.effects for spec in effect.parameters):
+    if any(spec.strain_power for effect in single.effects for spec in effect.spec.searched):
         least = max(least, PAIR_SHARE * best.gain)
     may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
     gains = added(linear, single)
@@ -223,12 +219,12 @@ def _pairs(
     for gain, other in sorted(
         ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
-        best_of.setdefault(other.effect.name, (gain, other))
+        best_of.setdefault(other.effect.spec.name, (gain, other))
     for gain, other in list(best_of.values())[:MOST_PAIRS]:
         if gain < least:
             continue
         tried, failed = [], ""
-        for second in _pads_that_may_be(forward, gains, other):
+        for second in _pads_that_may_be(gains, other):
             both = (*best.shown, second)
             try:
                 again = refit(forward, linear, both, starts=[*single.parameters, None], near=single.forward)
@@ -239,7 +235,7 @@ def _pairs(
                 tried.append((_gain(linear, again, sound), again, both))
         if not tried:
             if failed:
-                found.append(_Tried(f"{best.name}+{other.effect.name}", -np.inf, failed=failed))
+                found.append(_Tried(f"{best.name}+{other.effect.spec.name}", -np.inf, failed=failed))
             continue
         gained, again, both = max(tried, key=lambda pair: pair[0])
         if gained > best.gain + least and again.fit.chi2 < may_leave:

@@ -84,7 +84,7 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     """What the model's own error makes of each parameter, on the scale searched."""
     found = []
     for effect, values in zip(again.effects, again.parameters, strict=True):
-        for spec in effect.parameters:
+        for spec in effect.spec.searched:
             value = values[spec.name]
             off = [spec.model_sd, spec.model_share * value, discrepancy_spread(effect)]
             found.append(np.linalg.norm(off) / (value if spec.log else 1.0))

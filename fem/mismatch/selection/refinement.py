@@ -14,13 +14,15 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, ParameterSpec, Response, StartsElsewhere
-from fem.mismatch.evidence.discrepancy_prior import beside
+from fem.mismatch.effect import Effect, Response, StartsElsewhere
+from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.evidence.discrepancy_prior import beside, trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.selection.screening import LinearFit, LinearRound
+from fem.mismatch.signature_variant import Variant
 from fem.mismatch.thresholds import BEATEN_SHARE, LAST_ROUND_GAIN, OTHER_START_SHARE
 
 ROUNDS, POLISH = 3, 6
@@ -33,7 +35,6 @@ MARGIN = 1e-3
 """Share of a parameter's range that is kept from both bounds, where some laws have no answer."""
 SAME_E = 0.01
 """Relative change of 1/E below which laws that depend on it are not computed anew: E is known no better."""
-STANDS_FOR_E = "as if gripper_compliance"
 TRUST = 10.0
 """Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wide of what
 other recordings can say and narrow enough that slopes hold."""
@@ -55,7 +56,7 @@ class Refit:
     """
 
     effects: tuple[Effect, ...]
-    choices: tuple[str, ...]
+    variants: tuple[Variant, ...]
     parameters: tuple[dict[str, float], ...]
     covariance: Float[np.ndarray, "p p"]
     response: Response
@@ -89,7 +90,7 @@ class Refit:
     @property
     def name(self) -> str:
         """Effects' names, sorted and joined."""
-        return "+".join(sorted(effect.name for effect in self.effects))
+        return "+".join(sorted(effect.spec.name for effect in self.effects))
 
 
 def refit(
@@ -110,7 +111,7 @@ def refit(
     start from where they are known, `near` the ground that they were found on; else the amounts say. `beat`:
     what another explanation gains; one that cannot come near it is not followed to its end.
     """
-    specs = [spec for one in shown for spec in one.effect.parameters]
+    specs = [spec for one in shown for spec in one.effect.spec.searched]
     if known is not None:
         starts, near = known.parameters, known.forward
     search = _Search(forward if near is None else near, linear, tuple(shown), specs)
@@ -141,7 +142,7 @@ def refit(
     parameters, first = [], 0
     values = search.plain(now.at)
     for one in shown:
-        names = [spec.name for spec in one.effect.parameters]
+        names = [spec.name for spec in one.effect.spec.searched]
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
         first += len(names)
     count = len(specs)
@@ -150,7 +151,7 @@ def refit(
     along[:, 0] = search.power
     return Refit(
         effects=tuple(one.effect for one in shown),
-        choices=tuple(one.signature.label for one in shown),
+        variants=tuple(one.signature.variant for one in shown),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
@@ -204,7 +205,7 @@ class _Search:
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        self.alone: dict[tuple[str, str, tuple[float, ...], float], Response] = {}
+        self.alone: dict[tuple[str, Variant, tuple[float, ...], float], Response] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
@@ -225,7 +226,7 @@ class _Search:
                 own = (
                     one.effect.start(forward, one.signature, share * one.amounts) if start is None else start
                 )
-                values += [own[spec.name] for spec in one.effect.parameters]
+                values += [own[spec.name] for spec in one.effect.spec.searched]
             try:
                 now = self.linearised(self.scaled(values))
                 break
@@ -236,9 +237,9 @@ class _Search:
                 before = values
         first = 0
         for one, start in zip(self.shown, starts, strict=True):
-            end = first + len(one.effect.parameters)
+            end = first + len(one.effect.spec.searched)
             if start is None and isinstance(one.effect, StartsElsewhere):
-                other = one.effect.other_start(forward, one.signature.label)
+                other = one.effect.other_start(forward, one.signature.variant)
                 if other is not None:
                     tried = [*values[:first], *other.values(), *values[end:]]
                     plain = self.linear.null.log_evidence
@@ -259,7 +260,7 @@ class _Search:
         """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
         ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
-        first = np.cumsum([0, *(len(one.effect.parameters) for one in self.shown)])
+        first = np.cumsum([0, *(len(one.effect.spec.searched) for one in self.shown)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
@@ -269,7 +270,7 @@ class _Search:
         """The effects' departures from the plain model, added up."""
         values, found, first = self.plain(at), [], 0
         for one in self.shown:
-            names = [spec.name for spec in one.effect.parameters]
+            names = [spec.name for spec in one.effect.spec.searched]
             own = dict(zip(names, values[first : first + len(names)], strict=True))
             found.append(self._alone(one, own))
             first += len(names)
@@ -277,11 +278,11 @@ class _Search:
 
     def _alone(self, one: LinearFit, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (one.effect.name, one.signature.label, tuple(own.values()), self.forward.compliance)
+        key = (one.effect.spec.name, one.signature.variant, tuple(own.values()), self.forward.compliance)
         if key not in self.alone:
             if len(self.alone) >= MOST_ALONE:
                 del self.alone[next(iter(self.alone))]
-            self.alone[key] = one.effect.respond(self.forward, own, one.signature.label)
+            self.alone[key] = one.effect.respond(self.forward, own, one.signature.variant)
         return self.alone[key]
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
@@ -292,7 +293,7 @@ class _Search:
         """
         if not self.power.any():
             return now, False
-        firm = [j for j in now.chosen if now.products.columns[j].name != STANDS_FOR_E]
+        firm = [j for j in now.chosen if not trades_with_modulus(now.products.columns[j])]
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False

@@ -1,6 +1,6 @@
 """The linear round: every effect's best signature, and every pair of them, by evidence."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
-from fem.mismatch.evidence.discrepancy_prior import DISCREPANCY, discrepancy_columns
+from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
@@ -35,7 +35,7 @@ class LinearFit:
     @property
     def kind(self) -> str:
         """Under which name fem.mismatch.selection.detection knows what it gains on sound recordings."""
-        return f"{self.effect.name} {self.signature.label}" if self.signature.apart else self.effect.name
+        return self.effect.spec.kind(self.signature.variant)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,22 +60,25 @@ def screened(
     recorded: Sequence[GraspEquations],
     effects: Sequence[Effect],
     *,
-    discrepancy: Mapping[str, tuple[float, float]] = DISCREPANCY,
+    without_discrepancy_of: Collection[str] = (),
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
 
-    `discrepancy`: mean and standard deviation of what the model's own error seems to show of some of them.
+    `without_discrepancy_of`: effects of which the plain model holds no seeming amount.
     """
     recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
     answers = parallel_map(lambda effect: _signatures(forward, effect), effects, workers=forward.workers)
     for effect, answer in zip(effects, answers, strict=True):
         if isinstance(answer, FemFailure):
-            without[effect.name] = answer.detail
+            without[effect.spec.name] = answer.detail
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
-            without |= {f"{effect.name} ({s.label})": s.untried for s in answer if s.untried}
-    known = [*common_nuisances(forward), *discrepancy_columns(forward, recording, discrepancy)]
+            without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
+    known = [
+        *common_nuisances(forward),
+        *discrepancy_columns(forward, recording, without=without_discrepancy_of),
+    ]
     columns: list[Regressor] = list(known)
     found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
@@ -88,7 +91,7 @@ def screened(
     shown = tuple(_shown(forward, products, own, null, *one) for one in found)
     best: dict[str, LinearFit] = {}
     for one in sorted(shown, key=lambda s: -s.gain):
-        best.setdefault(one.effect.name, one)
+        best.setdefault(one.effect.spec.name, one)
     pairs = []
     for a, b in combinations(best.values(), 2):
         both = (*a.columns, *b.columns)
@@ -128,7 +131,7 @@ def _shown(
     moved = fit.log_evidence - null.log_evidence
     beside = 0.0
     if isinstance(effect, AuxiliaryLikelihood):
-        said = effect.beside(forward, effect.start(forward, signature, amounts), signature.label)
+        said = effect.beside(forward, effect.start(forward, signature, amounts), signature.variant)
         beside = min(said, max(moved, 0.0))
     gain = moved + beside
     return LinearFit(

@@ -1,0 +1,299 @@
+"""What an effect states of itself, beside its mechanics: all that other rooms derive from the catalogue.
+
+Every effect of fem/mismatch/effects holds one EffectSpec. Settings and their limits, words in reports, advice
+for the next grasp, corrections when grading, priors of the model's own discrepancy: all are read from it.
+"""
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+from fem.mismatch.signature_variant import InMode, Variant
+
+Family = Literal["object", "interaction", "measurement"]
+Kind = Literal["number", "pair", "triple", "pad"]
+KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
+"""By how many numbers are searched for."""
+
+
+class Scope(StrEnum):
+    """Whom an effect holds for once it is confirmed."""
+
+    FRUIT = "one fruit"
+    LOT = "the lot's flesh or skin"
+    SENSOR = "a pad's sensor"
+    GRIPPER = "the gripper"
+
+
+class Entry(StrEnum):
+    """Where grading takes a confirmed effect into account."""
+
+    RECORDING = "recording"
+    SETTINGS = "settings"
+    MESH = "mesh"
+    RESPONSE = "response"
+
+
+class Correction(StrEnum):
+    """What is put right before there is a model of a grasp, each by its own code in grading."""
+
+    FORCE_GAIN = "force gain"
+    FORCE_DRIFT = "force drift"
+    JAW_COMPLIANCE = "jaw compliance"
+    CLOCK_LAG = "clock lag"
+    PAD_POSE = "pad pose"
+    POISSON_RATIO = "Poisson's ratio"
+    PIT_OFFSET = "pit offset"
+    PIT_SIZE = "pit size"
+
+
+ENTRY: dict[Correction, Entry] = {
+    Correction.FORCE_GAIN: Entry.RECORDING,
+    Correction.FORCE_DRIFT: Entry.RECORDING,
+    Correction.JAW_COMPLIANCE: Entry.RECORDING,
+    Correction.CLOCK_LAG: Entry.RECORDING,
+    Correction.PAD_POSE: Entry.RECORDING,
+    Correction.POISSON_RATIO: Entry.SETTINGS,
+    Correction.PIT_OFFSET: Entry.MESH,
+    Correction.PIT_SIZE: Entry.MESH,
+}
+"""Where each correction is made; an effect without one enters the response of the flesh or contact."""
+
+
+class NextGrasp(StrEnum):
+    """A recording that separates explanations: its value completes "record next: ..."."""
+
+    TURNED = (
+        "grasp the same spots once more with the fruit turned by 180 degrees between the jaws: what belongs "
+        "to a sensor or jaw stays with it, what belongs to the fruit moves along"
+    )
+    CYCLES = (
+        "grasp one spot twice in a row to the same depth, with a slow unloading: damage shows in the second "
+        "load"
+    )
+    SPEEDS = "grasp one spot at two speeds that differ tenfold, each with a hold of ten seconds"
+    DEPTHS = "grasp one spot to two depths that differ by half, at the same speed"
+    ACROSS = "grasp across the last direction, and along the stem if the jaws allow it"
+    DRY = "grasp once more with a dry, wiped skin and a sideways move during the hold"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterSpec:
+    """One number that the search varies: its name and unit, and what it lies between.
+
+    `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation, a quarter of the
+    bounds' distance unless given. `model_sd` (its unit) and `model_share` (of its value): how far off the
+    model's own error leaves it, however low the noise: the scatter about the truth over single effects by
+    another solver (benchmarks/results/mismatch.csv), which no nuisance stands for. A vector's components are
+    parameters of their own, named "offset_mm.0" and so on; an answer joins them again. `strain_power`: as
+    forces are what is measured, strains grow as 1/E, and what the law sees of the parameter (searched on a
+    logarithmic scale) is its ratio to (1/E)^strain_power. `low_is_a_law`: a fit at the lower end is no sign
+    that the effect stands for something else.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    log: bool = False
+    spread: float | None = None
+    model_sd: float = 0.0
+    model_share: float = 0.02
+    strain_power: float = 0.0
+    low_is_a_law: bool = False
+
+    def __post_init__(self) -> None:
+        if self.strain_power and not self.log:
+            raise ValueError(f"{self.name}: a strain_power is for parameters on a logarithmic scale")
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectParameter:
+    """One parameter as settings and answers carry it (docs/formats.md).
+
+    `words`: its meaning. `limits`: what it can be at all, wide, as what was found may be far from usual.
+    `searched`: what the search varies of it: one number, a vector's components in order, nothing for a pad.
+    `modulus_power`: the parameter is the number searched for times E^modulus_power, E in MPa. `numbered`:
+    settings may hold further ones of its kind ("g_2", "tau_2_s").
+    """
+
+    name: str
+    unit: str
+    words: str
+    limits: tuple[float, float] = (0.0, 0.0)
+    searched: tuple[ParameterSpec, ...] = ()
+    modulus_power: float = 0.0
+    numbered: bool = False
+
+    @property
+    def kind(self) -> Kind:
+        """How many numbers it has; none where it is the name of a pad."""
+        return KINDS[len(self.searched)]
+
+    def is_named(self, name: str) -> bool:
+        """Whether this is its name, or that of a further one of its kind.
+
+        >>> tau = EffectParameter(name="tau_s", unit="s", words="", numbered=True)
+        >>> [tau.is_named(name) for name in ("tau_s", "tau_2_s", "tau_s_2")]
+        [True, True, False]
+        """
+        stem, _, rest = self.name.partition("_")
+        further = rf"{re.escape(stem)}_\d+{re.escape(f'_{rest}' if rest else '')}"
+        return name == self.name or (self.numbered and re.fullmatch(further, name) is not None)
+
+    def searched_values(self, value: float | tuple[float, ...], *, E_MPa: float) -> dict[str, float]:
+        """The numbers searched for, of flesh of modulus E."""
+        values = value if isinstance(value, tuple) else (value,)
+        scale = E_MPa**self.modulus_power
+        return {spec.name: float(one) / scale for spec, one in zip(self.searched, values, strict=True)}
+
+
+PAD = EffectParameter(name="pad", unit="", words="which pad")
+"""The parameter of an effect that one pad has."""
+
+
+def number(
+    name: str,
+    unit: str,
+    words: str,
+    *,
+    limits: tuple[float, float],
+    low: float,
+    high: float,
+    log: bool = False,
+    model_share: float = 0.02,
+    strain_power: float = 0.0,
+    low_is_a_law: bool = False,
+    model_sd: float = 0.0,
+    numbered: bool = False,
+) -> EffectParameter:
+    """A parameter of which the search varies just the number that an answer gives."""
+    searched = ParameterSpec(
+        name=name,
+        unit=unit,
+        low=low,
+        high=high,
+        log=log,
+        model_share=model_share,
+        model_sd=model_sd,
+        strain_power=strain_power,
+        low_is_a_law=low_is_a_law,
+    )
+    return EffectParameter(
+        name=name, unit=unit, words=words, limits=limits, searched=(searched,), numbered=numbered
+    )
+
+
+def vector(
+    name: str,
+    unit: str,
+    words: str,
+    *,
+    components: int,
+    limits: tuple[float, float],
+    low: float,
+    high: float,
+    model_sd: float,
+    spread: float | None = None,
+) -> EffectParameter:
+    """A parameter of several components, each searched for by itself as "name.0" and so on."""
+    searched = tuple(
+        ParameterSpec(
+            name=f"{name}.{k}",
+            unit=unit,
+            low=low,
+            high=high,
+            spread=spread,
+            model_sd=model_sd,
+            model_share=0.0,
+        )
+        for k in range(components)
+    )
+    return EffectParameter(name=name, unit=unit, words=words, limits=limits, searched=searched)
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectWords:
+    """An effect in words for staff: `short` completes "Most likely ...", the others are whole sentences."""
+
+    short: str
+    meaning: str
+    advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiscrepancyPrior:
+    """Mean and standard deviation of the amount of an effect's signature that sound recordings seem to have
+    by the model's own error, of each pad's where it has one (fem.mismatch.evidence.discrepancy_prior).
+
+    `per_compliance`: the amount grows as the flesh gives way, times 1/E and ForwardModel.compliance_ratio.
+    `saturating`: the response levels off as its parameter grows, so that beside a true one the seeming
+    amount would be much less: the effect's own refit goes without it, and the whole of it counts as error of
+    the parameter. `trades_with_modulus`: in soft flesh 1/E and this stand for each other.
+
+    Measured on the null reference's fruit: skin alone first, Poisson's ratio and the jaws with that in place
+    (`benchmarks/mismatch_nulls.py --without`); gains and drifts as root mean squares.
+    """
+
+    mean: float
+    sd: float
+    per_compliance: bool = False
+    saturating: bool = False
+    trades_with_modulus: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class EffectSpec:
+    """One effect, but for its mechanics.
+
+    `rank`: its place in the catalogue, which decides between explanations that are exactly equal. `family`:
+    what of a grasp it belongs to. `correction`: what grading puts right for it; None where it changes how
+    flesh or contact answers a force. `of_the_pit`: there is none of it without a pit. `separated_by`: the
+    recording that separates it from another effect; each pair stands in one of the two specs. `modes`: ways
+    to show whose gain on sound recordings is their own, not that of its other ways. `always_refitted`:
+    however little the linear round makes of it. `holds_large_deformation`: its law counts from small strain
+    on, and holds the flesh's large deformation too.
+    """
+
+    name: str
+    rank: int
+    family: Family
+    scope: Scope
+    words: EffectWords
+    parameters: tuple[EffectParameter, ...]
+    correction: Correction | None = None
+    of_the_pit: bool = False
+    separated_by: tuple[tuple[str, NextGrasp], ...] = ()
+    discrepancy: DiscrepancyPrior | None = None
+    modes: tuple[str, ...] = ()
+    always_refitted: bool = False
+    holds_large_deformation: bool = False
+
+    @property
+    def searched(self) -> tuple[ParameterSpec, ...]:
+        """What the search varies, in the order of the parameters."""
+        return tuple(spec for parameter in self.parameters for spec in parameter.searched)
+
+    @property
+    def enters(self) -> Entry:
+        """Where grading takes it into account."""
+        return Entry.RESPONSE if self.correction is None else ENTRY[self.correction]
+
+    @property
+    def of_the_jaws(self) -> bool:
+        """Whether it stays with a sensor or jaw when the fruit is turned."""
+        return self.scope in (Scope.SENSOR, Scope.GRIPPER)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Under which names its gains on sound recordings are known (null_reference): itself, its modes."""
+        return (self.name, *(f"{self.name} {mode}" for mode in self.modes))
+
+    def kind(self, variant: Variant) -> str:
+        """That of one of its signatures."""
+        return f"{self.name} {variant.mode}" if isinstance(variant, InMode) else self.name
+
+    def parameter(self, name: str) -> EffectParameter | None:
+        """The parameter of that name, of a numbered one's too."""
+        return next((one for one in self.parameters if one.is_named(name)), None)

@@ -1,0 +1,36 @@
+"""What the page says of effects and their parameters: the words of their specifications."""
+
+from collections.abc import Iterable
+
+from fem.mismatch.catalogue import SPECS
+from reports.explain_entries import EffectEntry
+
+OF_A_TRACE = {"onset_mm": "travel at which the first touch came"}
+"""Parameters that only the trace of a bare indenter has; they belong to no effect."""
+
+
+def effect_entries(names: Iterable[str]) -> dict[str, EffectEntry]:
+    """Of all single effects in these names, pairs among them, that the catalogue has."""
+    single = dict.fromkeys(part for name in names for part in name.split("+"))
+    return {name: _entry(name) for name in single if name in SPECS}
+
+
+def _entry(name: str) -> EffectEntry:
+    """The words of one effect, for the page."""
+    words = SPECS[name].words
+    return EffectEntry(short=words.short, meaning=words.meaning, advice=words.advice)
+
+
+def parameter_words(effect: str, name: str) -> str:
+    """The meaning of a parameter of an effect or pair, where it may be named "effect.parameter".
+
+    Further ones of a kind have the words of the first; where nothing is known, the name itself.
+
+    >>> parameter_words("viscoelastic", "tau_2_s")
+    'time over which it fades'
+    """
+    part, _, own = name.rpartition(".")
+    specs = [SPECS[one] for one in ([part] if part else effect.split("+")) if one in SPECS]
+    known = (spec.parameter(own) for spec in specs)
+    words = next((parameter.words for parameter in known if parameter is not None), None)
+    return words or OF_A_TRACE.get(own) or name.replace("_", " ")

@@ -1,0 +1,64 @@
+"""The catalogue: every effect states of itself what other rooms need, once."""
+
+import pytest
+
+from fem.mismatch.catalogue import EFFECTS, SEPARATORS, SPECS
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Entry, NextGrasp, Scope
+from fem.mismatch.next_grasp import next_grasp
+from fem.mismatch.selection.null_reference import null_reference
+
+
+def test_ranks_and_names_are_each_effects_own():
+    assert len({effect.spec.rank for effect in EFFECTS}) == len(EFFECTS) == len(SPECS)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=list(SPECS))
+def test_every_effect_can_be_read_by_people(effect: Effect):
+    words = effect.spec.words
+    assert words.short[0].islower()
+    assert not words.short.endswith(".")
+    assert words.meaning.endswith(".")
+    assert words.advice.endswith(".")
+    assert all(parameter.words for parameter in effect.spec.parameters)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=list(SPECS))
+def test_what_is_searched_lies_within_what_settings_may_hold(effect: Effect):
+    """At the modulus of soft and of firm flesh."""
+    for parameter in effect.spec.parameters:
+        low, high = parameter.limits
+        for spec in parameter.searched:
+            for E_MPa in (0.05, 2.0):
+                ends = [end * E_MPa**parameter.modulus_power for end in (spec.low, spec.high)]
+                assert low <= ends[0] < ends[1] <= high, spec.name
+
+
+def test_each_pair_is_declared_in_one_of_its_two_effects():
+    stated = [frozenset((spec.name, other)) for spec in SPECS.values() for other, _ in spec.separated_by]
+    assert len(stated) == len(set(stated)) == len(SEPARATORS)
+    assert set().union(*stated) <= SPECS.keys()
+
+
+def test_every_effect_of_the_jaws_is_told_from_every_effect_of_the_fruit_by_turning_it():
+    jaws = [name for name, spec in SPECS.items() if spec.scope in (Scope.SENSOR, Scope.GRIPPER)]
+    fruit = [name for name, spec in SPECS.items() if spec.scope in (Scope.FRUIT, Scope.LOT)]
+    assert len(jaws) + len(fruit) == len(SPECS)
+    for one in jaws:
+        for other in fruit:
+            wanted = SEPARATORS.get(frozenset((one, other)), NextGrasp.TURNED)
+            assert next_grasp((one, other), grasps=4) == wanted
+
+
+def test_what_is_wrong_with_the_jaws_is_put_right_in_the_recordings_and_nothing_else_is():
+    assert all((spec.enters is Entry.RECORDING) == spec.of_the_jaws for spec in SPECS.values())
+
+
+def test_gains_on_sound_recordings_are_known_under_names_that_the_effects_have():
+    kinds = {kind for spec in SPECS.values() for kind in spec.kinds}
+    assert null_reference().quantiles.keys() <= kinds
+
+
+def test_every_number_of_the_model_error_has_a_spread():
+    for spec in SPECS.values():
+        assert spec.discrepancy is None or spec.discrepancy.sd > 0
