@@ -26,6 +26,8 @@ BARE = re.compile(r"(?<![\w/.-])(\w+\.py)\b")
 MODULE = re.compile(rf"(?<![\w/.`-])((?:{'|'.join(ROOMS[:6])})(?:\.[a-z]\w*)+)")
 """A dotted module, or something in it."""
 CODE = re.compile(r"^```.*?^```", re.MULTILINE | re.DOTALL)
+FOREIGN = {"ProcessPool", "ProcessPoolExecutor"}
+"""Classes of libraries."""
 MOST_README_LINES = 150
 
 
@@ -37,6 +39,17 @@ def text_of(document: str) -> str:
 @cache
 def sources() -> set[str]:
     return {path.name for room in ROOMS for path in (ROOT / room).rglob("*.py")}
+
+
+@cache
+def words_of_the_code() -> set[str]:
+    """Every name with a capital letter in the source of the rooms."""
+    return {
+        word
+        for room in ROOMS[:6]
+        for path in (ROOT / room).rglob("*.py")
+        for word in re.findall(r"\b[A-Z]\w+", path.read_text(encoding="utf-8"))
+    }
 
 
 def headings(document: str) -> set[str]:
@@ -65,6 +78,13 @@ def test_every_file_that_is_named_exists(document):
     bare = {name for name in BARE.findall(text_of(document)) if name != "NAME.py"}
     missing = {name for name in named if not (ROOT / name).exists()} | (bare - sources())
     assert missing == set()
+
+
+@pytest.mark.parametrize("document", [name for name in DOCUMENTS if name != "docs/glossary.md"])
+def test_every_constant_and_class_that_is_named_exists(document):
+    text = CODE.sub("", text_of(document))
+    named = set(re.findall(r"`([A-Z][A-Z0-9]*_[A-Z0-9_]+|[A-Z][a-z]+[A-Z][A-Za-z]+)`", text))
+    assert named - words_of_the_code() - FOREIGN == set()
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
