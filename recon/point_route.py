@@ -15,10 +15,15 @@ from recon.scale import Box, blank_box, with_print_error
 from recon.silhouettes.hull import sampled
 
 TRUSTED_SHARE = 0.6
+"""Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
 FEWEST_CORNERS = 16
+"""Of the mat, at least, that scale and pose rest on: as many as FEWEST_TAGS tags have."""
 FEWEST_POINTS = 200
+"""Above the ground, at least: fewer are no fruit. Set by hand."""
 MOST_POINTS = 60000
+"""Kept at most: 0.4 mm apart on a fruit of 60 mm. Set by hand."""
 SEED = 1
+"""Any number does, kept so that runs repeat."""
 
 
 def fruit_points(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 FEW_NAMES = 6
+"""In a sentence: more are not read. Set by hand."""
 
 
 def listed(names: Sequence[str]) -> str:

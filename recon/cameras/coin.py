@@ -24,6 +24,7 @@ LEAST_SD = 0.005
 """Relative error that the photos' own scatter does not show: 0.1 to 1.0 % on a coin 38 pixels wide, with
 cameras 0.3 % off, by where the search began."""
 SPOTS = 180
+"""Places looked at along the rim: every two degrees."""
 RADIUS_STEP = 0.02
 """Of the tried radii, relative: over an element of 1 / 9 radius, five steps of it."""
 LEAST_STEP = 3.0
@@ -35,6 +36,7 @@ have rings."""
 OUTERMOST_VOTES = 0.8
 """Of the tried radii that reach this share of the most votes, the largest is the first guess."""
 FEWEST_VIEWS = 3
+"""Photos that show the rim, at least: one that errs stands out among three."""
 LEAST_SHARE = 0.45
 """Of the rim's far half, found near one circle in a photo that counts."""
 

@@ -6,8 +6,12 @@ from jaxtyping import Float
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TRIALS = 600
+"""Planes through three points that are tried: where a quarter of the points is ground, one of 600 misses it
+with probability 0.01 %."""
 FEWEST_POINTS = 15
+"""On a plane, at least; fewer may share one by chance. Set by hand."""
 STEEPEST_DEG = 10.0
+"""Degrees from straight above within which the first photo's side is not told. Set by hand."""
 
 
 def ground_plane(

@@ -18,6 +18,7 @@ TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
 """Sides of tags from a 30 mm mat's to a poster's, and how far from the middle one lies: `drupe mat` prints 9
 and 18 mm within 95 mm."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
+"""Factors to mm of the units in which a tag's side may have been typed."""
 
 
 @dataclass(frozen=True)

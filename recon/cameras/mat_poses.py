@@ -13,14 +13,15 @@ from jaxtyping import Float, Int
 from recon.cameras.camera import Camera
 from recon.cameras.colmap import pycolmap
 from recon.cameras.mat import Mat, detect_tags
-from recon.cameras.photos import Photo, require_enough
+from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.similarity import fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, blank_box, with_print_error
 
 FEWEST_TAGS = 4
-FEWEST_VIEWS = 3
+"""Tags that place a photo, at least: sixteen corners. Set by hand."""
 LONGEST_ERROR_PX = 3.0
+"""px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,12 +68,12 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
             f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
             f"{len(photos)} photos; check that mat.json belongs to the printed mat and that it is in view.",
         )
-    if len(sightings) < FEWEST_VIEWS:
+    if len(sightings) < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
             f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the mat "
             f"(the best "
-            f"shows {most}); at least {FEWEST_VIEWS} must: keep the mat uncovered and in focus.",
+            f"shows {most}); at least {FEWEST_PHOTOS} must: keep the mat uncovered and in focus.",
         )
     sightings, size, warnings = _of_one_size(sightings, photos)
     known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
@@ -97,7 +98,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         if all(g.all() for g in good):
             break
         kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
-        if len(kept) < FEWEST_VIEWS:
+        if len(kept) < FEWEST_PHOTOS:
             raise ReconFailure(
                 ReconProblem.MAT_NOT_FOUND,
                 f"The tags seen in {len(sightings)} photos do not fit the mat of mat.json (half of the "
@@ -140,10 +141,10 @@ def _of_one_size(
         "upright, like the most"
     )
     advice = "take all photos with one camera, one zoom and one way up"
-    if count < FEWEST_VIEWS:
+    if count < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.TOO_FEW_VIEWS,
-            f"{fault}, and {count} of one size are left; at least {FEWEST_VIEWS} must be: {advice}.",
+            f"{fault}, and {count} of one size are left; at least {FEWEST_PHOTOS} must be: {advice}.",
         )
     kept = [s for s, other in zip(sightings, sizes, strict=True) if other == size]
     return kept, size, (f"{fault}, and were left out; {advice}.",)

@@ -14,18 +14,23 @@ from recon.cameras.camera import Camera
 from recon.cameras.colmap import pycolmap
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.mat_poses import Poses
-from recon.cameras.photos import Photo, require_enough
+from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_motion import cameras_from_ground
 from recon.cameras.similarity import moved
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box
 
 MOST_FEATURES = 4000
+"""Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
 LONGEST_SIDE_PX = 1280
-FEWEST_VIEWS = 3
+"""px to which photos are reduced for this: ground and fruit have detail enough there. Set by hand."""
 FEWEST_FRUIT_POINTS = 40
+"""Points above the ground that tell where the fruit is; with fewer it is taken to be in the middle. Set by
+hand."""
 MOST_TRIALS = 1000
+"""Of RANSAC for a pair of photos: bounds the time of pairs that share nothing. Set by hand."""
 SEED = 1
+"""Any number does, kept so that runs repeat."""
 
 
 def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
@@ -67,7 +72,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     with tempfile.TemporaryDirectory() as scratch:
         model = _mapped(photos, Path(scratch))
     registered = 0 if model is None else model.num_reg_images()
-    if model is None or registered < max(FEWEST_VIEWS, len(photos) / 2):
+    if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
         raise ReconFailure(
             ReconProblem.NO_OVERLAP,
             f"Only {registered} of {len(photos)} photos hang together by features they share; without a mat "
@@ -147,7 +152,7 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction |
     options.ba_global_max_refinements = 2
     options.mapper.num_threads, options.mapper.random_seed = 1, SEED
     options.triangulation.random_seed = SEED
-    options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_VIEWS, False, False
+    options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_PHOTOS, False, False
     models = pycolmap.incremental_mapping(database, pictures, scratch, options=options)
     return max(models.values(), key=lambda m: m.num_reg_images()) if models else None
 

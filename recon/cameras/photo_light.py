@@ -13,9 +13,13 @@ from recon.cameras.tag_optics import TagOptics
 from recon.wording import listed
 
 LEAST_WHITE = 90.0
+"""Grey levels of 255 of the paper, below which a photo is too dark. Set by hand."""
 MOST_UNEVEN = 0.12
+"""Relative difference of the paper's white between photos that is left as it is. Set by hand."""
 MOST_FALL_OFF = 0.4
+"""Share of its light that a lens may lose towards the corners unsaid. Set by hand."""
 LEAST_MAT_SEEN = 0.75
+"""Share of the mat's tags that all photos together show unless some are covered or cut off. Set by hand."""
 
 
 def mat_doubts(tags: Sequence[Sequence[int]], mat: Mat) -> list[str]:

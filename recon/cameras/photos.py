@@ -16,9 +16,12 @@ from recon.plain_file import NotReadable, named_in_utf8, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".png", ".heic", ".heif")
-FEWEST_PHOTOS, MOST_PHOTOS = 3, 500
+FEWEST_PHOTOS = 3
+"""Of any reconstruction: two that err agree with each other, a third one tells."""
+MOST_PHOTOS = 500
 """500 photos of 1600 x 1200 px take 2.9 GB; 24 are advised, a turntable takes 72."""
 MOST_BYTES = 200_000_000
+"""Of one photo's file: about a byte for each of MOST_PIXELS. Set by hand."""
 MOST_PIXELS, MOST_WHOLE_PIXELS = 210_000_000, 60_000_000
 """The largest sensors of phones have 200 megapixels. 60 megapixels take 180 MB once decoded; a JPEG that is
 larger is decoded at a half, a quarter or an eighth of its sides, anything else that is larger is refused: a
@@ -27,6 +30,7 @@ at an eighth of its sides, of a baseline one 130; at 4:4:4 twice that)."""
 SHORTEST_SIDE_PX, MOST_LONGEST_OVER_SHORTEST = 32, 8.0
 """Below, and beyond a panorama's 8 to 1, no fruit can be seen in it."""
 FULL_FRAME_WIDTH_MM = 36.0
+"""Width of the film that "35 mm equivalent" focal lengths refer to."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,7 @@ _REDUCED = (
     (4, cv2.IMREAD_REDUCED_COLOR_4),
     (2, cv2.IMREAD_REDUCED_COLOR_2),
 )
+"""Parts of its sides to which OpenCV decodes a JPEG, the strongest first."""
 
 
 def require_enough(count: int, *, where: str) -> None:

@@ -8,6 +8,7 @@ _JPEG_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
 _SEQUENTIAL = {0xC0, 0xC1}
 """The frames whose scans can be decoded row by row (the same table); of others every coefficient is kept."""
 _SCAN = 0xDA
+"""JPEG's marker "start of scan" (ITU-T T.81): the picture's data follow."""
 
 
 def picture_px(data: bytes) -> tuple[int, int] | None:

@@ -13,11 +13,14 @@ BREATHING_SD = 0.004
 K1_SD = 0.05
 """Spread of the radial term about none: what phones leave after their own correction."""
 LOSS_PX = 1.0
+"""px from where on a miss counts less than by its square: points are found to a few tenths. Set by hand."""
 STEPS = 40
+"""Of Gauss-Newton at most; it ends where steps no longer gain. Set by hand."""
 ROUNDS, STEADY = 4, 0.02
 """How often the misses' spread is told anew at most, and the change of its logarithm that ends it (a tenth of
 what 60 points tell of it)."""
 LEAST_SPREAD_PX = 1e-3
+"""px, least spread of the misses: keeps exact data from a division by zero."""
 
 
 @dataclass(frozen=True)

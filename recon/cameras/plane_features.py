@@ -19,8 +19,12 @@ USUAL_FOCAL = 1.15
 REACH = 0.75
 """Half side of the ground looked at, over the distance from camera to ground along the optical axis."""
 RATIO = 0.85
+"""Of a match's distance to the next best one's, at most (Lowe 2004, "Distinctive image features from
+scale-invariant keypoints", IJCV 60, has 0.8; here both photos must agree)."""
 FEWEST_INLIERS = 14
+"""Matches that fit one homography, at least: eight numbers are fitted, and chance fits some. Set by hand."""
 INLIER_PX = 4.0
+"""px by which a match may miss, of pictures from above at their first, rough cameras. Set by hand."""
 
 
 @dataclass(frozen=True)

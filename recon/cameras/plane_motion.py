@@ -8,7 +8,7 @@ from jaxtyping import Float
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
-from recon.cameras.photos import Photo
+from recon.cameras.photos import FEWEST_PHOTOS, Photo
 from recon.cameras.plane_bundle import Adjusted, PlaneScene, Sightings, adjusted
 from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
 from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
@@ -19,15 +19,20 @@ from recon.scale import Box
 from recon.silhouettes.segmentation import SegmentationScene, first_block
 from recon.wording import listed
 
-FEWEST_VIEWS = 3
 FEWER_FEATURES, MORE_FEATURES = 700, 1600
 """Features of each picture from above, at first, and where photos do not join with these: matching costs
 their square."""
 MOST_POINTS = 2500
+"""In the first adjustment, of all photos together: bounds its time. Set by hand."""
 START_LOSS_PX, LOSS_PX = 4.0, 1.0
+"""px from where on a miss counts less than by its square: while cameras are rough, and at the end. Set by
+hand."""
 RIGID = 1e-4
+"""Spread of the logarithm of a photo's own focal length: none to speak of, until cameras are known."""
 SEARCHES_PX = (10, 4, 3)
+"""px of the ground seen from above by which points are looked for, round by round as cameras get better."""
 FEWEST_TRACKS = 30
+"""Points of the ground, at least, that a set of cameras rests on. Set by hand."""
 MOST_MISS_PX = 1.5
 """Median miss from which on ground points do not lie on one plane."""
 
@@ -53,7 +58,7 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     size = (photos[0].image.shape[0], photos[0].image.shape[1])
     known = [p.focal_px for p in photos if p.focal_px is not None]
     focal_px = float(np.median(known)) if known else None
-    if len(members) < max(FEWEST_VIEWS, len(photos) / 2) or 0 not in members:
+    if len(members) < max(FEWEST_PHOTOS, len(photos) / 2) or 0 not in members:
         raise _apart(photos, joined(pairs, len(photos)), pairs, size, focal_px)
     found = _refined([photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px)
     cameras = [_camera(photos[m], found.scene, i) for i, m in enumerate(members)]
@@ -90,11 +95,11 @@ def _apart(
     """Which photos hang together and which do not, and where more are needed."""
     names = [p.name for p in photos]
     largest = list(groups[0])
-    if len(largest) < FEWEST_VIEWS:
+    if len(largest) < FEWEST_PHOTOS:
         return ReconFailure(
             ReconProblem.NO_OVERLAP,
             f"Of {len(photos)} photos no three show the same ground (the most that join: {len(largest)}); "
-            f"expected {FEWEST_VIEWS} or more: lay a printed cloth or paper under the fruit and take them "
+            f"expected {FEWEST_PHOTOS} or more: lay a printed cloth or paper under the fruit and take them "
             "again.",
         )
     scene = _started(pairs, largest, size, focal_px)

@@ -13,8 +13,11 @@ from recon.cameras.plane_features import USUAL_FOCAL, GroundPair
 FOCALS = np.geomspace(0.55, 3.2, 14)
 """Tried focal lengths over the longest side: phones from ultra-wide to a threefold zoom."""
 ELEVATIONS_DEG = np.arange(8.0, 90.0, 6.0)
+"""Of a camera above the ground, tried as starts: the search finds its way over half a step."""
 ROLLS_DEG = np.array([-12.0, -6.0, 0.0, 6.0, 12.0])
+"""Of a hand-held camera about its axis, likewise."""
 FINALISTS = 5
+"""Best starts that are searched to their end. Set by hand."""
 KNOWN_FOCAL_SD, USUAL_FOCAL_SD = 0.03, 0.6
 """Spread of the logarithm of the focal length about EXIF's, or about the usual one."""
 

@@ -12,18 +12,23 @@ from recon.cameras.photos import Photo
 from recon.cameras.plane_bundle import PlaneScene, Sightings, projected
 
 SIDE_PX = 1000
+"""Of the picture from above: about as fine as the photos show the ground. Set by hand."""
 REACH = 0.6
 """Half side of the ground looked at, over the median distance of the cameras."""
 EVEN_PX = 12.0
 """Brightness is evened over so many pixels: shadows and the phone's tone curve fall away."""
 PATCH_PX = 10
+"""Half side of a patch: 441 pixels tell a correlation to a few hundredths."""
 MOST_POINTS = 700
+"""Corners taken at most: more cost time and tell the same cameras. Set by hand."""
 LEAST_APART_PX = 9
+"""px between points: patches overlap by about half."""
 LEAST_LIKE = 0.5
 """Correlation of a patch that counts as found."""
 FLOOR_PX = 0.05
 """What a parabola through the correlation is off by itself."""
 FEWEST_VIEWS = 3
+"""Photos that show a point, at least: a median of fewer is none."""
 
 
 def _from_above(

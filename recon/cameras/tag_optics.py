@@ -9,8 +9,12 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 STEPS = 33
+"""Places across an edge, from a sixteenth of the side before to one behind it: a step of a few tenths of a
+pixel."""
 ROWS = 9
+"""Profiles along the middle half of an edge that are averaged against noise. Set by hand."""
 LEAST_CONTRAST = 10.0
+"""Grey levels between paper and print, of 255, from which an edge's width can be told. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -42,6 +42,7 @@ EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
 """Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
 STEP_POOLING), and the step (Lab units) that counts so much."""
 STEP_POOLING = (0.25, 0.5, 0.25)
+"""Weights of a place and its two neighbours along the rim, whose steps are pooled (binomial)."""
 STEP_PX = 3
 """The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
 PRIOR_SCALE_PX = 1.5

@@ -10,20 +10,27 @@ import cv2
 import numpy as np
 
 from recon.cameras.mat import Mat, detect_tags, standard_mat
+from recon.cameras.mat_poses import FEWEST_TAGS
 from recon.cameras.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
 from recon.cameras.tag_optics import TagOptics, tag_optics
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed
 
-FEWEST_TAGS = 4
 ENOUGH_VIEWS = 12
+"""Photos; where the best are as many, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off
+(docs/validation.md, Photos to mesh)."""
 MOST_BLUR_PX = 1.25
+"""Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
 LEAST_SHARP = 0.35
+"""Sharpness over the usual one of its set, below which a photo is blurred. Set by hand."""
 LEAST_SHARP_ALONE = 0.06
-"""99 % of the second differences of a sharp photo of a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
+"""Sharpness below which it is so whatever the others are: 99 % of the second differences of a sharp photo of
+a mat reach 0.5 of its white; blurred by 4 px, 0.025."""
 MOST_CLIPPED = 0.35
+"""Share of a photo's pixels at full white beyond which it is of no use. Set by hand."""
 LEAST_BRIGHT = 45.0
+"""Grey level of 255 that 5 % of a photo's pixels reach at least; below it is too dark. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,6 +12,7 @@ from recon.silhouettes.hull import Silhouette, drawn
 from recon.silhouettes.outline import outline_of
 
 ENOUGH_SEEN = 0.8
+"""Share of the skin in sight of photos below which it is said. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +67,7 @@ NOTHING_KNOWN = ReconQuality(
     decimation_rms_mm=float("nan"),
     relief_share=0.0,
 )
+"""Of a mesh that no photos stand for."""
 
 
 def outline_rms_mm(

@@ -11,13 +11,22 @@ from recon.cameras.camera import Camera
 from recon.wording import listed
 
 SAMPLES = 180
+"""Places along the rim: every two degrees."""
 REACH = 0.1
+"""How far from the rim a step is sought, over the fruit's width. Set by hand: a mesh that is farther off is
+refused."""
 STEP_PX = 0.5
+"""px between the places looked at: half a pixel."""
 LEAST_STEP = 6.0
+"""CIE Lab units of a step that counts: above noise and grain of a blurred photo. Set by hand."""
 FEWEST_STEPS = 40
+"""Of SAMPLES: below it a photo tells nothing of the mesh. Set by hand."""
 NEAR_PX = 2.5
+"""px within which a step belongs to the shifted rim. Set by hand."""
 APART = 0.01
+"""Over the fruit's width, from where on a photo disagrees: 0.6 mm on 60. Set by hand."""
 LEAST_PX = 1.5
+"""And px at least, as rims are found to about one. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,9 +15,12 @@ from recon.triangle_mesh import rim_crossings, vertex_normals
 DIAMETER_PX = 260.0
 """Photos are downscaled until the fruit is about this wide (px): finer pixels cost time and tell no more."""
 RIM_SAMPLES = 96
+"""Of a rim and photo at most: every four degrees, which bounds the time."""
 CLEARANCE_PX = 4.0
 """A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
 FEWEST_SIGHTINGS = 3
+"""Photos that show a place of the ground free, at least, for its colour: one that errs stands out among
+three."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
 in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
 CAUSE_SHARE = 0.1
+"""Share of the places in doubt that show a cause (shade, see-through) for it to be named. Set by hand."""
 MOVED_SHARE = 2.0
+"""Scatter between photos over their common offset, beyond which it was the fruit that moved. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

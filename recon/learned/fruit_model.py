@@ -18,6 +18,7 @@ from recon.learned.onnx_session import opened
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
 SIDE_PX = 192
+"""Of the square picture that the shipped model was trained on (benchmarks/fruit_model_train.py)."""
 INPUT, OUTPUT = "images", "fruit_log_odds"
 CPU = ("CPUExecutionProvider",)
 AT_ONCE = 4

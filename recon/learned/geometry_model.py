@@ -14,10 +14,13 @@ from recon.learned.onnx_file import bad_model
 from recon.learned.onnx_session import opened
 
 MULTIPLE = 14
+"""px: sides must be a multiple of the model's patch, 14 in VGGT."""
 WIDTH_PX = 518
+"""Width that VGGT was trained on, for models that leave it open."""
 ENOUGH = (("world_points",), ("depth", "pose_enc"))
 KINDS = {"tensor(float)": np.float32, "tensor(float16)": np.float16}
 FEWEST_POINTS = 200
+"""Of all photos, at least: fewer are no surface. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 FEWEST_PLACED = 30
+"""Points of a picture that its camera is worked out from, at least. Set by hand."""
 
 
 def unprojected(

@@ -10,6 +10,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 MOST_BYTES = 4_000_000_000
 """The largest that a protobuf message can be is 2 GB; what is larger keeps its numbers beside it."""
 GRAPH, OPSET, HIGHEST_FIELD = 7, 8, 1000
+"""Numbers of the fields `graph` and `opset_import` in onnx.proto, and a number beyond all of its fields."""
 
 
 def require_onnx(model: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
+from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.carve import AGREEMENT, Block
@@ -36,15 +37,21 @@ from recon.silhouettes.segmentation import (
 from recon.silhouettes.tangent import fitted_to_outlines
 
 LOWEST_AGREEMENT = 0.85
-FEWEST_VIEWS = 3
+"""Overlap of a photo's outline with the hull of all, below which it is left out. Set by hand."""
 MOST_INWARD_PX = 3.5
+"""px of the cut picture by which an outline may lie inside what the hull shows. Set by hand."""
 OUTLIER_SHARE = 0.03
+"""Of the views that may cut away too much in the fit: less than one of 33. Set by hand."""
 HULL_OUTLIER_SHARE = (0.25, 0.25, 0.15)
 """Shares of the views that may cut away too much: in the block, and under each cover. Too large a hull is cut
 again in the next round, too small a one bounds it wrongly."""
 HULL_LEVEL, FIT_LEVEL = 4, 5
+"""Subdivisions of an icosahedron, in the first rounds and in the fit: 2562 and 10242 vertices."""
 SIDES_PX = (320, 420)
+"""px of a photo's cut picture under each cover: finer when the fruit's place is known."""
 COVER_SHRINK = 4
+"""The ground's cover is worked out at a quarter of the photo's sides: its edge is wide of the fruit
+anyway."""
 SURE_SHARE = 0.06
 """So deep inside a hull, as a share of the window, pixels are surely fruit."""
 
@@ -60,6 +67,7 @@ class Cover:
 
 
 COVERS = (Cover(grown=0.05, foot=0.6), Cover(grown=0.03, foot=0.35))
+"""Shares of the fruit's size, wide at first and closer once the hull is known. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,6 +91,7 @@ ROUNDS = (
     Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
     Round(reach_px=2.0, outlier_share=0.05, most_log_odds=0.4, keep=True, sharpen=True, search=False),
 )
+"""Of making the outlines sharp, coarse to fine. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,7 +163,7 @@ def find_fruit(
         for v, m in zip(views, masks, strict=True)
     ]
     kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
-    if len(kept) < FEWEST_VIEWS:
+    if len(kept) < FEWEST_PHOTOS:
         raise no_fruit(
             f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
             f"{np.mean(overlaps):.2f})"
@@ -283,10 +292,10 @@ def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, I
         if inside.all():
             whole.append(i)
     given = len(scene.cameras)
-    if len(whole) < FEWEST_VIEWS:
+    if len(whole) < FEWEST_PHOTOS:
         raise ReconFailure(
             ReconProblem.FRUIT_CUT_OFF,
-            f"Only {len(whole)} of {given} photos hold the whole fruit; at least {FEWEST_VIEWS} must, "
+            f"Only {len(whole)} of {given} photos hold the whole fruit; at least {FEWEST_PHOTOS} must, "
             "all should: step back. Where none cuts it off, all were taken from one height, which leaves its "
             "top open: take photos from two or three heights.",
         )

@@ -12,10 +12,16 @@ from jaxtyping import Bool, Float, UInt8
 from recon.cameras.camera import Camera
 
 MOST_VIEWS = 24
+"""Photos that make the plate, evenly chosen: a median of more tells no more. Set by hand."""
 FEWEST_VIEWS = 3
+"""Photos that show a cell, at least: a median of two is none."""
 SIDE_CELLS = 900
+"""Along a side of the plate. Set by hand, about as fine as the photos show the ground; see ROWS_AT_ONCE."""
 DIM = 0.15
+"""Quantile of the views for the dim side, and from the top for the bright one. Set by hand: one odd view of
+seven is outside."""
 LEAST_GAIN = 0.03
+"""Relative difference of brightness between photos below which they are taken as they are. Set by hand."""
 ROWS_AT_ONCE = 12
 """24 layers of 12 rows of 900 cells in three colours are 780 kB: they stay in a processor's cache."""
 

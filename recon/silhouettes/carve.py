@@ -11,7 +11,9 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.mask import Window
 
 CELLS = 44
+"""Along the longest side of the working volume: enough for a first place and size. Set by hand."""
 AGREEMENT = 0.85
+"""Share of the views that must take a cell for fruit: some may err. Set by hand."""
 
 
 @dataclass(frozen=True)

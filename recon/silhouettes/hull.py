@@ -15,7 +15,9 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.mask import Window
 
 STEPS = 40
+"""Towards the surface along a ray at most; each takes the whole distance found. Set by hand."""
 NEAREST_MM = 1e-3
+"""mm from the surface at which a ray is there: far below a pixel."""
 
 
 @dataclass(frozen=True)

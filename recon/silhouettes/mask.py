@@ -11,18 +11,24 @@ from recon.cameras.camera import Camera
 from recon.silhouettes.background_plate import BackgroundPlate, background_in_view
 
 LIGHTNESS_WEIGHT = 0.4
+"""Of L* against a* and b* in a distance of colours: shading changes lightness and hardly hue. Set by hand."""
 BINS = 24
+"""Of the palette's histogram along each side: 4 of L* and 8 of a* and b* each. Set by hand."""
 SMOOTHING = ((0.8, 0.8), (0.2, 2.5))
 """Shares and widths (bins) of a palette's smoothing: what was sampled, and what is near to it."""
 MOST_LOG_ODDS = 6.0
+"""Of one pixel: 400 to 1, so that none outvotes its neighbours. Set by hand."""
 LEAST_NOISE_LAB = (1.5, 1.0)
 """Least scale of lightness and of each chroma about the plate, Lab units, as JPEG and resampling leave."""
 CALM_SHARE, CALM_DEVIATIONS = 0.3, (0.385, 0.845)
 """The 30 % quantiles of a deviation in one and in two dimensions, in standard deviations of one."""
 DEGREES_OF_FREEDOM = 5.0
+"""Of Student's t for noise of colours, whose tails are heavier than normal ones. Set by hand."""
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
 SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
+"""Of the shadows' histogram, and the share of them that any depth of shadow keeps though none was seen. Set
+by hand."""
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
 """Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
 STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)

@@ -17,17 +17,27 @@ from recon.silhouettes.mask import Window
 from recon.silhouettes.ring_path import best_rings
 
 SAMPLES = 1024
+"""Places along an outline: about one a pixel on a fruit 320 px wide."""
 LEASH = 4.0
+"""Log odds that a shift of the whole reach costs: keeps an outline that nothing tells where it is. Set by
+hand."""
 EDGE_GAIN = 15.0
+"""Log odds that a clear step of colour is worth, at most: that of several pixels of colour. Set by hand."""
 EDGE_LAB = 40.0
+"""CIE Lab units of a step that is worth all of it. Set by hand."""
 EDGE_PX = 2.0
+"""px on either side over which a step is taken: a photo's blur."""
 BAND_PX = 12.0
+"""px of the photo on either side of the first outline that are looked at. Set by hand."""
 STEEPEST_REACH_PX = 3.0
+"""px within which the steepest change of colour is sought at the end. Set by hand."""
 STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
 """Where the colours inside and outside are taken, and which share of fruit the true edge has between them. At
 grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
 in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets (benchmarks/edge_share.py)."""
 CLEAR_STEP = 0.05
+"""Length of the step in linear light of 0 to 1 from which a sample has an edge: grain is below. Set by
+hand."""
 LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
 """Light of each pixel value, of a display's usual gamma."""
 

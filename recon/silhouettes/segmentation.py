@@ -20,11 +20,18 @@ from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
+"""px of a photo's cut picture for the first block, whose cells are a few pixels wide there."""
 SURE_LOG_ODDS = 2.0
+"""Log odds from which a pixel is surely unlike the plate: 7 to 1. Set by hand."""
 FEWEST_CELLS = 60
+"""Of the first block, at least: fewer are a speck. Set by hand."""
 CORE_SHARE = 0.4
+"""Half side of the box's middle, over the box's, whose pixels tell the fruit's colours. Set by hand."""
 FEWEST_SURE_PIXELS = 500
+"""For a palette, at least: fewer do not fill its bins. Set by hand."""
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
+"""Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
+reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
 UNKNOWN_LOG_ODDS = (-0.3, 0.5)
 """Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
 what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""

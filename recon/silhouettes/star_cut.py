@@ -10,13 +10,21 @@ from jaxtyping import Bool, Float
 from recon.silhouettes.ring_path import best_rings
 
 RAYS = 384
+"""About a middle: one a degree or so, a pixel apart at a radius of 60."""
 STEP_PX = 1.0
+"""px along a ray."""
 MOST_LOG_ODDS = 1.5
+"""Of one pixel: 4 to 1, so that the whole contour decides and no patch of strange colour. Set by hand."""
 EDGE_GAIN = 18.0
+"""Log odds that a clear step of colour is worth, at most: that of a dozen pixels. Set by hand."""
 EDGE_LAB = 25.0
+"""CIE Lab units of a step that is worth all of it. Set by hand."""
 EDGE_PX = 2
+"""Steps on either side over which a step of colour is taken: a photo's blur."""
 BEND = 3.0
+"""Log odds that a step between neighbouring rays costs: two pixels of colour. Set by hand."""
 STEEPEST = 5
+"""Steps between neighbouring rays at most: within 18 degrees of the ray at a radius of 100 px."""
 BEYOND_PX, FEWEST_RADII = 6.0, 8
 """Rays end so far outside the last pixel that may be fruit, after so many steps at least."""
 

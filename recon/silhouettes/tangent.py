@@ -14,14 +14,21 @@ from recon.silhouettes.hull import Silhouette
 from recon.triangle_mesh import neighbour_mean, rim_crossings, vertex_normals
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
+"""Of the fit; each looks for the rims anew. Set by hand."""
 STIFFNESS = 6.0
+"""Of bending against a rim's miss in mm, both squared. Set by hand."""
 REACH_SHARE = 0.03
+"""Of the fruit's size, within which a vertex belongs to a rim; twice that in the first round. Set by hand."""
 LEAST_SPREAD_PX = 0.35
+"""px, least spread of the misses: what outlines are off by at best (RIM_SD_PX of
+recon.checks.surface_error)."""
 SPREADS = 3.0
+"""Spreads from where on a miss counts ever less. Set by hand, as usual in robust statistics."""
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
 """How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in
 the CAUTIOUS_ROUNDS first rounds; over the SHADED before that it counts ever less."""
 SPREADING = 6
+"""Half steps to the neighbours' mean that spread what is known over the skin. Set by hand."""
 
 
 @dataclass(frozen=True)

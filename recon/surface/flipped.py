@@ -13,13 +13,19 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.triangle_mesh import facing, vertex_normals
 
 VIEWS = 3
+"""The third best camera tells how well skin was seen: three photos or more measure it."""
 GRAZING, FULL = 0.0, 0.3
 """Cosines between a normal and the VIEWS-best camera: from where on the skin was seen, and seen well."""
 TURNS, TRIAL_POINTS, TRIAL_STEPS, STEPS, FINALISTS = 24, 500, 20, 40, 4
+"""Starts 15 degrees apart; points and steps of a trial, steps of the end, and trials that come so far. Set by
+hand: stone fruit are nearly round."""
 RING_DEG = (15.0, 50.0)
+"""Elevations of the cameras where those are not known: a low and a high ring, as photos are advised to be
+taken."""
 FEWEST = 60
 """Points of one mesh, of 500, on skin that both saw, at least."""
 OUTLIER = 3.0
+"""Robust spreads beyond which a point has no partner. Set by hand, as usual in robust statistics."""
 MOST_MISS_SHARE, MOST_LARGER, MOST_LARGER_BY_HEIGHT = 0.012, 0.01, 0.12
 """Where two meshes differ by more of the fruit's size, or in scale, they are not of one fruit. Without a mat
 both are scaled to its height, and a fruit that lies tilted has another."""

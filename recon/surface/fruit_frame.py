@@ -8,8 +8,11 @@ from jaxtyping import Float
 from recon.surface.orientation import Orientation
 
 SURE = 0.5
+"""Confidence from which an orientation by shape counts against the convention. Set by hand."""
 MOST_TILT_DEG = 15.0
+"""Degrees that the stem may be off the vertical unsaid: fruit do not stand straight. Set by hand."""
 MOST_TURN_DEG = 20.0
+"""Degrees that the suture may be off the arrow unsaid: so well it is laid by eye. Set by hand."""
 
 
 def to_fruit_frame(

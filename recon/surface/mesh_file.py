@@ -13,6 +13,7 @@ from recon.surface.coverage import SEEN_BY
 
 SUFFIXES = (".ply", ".stl", ".obj")
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
+"""Of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
 """Vertices and faces, each: what `drupe check` and `drupe grade` carry within the 1000 MiB of one fruit
 (pipeline.batch.memory). A nectarine's ready mesh, resampled: 300,000 faces peak at 660 MiB in check (7.6 s of

@@ -9,15 +9,25 @@ from recon.native import open3d
 from recon.silhouettes.hull import ball
 
 WIDTHS = (0.2, 0.28, 0.36, 0.45)
+"""Of stem hollows, as angles (rad) from the fruit's middle. Set by hand."""
 GROOVE_WIDTHS = (0.08, 0.11, 0.15)
+"""Of sutures, likewise. Set by hand."""
 LEVEL = 4
+"""Subdivisions of an icosahedron on which the radius is taken: 2562 directions, 4 degrees apart."""
 CAPS = 3
+"""Likewise of the stem's directions that are tried: 642, 8 degrees apart."""
 SMOOTH_DEGREE = 4
+"""Of the spherical harmonics that stand for a fruit without hollow: lopsided, and no sharper. Set by hand."""
 SMOOTH_TURNS = 4
+"""Likewise of the harmonics round the stem, for a fruit without groove."""
 LEAST_HOLLOW = 0.02
+"""Depth of a stem hollow over the fruit's size that is one for sure. Set by hand."""
 LEAST_GROOVE = 0.006
+"""Likewise of a suture."""
 BAND_DEG = (50.0, 115.0)
+"""From the stem: where a suture is looked for, clear of the stem's hollow and of the blossom end."""
 APART_DEG = 40.0
+"""Degrees: nearer than that another best place is the same one."""
 
 
 @dataclass(frozen=True, kw_only=True)

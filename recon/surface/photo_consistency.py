@@ -14,10 +14,13 @@ from recon.silhouettes.hull import sampled
 from recon.triangle_mesh import facing
 
 SIDE = 7
+"""Of a patch, in places: 49 numbers tell a correlation to a seventh."""
 PATCH_STEP_PX = 1.7
+"""px between them: as far as a photo's blur makes neighbours alike."""
 FACING = 0.35
 """Least cosine between normal and line of sight: flatter than 70 degrees a patch shrinks to a third."""
 FEWEST_VIEWS = 3
+"""That show a patch, at least: two agree by chance."""
 VIEW_COUNTS = (5, 8)
 """Views compared. Few face the bottom of a narrow cavity; many average a highlight out that moves between
 them."""
@@ -25,8 +28,11 @@ LEAST_CONTRAST = (1.2, 0.8)
 """Least standard deviation of a patch, grey levels, as it is and without its gradient; noise of a photo after
 the blur is about 0.5."""
 LEAST_SCORE = (0.5, 0.4)
+"""Correlation, as it is and without the gradient, that is trusted. Set by hand."""
 DISTINCT, DISTINCT_STEPS = 0.1, 3
+"""By which it must exceed that of every depth more than so many steps away. Set by hand."""
 HIGHLIGHT, MOST_HIGHLIGHT = 215.0, 0.05
+"""Grey level of 255 from which a place is a highlight, and the share of a patch that may be. Set by hand."""
 
 
 @dataclass(frozen=True)

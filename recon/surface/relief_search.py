@@ -33,6 +33,7 @@ the first make the second find more; then near what was found."""
 FINE_SEARCH = Search(highest=0.04, lowest=-0.05, steps=12, from_moved=True)
 """Offsets (radii) on the finer mesh: steps of 0.2 mm on a peach, under a pixel of the photos."""
 STEM_COSINE = 0.75
+"""Of the normal to the vertical: steeper skin is a side, where no stem is."""
 SHALLOW_SHARE = 0.055
 """On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines: a
 suture, never a stem cavity."""

@@ -10,22 +10,23 @@ from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
+from recon.silhouettes.all_views import FIT_LEVEL, OUTLIER_SHARE
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
 from recon.silhouettes.tangent import fitted_to_outlines
 
-LEVEL, OUTLIER_SHARE = 5, 0.03
-"""Of the last hull in recon.silhouettes.all_views: the fitted surface's stiffness depends on its
-fineness."""
 SAMPLES, WAVE = 1024, 8
+"""Of an outline, as in recon.silhouettes.outline, and over how many of them its errors are alike."""
 MARGIN_PX = 16
+"""px about an outline: enough for its errors."""
 NOISE_PX, SEED = 0.5, 1
 """Standard deviation of the outlines: exact ones are believed over the bending of the surface, and leave a
 ball at 45 degrees a cone."""
 NO_CONE = 0.02
 """Excess of a hull under which the fitted surface's is under 0.2 %, and not worked out."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
+"""Size of the shoulder's term, where it ends, and its relative standard deviation: below."""
 FIT_SD = 0.5
 """Stone fruits that stand with the stem cavity up come out taller than ellipsoids: by SHOULDER (a / c)² tan e
 of their height, e up to 25 degrees (what bridges the cavity bulges over its shoulder, more on a flat fruit).
@@ -123,7 +124,7 @@ def fitted_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> flo
         centre_mm=centre,
         longest_mm=4 * float(semi.max()),
         floor_mm=0.0,
-        level=LEVEL,
+        level=FIT_LEVEL,
         outlier_share=OUTLIER_SHARE,
     )
     surface = fitted_to_outlines(rough, faces, seen, floor_mm=0.0).vertices
