@@ -15,9 +15,11 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 APART_S = 0.5
 """Clocks of two fingers that differ by more are not one clock."""
 LAGS_S = np.arange(-1.0, 1.0001, 0.01)
+"""Tried between two clocks, s: up to a second, in steps of a hundredth. Set by hand."""
 LOADED = 0.5
 """Markers with more than this share of the strongest pressing tell the gel's stiffness."""
 REST_MOVES_MM = 0.01
+"""mm by which untouched markers may move before it is said: several times a frame's noise. Set by hand."""
 
 
 def recording_of_tac3d(

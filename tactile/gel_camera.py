@@ -7,6 +7,7 @@ from jaxtyping import Float
 from tactile.sensors import GelCamera
 
 UNDISTORT_STEPS = 50
+"""Of OpenCV's fixed-point search, at most; it ends at 1e-12."""
 
 
 def project(camera: GelCamera, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:

@@ -18,9 +18,13 @@ from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 INSIDE = 0.85
+"""Share of the contact's radius that is used: at its rim the gel bends away from the ball."""
 LEAST_CHANGE = 0.15
+"""Relative change of brightness that shows a print. Set by hand."""
 ROUNDS = 6
+"""Of centre and contact, each from the other. Set by hand."""
 DEPTH_ROUNDS = 3
+"""Of slope and depth: depth scales x by two percent, the second round by a fiftieth of that."""
 
 
 @dataclass(frozen=True, kw_only=True)

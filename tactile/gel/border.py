@@ -18,6 +18,8 @@ from tactile.sensors import GelCamera
 CELLS = 48
 """Cells along the longer side of the image for the harmonic functions: they are smooth."""
 PER_SIDE = 12
+"""Places along each side of the image at which the border's rise is taken, in straight lines between: it is
+as smooth as the gel is thick. Set by hand."""
 
 
 def border_observation(

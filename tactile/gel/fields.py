@@ -26,12 +26,18 @@ from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_NOISE_PX = 0.01
+"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (docs/validation.md,
+Gel frames)."""
 LEAST_DEPTH_SD_MM = 0.002
+"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Gel frames)."""
 MONO_SLAB_SD_MM = 0.006
 """What is asked of the slab's sideways motion where it alone must tell the depth."""
 DEPTH_ROUNDS = 2
+"""Of depth and places, each from the other, with one camera. Set by hand."""
 FRAMES_TO_CHOOSE_FROM = 3
+"""Of the strong ones, from which the prior is chosen: each costs several inversions. Set by hand."""
 OF_MEDIAN = 0.6745
+"""Median of the absolute value of a standard normal number."""
 
 
 @dataclass(frozen=True, kw_only=True)

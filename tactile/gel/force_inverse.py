@@ -30,13 +30,20 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, lapack
 from tactile.gel.grid import GelGrid, with_smooth
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
+"""A node is in contact at first where it is pushed by so many standard deviations, or by such a share of the
+most. Set by hand."""
 GROWS_AT_SD = 1.0
+"""A node beside the contact joins it where it would be pushed by so many standard deviations."""
 APPEARS_AT_SD = 6.0
+"""A node away from it needs more: among hundreds of nodes 4 would come by chance now and then. Set by
+hand."""
 MOST_ROUNDS = 12
+"""In which nodes may join; then they only leave, so that the search ends. Set by hand."""
 SMOOTH_SHARE = np.array([0.02, 0.02, 0.005])
 """Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z; free sides
 three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_images.py`)."""
 LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
+"""Largest displacement of a frame, mm: at least this for the smooth field, and that of a usual press."""
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 
 
@@ -51,6 +58,8 @@ class PriorHyperparameters:
 
 
 INITIAL_HYPERPARAMETERS = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
+"""Where the search for the prior starts: a usual press, node by node as noisy as twice what frames say. Set
+by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from scipy.spatial import Delaunay, cKDTree
 from tactile.gel.slab import GelLayer, tent_compliance
 
 NODE_PER_MARKER = 0.7
+"""Spacing of nodes over that of markers: a little finer, as the prior smooths over it. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,9 +23,13 @@ from tactile.gel_camera import rays
 from tactile.sensors import GelCamera, GelLight
 
 BLOCK_PX = 4
+"""Sides of the blocks whose mean colour counts: slopes are smooth over it, and noise falls fourfold."""
 DEGREE = 3
+"""Of the polynomial from three brightnesses to two slopes: 20 terms. Set by hand."""
 DARK = 0.75
+"""Of the gel's brightness; what is darker is a marker. Set by hand."""
 STEEPEST = 1.0
+"""Slope that is believed at most: 45 degrees, which a gel's face does not reach."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,8 +14,11 @@ from jaxtyping import Float
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_SHARE = 0.2
+"""Of the greatest force; frames with less carry too little. Set by hand."""
 FEWEST_FRAMES = 5
+"""That carry enough, on one line with its scatter. Set by hand."""
 NOT_ONE_LINE = 0.1
+"""Scatter about the line, over the greatest force, beyond which it is none. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,7 +23,10 @@ from scipy.ndimage import map_coordinates, spline_filter
 FLAT_TO = 0.1
 """A gel whose face departs from a plane by more than this part of its thickness is not a flat slab."""
 FINE_PER_PITCH = 8
+"""Steps per node at which the tent of traction is sampled. Set by hand."""
 CLEAR_THICKNESSES = 8.0
+"""Decay lengths about the face that are computed too: exp(-8) of it, 0.03 %, comes back from the next
+period."""
 
 
 @runtime_checkable

@@ -10,11 +10,13 @@ from tactile.io.pictures import unusable
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 WHITE = 250
+"""Grey level of 255 from which a pixel counts as full white: JPEG leaves a few levels."""
 SATURATED = 0.1
 """More of the frame than this share at full white: nothing can be seen there."""
 GAP = 1.6
 """A step this many times the usual one means that frames between are lost."""
 EVERY = 4
+"""Every so many rows and columns are looked at: a share needs no more."""
 
 
 @dataclass

@@ -19,6 +19,7 @@ from tactile.io.plain_file import NotReadable, not_plain, read_text
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
 FARTHEST_MM = 2000.0
+"""mm of aperture: wider than any gripper."""
 LARGEST = 1e12
 """A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
 NEEDED = ("time_s", "aperture_mm")

@@ -15,6 +15,7 @@ from tactile.io.plain_file import NotReadable, read_bytes, size
 MOST_BYTES = 400_000_000
 """Of a file, and of what it unpacks to: twenty minutes of 400 markers at 30 frames a second."""
 MOST_ARRAYS = 200
+"""In an archive: recordings have a dozen for each pad. Set by hand."""
 MOST_VALUES = MOST_BYTES // 8
 """In double precision, as they are handed on: bytes become eight times as many."""
 

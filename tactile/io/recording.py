@@ -23,7 +23,9 @@ from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"
 VERSION = 1
+"""Of the file; docs/formats.md describes it."""
 FEWEST_FOR_AREA = 9
+"""Markers from which on the area of one is told: of three by three the middle Voronoi cell is whole."""
 FEWEST_MARKERS = 3
 """That span an area, which contact has: outlines of fewer, or of a line, do not exist."""
 LEAST_SPREAD = 0.01
@@ -44,10 +46,10 @@ THICKNESS = Limit(200.0, "millimetres", least=0.01)
 MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)", least=1e-5)
 RATIO = Limit(0.4999, "", least=0.1)
 RADIUS = Limit(1000.0, "millimetres", least=0.001)
-"""The largest that each field can be at all, some hundred times what sensors and grippers reach: beyond it a
-number is broken or in another unit, and squares of it may overflow. The least likewise: the softest gel made
-has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6 MPa per mm; quotients by numbers
-that are next to nothing overflow."""
+"""These are the largest that each field can be at all, in the unit named, some hundred times what sensors and
+grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
+likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
+MPa per mm; quotients by numbers that are next to nothing overflow."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]

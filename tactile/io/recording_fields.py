@@ -16,13 +16,16 @@ RIGID_TOLERANCE = 1e-4
 MOST_VALUES = 40_000_000
 """Of one field: 320 MB in double precision; 400 markers for a minute at 30 frames a second are 2 million."""
 MOST_IMAGE_VALUES = 2_000_000_000
+"""Of all pictures of a pad: as large as 30 s of 640 x 480 in colour at 60 frames/s, and some. Set by hand."""
 MOST_CHUNK_BYTES = 256_000_000
 """The library unpacks a whole chunk to read one value of it."""
 MOST_DROPPED = 0.1
 """Share of the frames that may be dropped for their missing values, at most; a third left out is a finding of
 its own (tactile/checks/time_order.py). It chooses the advice, no more."""
 MOST_CHARACTERS = 200
+"""Of a name in a recording. Set by hand: longer text is no name."""
 MOST_ATTRIBUTE_BYTES = 65_536
+"""Of an attribute: HDF5 itself keeps no larger one in an object's header."""
 FARTHEST_MM = 1e5
 """A pose's shift beyond 100 m is of no gripper."""
 REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
@@ -40,6 +43,7 @@ class Limit:
 
 
 ANY = Limit(1e12, "in any unit")
+"""Of a field without a limit of its own: far beyond any, and its square is finite."""
 
 
 def first_line(cause: Exception) -> str:

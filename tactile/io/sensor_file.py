@@ -55,7 +55,9 @@ TOP = {
     "calibration_sha256", "ambient", "gamma",
 }  # fmt: skip
 FEWEST_LIGHTS = 3
+"""Three brightnesses tell a face's two slopes and its albedo (photometric stereo)."""
 FARTHEST_MM = 1e5
+"""A pose's shift beyond 100 m is of no sensor."""
 GAMMA = Limit(10.0, "", least=0.1)
 """Of screens and cameras 1.8 to 2.6."""
 LEAST_PITCH_MM = 0.01

@@ -18,7 +18,9 @@ from tactile.markers.matching import Lattice, match, neighbours_say
 JUMP = 0.5
 """In spacings: a marker that moves further between two frames may have changed its label."""
 FEWEST = 3
+"""Markers that must jump together to be looked at again. Set by hand."""
 LOOK_BACK = 25
+"""Frames that are gone back, at most: bounds time and memory. Set by hand."""
 
 
 def relabelled(

@@ -16,6 +16,8 @@ COARSE_RADIUS_PX = 3.0
 SCALES = np.geomspace(1.5, 24.0, 13)
 """Standard deviations tried for blobs, px; a disc of radius r answers most at r / sqrt(2)."""
 STRONG = 0.5
+"""Of the 0.9 quantile of the peaks: those above are markers for sure, weaker ones may be dirt. Set by
+hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ from tactile.markers.marker_detection import Blobs
 OUTSIDE = 0.2
 """A centre may lie this many radii outside the frame: two fifths of the disc are then in view."""
 STEPS = 60
+"""Of the table of m(s), straight between: a fortieth of a radius each."""
 
 
 def disc_radius_px(shown: Float[np.ndarray, "h w"], markers: Blobs) -> float:

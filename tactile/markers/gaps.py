@@ -5,6 +5,7 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 AROUND = 6
+"""Neighbours from whose values a missing one is taken: those next to it on a grid, about."""
 
 
 def filled(

@@ -19,18 +19,27 @@ from scipy.spatial import Delaunay, QhullError, cKDTree
 GATE = 0.5
 """A blob farther from where a marker is expected than this share of the spacing is not taken for it."""
 NEIGHBOURS = 8
+"""Of a marker: those round it on a square grid."""
 LONG_EDGE = 1.7
 """Neighbours are those joined by an edge no longer than this many spacings."""
 UNMATCHED_COST = 1.0
+"""Of all markers unmatched, in the unit of the misfit between neighbours (spacings). Set by hand."""
 VOTE_BINS = 0.25
+"""Of displacements that are voted for, in spacings: finer than neighbours differ. Set by hand."""
 VOTE_REACH = 2.5
+"""Spacings that a gel moves between two frames at most. Set by hand."""
 VOTED_GUESSES = 4
+"""Best voted displacements that are tried in full. Set by hand."""
 SEAM = 0.4
 """Neighbours whose displacements differ by more than this share of the spacing are on two sides of a seam."""
 SEEDS = 3
+"""Patches of markers that move alike, from which the rest is matched in turn. Set by hand."""
 FEWEST_SEEDS = 4
+"""Markers of such a patch, at least. Set by hand."""
 GROWTH_ROUNDS = 12
+"""Of matching what is next to the patch: a gel of some 25 markers across is reached. Set by hand."""
 GROWTH_NEIGHBOURS = 6
+"""Nearest of a marker, two of which must be matched for it to be next. Set by hand."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from tactile.markers.matching import Lattice, lattice_of, match, neighbours_say
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_MARKERS = 9
+"""In the first frame: fewer tell no field of displacement (three by three). Set by hand."""
 BLOB_CONTRAST = 0.3
 """A blob of a later frame reaches this share of the usual marker's peak on the reference."""
 FAINT = 0.35

@@ -1,0 +1,131 @@
+"""Every module constant made of numbers says what it is: unit, and reason or measurement, beside it.
+
+    python tests/test_constants.py [ROOT]
+
+prints how many there are in each room, how many have no words beside them, and which those are.
+"""
+
+import ast
+import io
+import re
+import sys
+import tokenize
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
+ROOT = Path(__file__).resolve().parents[1]
+DIRECTIVE = re.compile(r"#\s*(noqa|fmt:|type:|ruff:|pragma|mypy:|isort:)")
+FEWEST_WORDS = 2
+SHARED = "These"
+
+
+def constants(source: str) -> Iterator[tuple[int, str, bool]]:
+    """Line, names and whether words stand beside it, of each module constant with a number in its value.
+
+    Beside: a docstring right below it, or, beginning with SHARED, below the block of assignments on
+    neighbouring lines that it belongs to; a comment on one of its lines or right above it. A directive to a
+    tool (noqa, fmt) is no comment.
+    """
+    said = _comment_lines(source)
+    body = ast.parse(source).body
+    for place, node in enumerate(body):
+        if not isinstance(node, ast.Assign | ast.AnnAssign) or not _has_number(node.value):
+            continue
+        targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+        names = [one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)]
+        if not names or all(name.startswith("__") for name in names):
+            continue
+        lines = range(node.lineno - 1, (node.end_lineno or node.lineno) + 1)
+        own = any(line in said and (line >= node.lineno or said[line]) for line in lines)
+        yield node.lineno, ", ".join(names), own or _has_docstring(body, place)
+
+
+def without_words(root: Path) -> tuple[dict[str, int], list[str]]:
+    """How many constants each room has; FILE:LINE NAMES of those with no words beside them."""
+    count, missing = dict.fromkeys(ROOMS, 0), []
+    for room in ROOMS:
+        for path in sorted((root / room).rglob("*.py")):
+            if path.is_relative_to(root / "samples" / "data"):
+                continue
+            for line, names, has in constants(path.read_text(encoding="utf-8")):
+                count[room] += 1
+                if not has:
+                    missing.append(f"{path.relative_to(root)}:{line} {names}")
+    return count, missing
+
+
+def _has_number(value: ast.expr | None) -> bool:
+    return value is not None and any(
+        isinstance(one, ast.Constant) and type(one.value) in (int, float, complex) for one in ast.walk(value)
+    )
+
+
+def _comment_lines(source: str) -> dict[int, bool]:
+    """Lines with a comment, and whether the comment is all there is on the line."""
+    return {
+        token.start[0]: not token.line[: token.start[1]].strip()
+        for token in tokenize.generate_tokens(io.StringIO(source).readline)
+        if token.type == tokenize.COMMENT
+        and not DIRECTIVE.match(token.string)
+        and len(re.findall(r"\w+", token.string)) >= FEWEST_WORDS
+    }
+
+
+def _has_docstring(body: list[ast.stmt], place: int) -> bool:
+    """A docstring right below; or below neighbouring assignments, where it begins with SHARED."""
+    for above, below in pairwise(body[place:]):
+        if below.lineno != (above.end_lineno or above.lineno) + 1:
+            return False
+        if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
+            text = str(below.value.value)
+            own = above is body[place]
+            return len(re.findall(r"\w+", text)) >= FEWEST_WORDS and (own or text.startswith(SHARED))
+        if not isinstance(below, ast.Assign | ast.AnnAssign):
+            return False
+    return False
+
+
+def test_every_constant_made_of_numbers_has_words_beside_it():
+    count, missing = without_words(ROOT)
+    assert min(count.values()) > 0
+    assert not missing, f"{len(missing)} constants have no unit and reason beside them:\n" + "\n".join(
+        missing
+    )
+
+
+@pytest.mark.parametrize(
+    ("source", "has"),
+    [
+        ("A = 1\n", False),
+        ("A = 1  # noqa: E501\n", False),
+        ('A = "no # comment 1", 2\n', False),
+        ("A = 1\n\n\nB = 2  # mm, of another\n", False),
+        ("B = 2  # mm, of another\nA = 1\n", False),
+        ('A = 1\n\n"""Not right below."""\n', False),
+        ("A = 1\ndef f():\n    '''Of a function.'''\n", False),
+        ("A = 1  # mm, by hand\n", True),
+        ("# mm, by hand\nA = 1\n", True),
+        ("A = (\n    1,  # mm, by hand\n)\n", True),
+        ('A = 1\n"""mm, by hand."""\n', True),
+        ('A: int = 1\nB, C = 2, 3\n"""mm, by hand."""\n', False),
+        ('A: int = 1\nB, C = 2, 3\n"""These are mm, by hand."""\n', True),
+    ],
+)
+def test_words_beside_a_constant_are_its_own(source: str, has: bool):
+    assert {said for _, names, said in constants(source) if names == "A"} == {has}
+
+
+@pytest.mark.parametrize("source", ['A = "3"\n', "A = True\n", "def f():\n    a = 1\n", "__version__ = 1\n"])
+def test_only_names_of_the_module_that_hold_numbers_count(source: str):
+    assert not list(constants(source))
+
+
+if __name__ == "__main__":
+    counted, bare = without_words(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else ROOT)
+    table = [f"{room:9} {n:5} {sum(x.startswith(f'{room}/') for x in bare):5}" for room, n in counted.items()]
+    total = f"{'all':9} {sum(counted.values()):5} {len(bare):5}"
+    sys.stdout.write("\n".join(["room      constants, without words", *table, total, *bare, ""]))
