@@ -42,7 +42,6 @@ from reports.explain_entries import ExplainEntry
 from reports.explain_page import explain_html
 from tactile.tactile_failure import TactileFailure
 
-ANSWERED, NO_ANSWER = 0, 3
 PAGE_TITLE = ": where simulation and recording differ</title>"
 """By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
 
