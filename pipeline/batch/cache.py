@@ -17,6 +17,8 @@ import numpy as np
 from pipeline.files.whole_file import put
 from recon.plain_file import not_plain
 
+PACKAGES = Path(__file__).resolve().parents[2]
+"""The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
     "h5py",
@@ -61,13 +63,23 @@ def file_hash(path: Path) -> str:
 
 @cache
 def code_version(rooms: tuple[str, ...]) -> str:
-    """A hash of the source files of these rooms and of the numerical libraries' versions."""
+    """A hash of the source files of these rooms and of the numerical libraries' versions.
+
+    Raises FileNotFoundError where a room has none: results would be kept whatever the code became.
+    """
     digest = hashlib.sha256()
     for room in rooms:
-        folder = Path(__file__).resolve().parents[1] / room
-        for path in sorted(folder.rglob("*")):
-            if path.suffix in {".py", ".toml", ".csv"} and "data" not in path.parts:
-                digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
+        folder = PACKAGES / room
+        files = {path.relative_to(folder): path for path in sorted(folder.rglob("*"))}
+        code = {
+            name: path
+            for name, path in files.items()
+            if path.suffix in {".py", ".toml", ".csv"} and "data" not in name.parts
+        }
+        if not code:
+            raise FileNotFoundError(f"{folder}: holds no source files of drupe; install it again.")
+        for name, path in code.items():
+            digest.update(f"{room}/{name.as_posix()}".encode() + b"\0" + path.read_bytes())
     for library in LIBRARIES:
         digest.update(f"{library} {metadata.version(library)}".encode())
     return digest.hexdigest()

@@ -3,9 +3,42 @@
 import os
 
 import numpy as np
+import pytest
 
+from pipeline.batch import cache
 from pipeline.batch.cache import Artifact, cached, file_hash, stage_key
 from pipeline.batch.records import read_record
+
+
+@pytest.mark.parametrize("changed", ["fem/law.py", "fem/laws/more/hertz.py", "fem/null_reference.csv"])
+def test_a_change_of_a_rooms_code_is_another_version_of_it_alone(tmp_path, monkeypatch, changed):
+    """Wherever drupe is installed, a folder called data included."""
+    places = tmp_path / "data" / "packages"
+    for name in (changed, "recon/mesh.py", "fem/data/sample.csv"):
+        (places / name).parent.mkdir(parents=True, exist_ok=True)
+        (places / name).write_text("1")
+    monkeypatch.setattr(cache, "PACKAGES", places)
+
+    def versions():
+        cache.code_version.cache_clear()
+        return [cache.code_version((room,)) for room in ("fem", "recon")]
+
+    fem, recon = versions()
+    (places / "fem/data/sample.csv").write_text("2")
+    assert versions() == [fem, recon]
+    (places / changed).write_text("2")
+    after = versions()
+    assert after[0] != fem
+    assert after[1] == recon
+    with pytest.raises(FileNotFoundError, match="holds no source files"):
+        cache.code_version(("tactile",))
+    cache.code_version.cache_clear()
+
+
+def test_every_rooms_own_files_are_its_version():
+    versions = [cache.code_version((room,)) for room in cache.ROOMS]
+    assert len(set(versions)) == len(cache.ROOMS)
+    assert all((cache.PACKAGES / room / "__init__.py").is_file() for room in cache.ROOMS)
 
 
 def make(counter):
