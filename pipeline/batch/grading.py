@@ -28,6 +28,7 @@ from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.results_lock import alone, is_held
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.files.write_guard import require_free, require_results_apart, require_temporary_apart
+from pipeline.fruit.recording_owner import named_row
 from pipeline.fruit.stages import grade_fruit
 from pipeline.ranking.control_chart import (
     ControlChart,
@@ -362,7 +363,7 @@ def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
         record = _taken_up(kept)
         if record.outcome in RETRIED:
             continue
-        if any((name in tasks) != was for name, was in record.strangers.items()):
+        if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
             continue
         if record.graded and not task.results.fruit_ply.is_file():
             continue

@@ -213,7 +213,8 @@ def _where_fine(placed: list[PlacedGrasp], shape: FruitShape) -> Float[np.ndarra
 
 
 def said_once(sentences: Sequence[str]) -> str:
-    """Sentences "name: what is wrong" as a text that has each cause once, with the first's numbers.
+    """Sentences "name: what is wrong" as a text that has each cause once, with the first's numbers; what
+    is quoted (ids) makes another cause.
 
     >>> said_once(["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N."])
     'g1: force is 2.0 N. (The same of g3.) g2: never touches.'
@@ -221,7 +222,8 @@ def said_once(sentences: Sequence[str]) -> str:
     causes: dict[str, list[tuple[str, str]]] = {}
     for sentence in sentences:
         name, _, cause = sentence.partition(": ")
-        causes.setdefault(re.sub(r"[\d.]+", "#", cause), []).append((name, sentence))
+        quoted = " ".join(re.findall(r'"[^"]*"', cause))
+        causes.setdefault(re.sub(r"[\d.]+", "#", cause) + quoted, []).append((name, sentence))
     said = []
     for (_, first), *others in causes.values():
         names = ", ".join(name for name, _ in others)

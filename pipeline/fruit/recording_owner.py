@@ -1,5 +1,6 @@
 """Whose recording it is: the fruit and the category that a recording names, against those it lies with."""
 
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -29,16 +30,31 @@ class Owner:
 def stranger(named: str, owner: Owner) -> str | None:
     """The fruit that a recording names, where it is not its owner; None where it is, or names none.
 
-    An id of the batch counts letter by letter; else case and blanks around it make no other fruit.
+    A fruit of the batch is given by its own id, however the recording spells that.
 
     >>> owner = Owner(fruit_id="N02", batch_fruits=("N02", "N04"))
-    >>> stranger("N04", owner), stranger("n02 ", owner), stranger("", owner)
-    ('N04', None, None)
+    >>> stranger("n-4", owner), stranger("N77", owner), stranger("n2 ", owner), stranger("", owner)
+    ('N04', 'N77', None, None)
     """
     if owner.batch_fruits is None or named == owner.fruit_id or _plain(named) in NOT_SAID:
         return None
-    same = _plain(named) == _plain(owner.fruit_id)
-    return None if same and named not in owner.batch_fruits else named
+    row = named_row(named, owner.batch_fruits)
+    return None if row == owner.fruit_id else row or named
+
+
+def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
+    """The fruit of the batch that a recording names; None where it names none of them, or may name several.
+
+    An id of the batch counts letter by letter. Else case, blanks and marks between letters and digits, and
+    zeros before a number make no other fruit: spreadsheets and recorders change them.
+
+    >>> named_row("2", ("02", "04")), named_row("2", ("02", "002")), named_row("02", ("02", "002"))
+    ('02', None, '02')
+    """
+    if named in batch_fruits:
+        return named
+    alike = [one for one in batch_fruits if _spelt_plainly(one) == _spelt_plainly(named)]
+    return alike[0] if len(alike) == 1 else None
 
 
 def owner_findings(named: str, category: str, owner: Owner, *, source: str, field: str) -> list[Finding]:
@@ -50,7 +66,7 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
     """
     other, found = stranger(named, owner), []
     if other is not None:
-        differs = f'{field}: found "{other}", expected "{owner.fruit_id}"'
+        differs = f'{field}: found "{named}", expected "{owner.fruit_id}"'
         if other in (owner.batch_fruits or ()):
             raise TactileFailure(
                 TactileProblem.FOREIGN_RECORDING,
@@ -58,7 +74,7 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
                 f"fruits/{other}/grasps, or correct the {field} if it is of {owner.fruit_id}.",
             )
         says = (
-            f'{differs}, and fruits.csv has no "{other}": the recording may be another fruit\'s; correct the '
+            f'{differs}, and fruits.csv has no "{named}": the recording may be another fruit\'s; correct the '
             f"{field} if it is of {owner.fruit_id}, else take the recording away"
         )
         found.append(_doubted(FindingKind.OTHER_FRUIT, says, detail=other))
@@ -94,3 +110,9 @@ def _both_known(one: str, other: str) -> bool:
 
 def _plain(text: str) -> str:
     return text.strip().casefold()
+
+
+def _spelt_plainly(fruit_id: str) -> str:
+    """An id without what makes no other fruit: "n-7" of "N007" and of "N 7"."""
+    apart = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])|[\s._-]+", "-", _plain(fruit_id))
+    return re.sub(r"(?<!\d)0+(?=\d)", "", apart)

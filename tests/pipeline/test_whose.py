@@ -21,7 +21,7 @@ from pipeline.batch.same_recording import copies_doubted
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
-from pipeline.fruit.recording_owner import Owner, owner_findings
+from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.stage_log import StageLog
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
@@ -139,6 +139,36 @@ def test_another_known_category_puts_E_in_doubt_and_one_of_the_users_own_does_no
     assert any('its category is "our early nectarine"' in one for one in log.warnings)
 
 
+@pytest.mark.parametrize("said", ["N2", "n-02", "N 2", "n_002"])
+def test_an_id_that_a_spreadsheet_or_a_recorder_spelt_otherwise_is_the_same_fruits(batch, said):
+    relabel(recording(batch), fruit_id=said)
+    assert checked(batch)[0] == 0
+    assert prepared(batch)[0].doubts == ()
+
+
+def test_another_fruit_of_the_batch_is_known_however_its_id_is_spelt(batch):
+    relabel(recording(batch), fruit_id="n4")
+    status, text = checked(batch)
+    assert status == 2
+    assert 'found "n4", expected "N02"' in text
+    assert "Move the file to fruits/N04/grasps" in text
+
+
+@pytest.mark.parametrize(
+    ("named", "rows", "who"),
+    [
+        ("1", ("01", "02"), None),
+        ("2", ("01", "02"), "02"),
+        ("001", ("01", "001"), "001"),
+        ("1", ("01", "001"), "1"),  # of either
+        ("1-1", ("01", "11"), "1-1"),
+        ("10", ("01", "100"), "10"),
+    ],
+)
+def test_zeros_before_a_number_make_no_other_fruit_unless_the_batch_has_both(named, rows, who):
+    assert stranger(named, Owner(fruit_id="01", batch_fruits=rows)) == who
+
+
 def test_a_case_of_its_own_may_be_called_otherwise():
     assert (
         owner_findings("N77", "plum", Owner(fruit_id="case-1"), source="g", field="attribute fruit_id") == []
@@ -156,6 +186,7 @@ def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
     write_record(task.results.record, record)
     assert dict(_kept({"N02": task})) == {"N02": record}
     assert dict(_kept({"N02": task, "N77": task})) == {}
+    assert dict(_kept({"N02": task, "n-77": task})) == {}
 
 
 def test_explain_says_it_of_a_batchs_fruit(batch):
@@ -260,3 +291,12 @@ def test_each_cause_is_said_once_however_many_recordings_have_it():
         ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
     )
     assert said == "g1: force is 2.0 N. (The same of g3, g4.) g2: never touches."
+
+
+def test_recordings_of_different_fruit_have_different_causes():
+    """Else somebody moves both into the first one's folder."""
+    told = [
+        f'g{k}: found "{name}", expected "01": move it to fruits/{name}.'
+        for k, name in ((1, "04"), (2, "05"))
+    ]
+    assert said_once(told) == " ".join(told)
