@@ -15,11 +15,14 @@ from samples.hexahedra import lagrange
 
 @dataclass(frozen=True, kw_only=True)
 class Gel:
-    """Normal and shear stiffness per area, and friction between gel and skin."""
+    """Normal and shear stiffness per area, friction between gel and skin, and how far the gel is drawn out
+    by skin that it has touched before it lets go (0: it does not stick).
+    """
 
     kn_MPa_per_mm: float = 0.22
     kt_MPa_per_mm: float = 0.055
     friction: float = 0.8
+    reach_mm: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,15 +56,22 @@ def gel_points(before: Anchors, position_mm: Float[np.ndarray, "n 3"]) -> Float[
 
 
 def traction(
-    gel: Gel, position_mm: Float[np.ndarray, "n 3"], anchor_mm: Float[np.ndarray, "n 2"]
+    gel: Gel,
+    position_mm: Float[np.ndarray, "n 3"],
+    anchor_mm: Float[np.ndarray, "n 2"],
+    stuck: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Force per gel area on the skin (MPa, pad frame) and its derivative by the position."""
+    """Force per gel area on the skin (MPa, pad frame) and its derivative by the position.
+
+    Points that are `stuck` pull, and hold their shear, however far they are.
+    """
     n = len(position_mm)
-    inside = position_mm[:, 2] < 0
+    pressed = position_mm[:, 2] < 0
+    inside = pressed if stuck is None else pressed | stuck
     pressure = np.where(inside, -gel.kn_MPa_per_mm * position_mm[:, 2], 0.0)
     trial = -gel.kt_MPa_per_mm * (position_mm[:, :2] - anchor_mm)
     size, limit = np.linalg.norm(trial, axis=1), gel.friction * pressure
-    slips = inside & (size > limit)
+    slips = pressed & (size > limit)
     direction = trial / np.maximum(size, 1e-30)[:, None]
     shear = np.where(slips[:, None], limit[:, None] * direction, trial)
     force = np.zeros((n, 3))

@@ -88,6 +88,23 @@ class AuxiliaryLikelihood(Protocol):
 
 
 @runtime_checkable
+class SeenDirectly(Protocol):
+    """An effect that the recordings show by themselves, whatever the fruit is; its signature has no columns
+    where its response is the plain model's.
+    """
+
+    def direct_evidence(self, forward: ForwardModel) -> float:
+        """ln likelihood of its marks over that of none; it counts in full."""
+        ...
+
+    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
+        """Standard deviation of each number that is searched, as measured with it: the search's prior about
+        its start.
+        """
+        ...
+
+
+@runtime_checkable
 class Remarked(Protocol):
     """An effect that needs a word more than its name at some parameters."""
 

@@ -16,6 +16,8 @@ _MORE_SINGLES = (
     ("graded_modulus", 1),
 )  # fmt: skip
 """Effects that come again with another fruit, and their level (set by hand)."""
+_LATER = ("adhesion",)
+"""Effects that came after the first bank: their cases stand last, so that the others keep their draws."""
 _PAIRS = (
     ("pit_offset", "viscoelastic"), ("clock_lag", "skin"), ("graded_modulus", "sensor_gain"),
     ("pose_error", "viscoelastic"), ("slip", "soft_spot"), ("gripper_compliance", "pit_size"),
@@ -36,8 +38,9 @@ class BankCase:
 
 def singles() -> tuple[BankCase, ...]:
     """Every effect at three levels, then some again with other fruits."""
-    wanted = [(effect, level) for level in (1, 2, 0) for effect in EFFECTS]
+    wanted = [(effect, level) for level in (1, 2, 0) for effect in EFFECTS if effect not in _LATER]
     wanted += list(_MORE_SINGLES)
+    wanted += [(effect, level) for level in (1, 2, 0) for effect in _LATER]
     return tuple(
         BankCase(case_id=f"single-{k + 1:02d}", effects=(one,), seed=(SEED, 1, k))
         for k, one in enumerate(wanted)

@@ -89,15 +89,19 @@ def looked_up(
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Gel points tied to skin nodes: `shares` (points x nodes), and the points that have skin above them."""
+    """Gel points tied to skin nodes: `shares` (points x nodes), and the points that have skin above them.
+
+    `stuck`: those that the skin has touched and not yet left, where the gel sticks.
+    """
 
     points: Int[np.ndarray, " s"]
     shares: csr_array
     anchors_mm: Float[np.ndarray, "s 2"]
     areas_mm2: Float[np.ndarray, " s"]
+    stuck: Bool[np.ndarray, " s"] | None
 
 
-def link_of(bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes: int) -> Link:
+def link_of(gel: Gel, bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes: int) -> Link:
     """The interpolation from skin nodes to gel points for the places that `held` says."""
     points = np.flatnonzero(held.cell >= 0)
     columns = cells[held.cell[points]]
@@ -110,7 +114,20 @@ def link_of(bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes: int) -> 
         shares=shares,
         anchors_mm=bed.points_mm[points],
         areas_mm2=bed.areas_mm2[points],
+        stuck=held.touching[points] if gel.reach_mm > 0 else None,
     )
+
+
+def let_go(gel: Gel, held: Held, link: Link, now: Float[np.ndarray, "n 3"]) -> Held | None:
+    """What is held once points drawn out beyond the gel's reach have let go; None where none has."""
+    if link.stuck is None:
+        return None
+    beyond = link.stuck & (np.asarray(link.shares @ now)[:, 2] >= gel.reach_mm)
+    if not beyond.any():
+        return None
+    touching = held.touching.copy()
+    touching[link.points[beyond]] = False
+    return replace(held, touching=touching)
 
 
 def after_step(
@@ -122,8 +139,8 @@ def after_step(
     """
     position = np.asarray(link.shares @ now)
     touching = np.zeros(len(bed.points_mm), dtype=bool)
-    touching[link.points] = position[:, 2] < 0
-    force, _ = traction(gel, position, link.anchors_mm)
+    touching[link.points] = (position[:, 2] < 0) | (False if link.stuck is None else link.stuck)
+    force, _ = traction(gel, position, link.anchors_mm, link.stuck)
     asked = gel.kt_MPa_per_mm * np.linalg.norm(position[:, :2] - link.anchors_mm, axis=1)
     slips = (position[:, 2] < 0) & (asked > gel.friction * force[:, 2] * (1 + 1e-9))
     after = replace(held, touching=touching)
@@ -144,7 +161,7 @@ def marker_values(
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
     """Shift of every marker (mm) and traction there (MPa), pad frame; zero where nothing touches."""
     position = np.asarray(link.shares @ now)
-    force, _ = traction(gel, position, link.anchors_mm)
+    force, _ = traction(gel, position, link.anchors_mm, link.stuck)
     load = np.zeros((len(bed.points_mm), 3))
     load[link.points] = force
     load = load[-bed.markers :]

@@ -18,6 +18,7 @@ from samples.mismatch.gel_bed import (
     Held,
     Link,
     after_step,
+    let_go,
     link_of,
     looked_up,
     marker_values,
@@ -124,16 +125,25 @@ def next_instant(
     u = before.u if start is None else start
     kept = kept or KeptTangent()
     was = [grip.local(s, before.u, before.origins) for s in (0, 1)]
-    for look in range(LOOKS):
+    kept_on, look = list(before.held), 0
+    while look < LOOKS:
         held = [
-            looked_up(grip.bed, before.held[s], grip.patches[s].cells, was[s], grip.local(s, u, origins))
+            looked_up(grip.bed, kept_on[s], grip.patches[s].cells, was[s], grip.local(s, u, origins))
             for s in (0, 1)
         ]
-        links = [link_of(grip.bed, held[s], grip.patches[s].cells, len(grip.rest_mm[s])) for s in (0, 1)]
+        links = [
+            link_of(grip.gel, grip.bed, held[s], grip.patches[s].cells, len(grip.rest_mm[s])) for s in (0, 1)
+        ]
         moved = _balanced(grip, links, origins, stiffness, freely, u, kept)
         change = np.abs(moved - u).max()
         u = moved
-        if (look > 0 or start is not None) and change < SETTLED_MM:
+        lost = [let_go(grip.gel, kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
+        if any(new is not None for new in lost):  # fewer hold each time: this ends
+            kept_on = [old if new is None else new for old, new in zip(kept_on, lost, strict=True)]
+            look = max(look, 1)
+            continue
+        look += 1
+        if (look > 1 or start is not None) and change < SETTLED_MM:
             break
     now = [grip.local(s, u, origins) for s in (0, 1)]
     if any(np.any(x[p.rim, 2] < 0) for x, p in zip(now, grip.patches, strict=True)):
@@ -198,7 +208,7 @@ def _pushed(
     for side, link in enumerate(links):
         turn = grip.patches[side].turn
         position = np.asarray(link.shares @ grip.local(side, u, origins))
-        load, change = traction(grip.gel, position, link.anchors_mm)
+        load, change = traction(grip.gel, position, link.anchors_mm, link.stuck)
         forces.append((link.shares.T @ (load * link.areas_mm2[:, None])) @ turn.T)
         states.append((link, position, change, turn))
     opening = u[grip.part(1).stop :]
@@ -219,7 +229,8 @@ def _tangent(
 
     How the shear of a slipping point follows its pressure is left out: the matrix stays symmetric.
     """
-    inside = (position[:, 2] < 0) & (link.areas_mm2 > 0)
+    holds = position[:, 2] < 0 if link.stuck is None else (position[:, 2] < 0) | link.stuck
+    inside = holds & (link.areas_mm2 > 0)
     block = np.diag([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
     slips = inside & (np.abs(change + block).max(axis=(1, 2)) > 1e-12)
     shares = link.shares[inside]

@@ -1,6 +1,6 @@
 """What is planted in a case: effects of the catalogue by name, with the parameters that labels carry."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,7 @@ from samples.sample_failure import SampleFailure
 EFFECTS = (
     "viscoelastic", "stiffening", "skin", "graded_modulus", "soft_spot", "anisotropy", "poisson_ratio",
     "pit_offset", "pit_size", "loose_pit", "slip", "plastic_set", "damage", "sensor_gain", "sensor_drift",
-    "gripper_compliance", "clock_lag", "pose_error",
+    "gripper_compliance", "clock_lag", "pose_error", "adhesion",
 )  # fmt: skip
 MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
 TOUCHES_WIDELY = ("stiffening", "skin")
@@ -65,9 +65,10 @@ def joined_parameters(planted: tuple[Planted, ...]) -> dict[str, Any]:
 
 
 def gel_of(planted: tuple[Planted, ...]) -> Gel:
-    """The pads' gel; with slip its friction is low, else high enough never to matter."""
-    slip = named(planted, "slip")
-    return Gel() if slip is None else Gel(friction=slip.number("mu"))
+    """The pads' gel; with slip its friction is low, else high enough never to matter. It may stick."""
+    slip, adhesion = named(planted, "slip"), named(planted, "adhesion")
+    gel = Gel() if slip is None else Gel(friction=slip.number("mu"))
+    return gel if adhesion is None else replace(gel, reach_mm=adhesion.number("reach_mm"))
 
 
 def altered_stiffness(flesh: BrickFlesh, planted: tuple[Planted, ...]) -> Any:

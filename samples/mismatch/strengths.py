@@ -29,6 +29,7 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "sensor_drift": {"share_per_s": ((0.002, 0.004), (0.006, 0.01), (0.015, 0.025))},
     "gripper_compliance": {"mm_per_N": ((0.003, 0.006), (0.009, 0.014), (0.02, 0.035))},
     "clock_lag": {"lag_s": ((0.04, 0.06), (0.09, 0.13), (0.17, 0.25))},
+    "adhesion": {"reach_mm": ((0.05, 0.08), (0.1, 0.14), (0.18, 0.25))},
     "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
 }
 """From and to at each level, in the parameter's own unit (docs/formats.md; `change` and `share_per_s` are

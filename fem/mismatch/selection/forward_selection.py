@@ -26,7 +26,7 @@ def added(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
     for one in others:
         own = [place[j] for j in one.columns]
         fit = products.fit([*free, *own])
-        amounts = fit.amounts[-len(own) :]
+        amounts = fit.amounts[len(fit.amounts) - len(own) :]
         if not violates_sign_constraint(products, own, amounts):
-            found.append((fit.log_evidence - before, replace(one, amounts=amounts)))
+            found.append((fit.log_evidence - before + one.direct, replace(one, amounts=amounts)))
     return sorted(found, key=lambda pair: -pair[0])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_sound
@@ -198,7 +198,10 @@ def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(beside, max(moved, 0.0)) - sound.in_full(again.effects)
+    direct = sum(
+        effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
+    )
+    return moved + min(beside, max(moved, 0.0)) + direct - sound.in_full(again.effects)
 
 
 def _pairs(

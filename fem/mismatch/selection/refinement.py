@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, StartsElsewhere
+from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.evidence.discrepancy_prior import beside, trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
@@ -116,9 +116,10 @@ def refit(
         starts, near = known.parameters, known.forward
     search = _Search(forward if near is None else near, linear, tuple(shown), specs)
     now, _ = search.followed(search.begun(forward, starts or [None] * len(shown)))
+    direct = sum(one.direct for one in shown)
     gained = float("inf")
     for _ in range(ROUNDS if known is None else POLISH):
-        if now.fit.log_evidence - linear.null.log_evidence < BEATEN_SHARE * beat:
+        if now.fit.log_evidence - linear.null.log_evidence + direct < BEATEN_SHARE * beat:
             break
         step = now.fit.amounts[-len(specs) :]
         step = step * min(1.0, MOST_STEP / max(float(np.abs(step / search.spread).max()), 1e-12))
@@ -200,7 +201,15 @@ class _Search:
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
         quarter = (self.high - self.low) / 4
-        own = [spec.spread for spec in specs]
+        own = [
+            (
+                one.effect.measured_sd(forward)[spec.name]
+                if isinstance(one.effect, SeenDirectly)
+                else spec.spread
+            )
+            for one in shown
+            for spec in one.effect.spec.searched
+        ]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])

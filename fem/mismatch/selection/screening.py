@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect, Signature
+from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
@@ -21,7 +21,8 @@ from fem.parallel_map import parallel_map
 class LinearFit:
     """One signature of one effect among the columns of a case, and how well it does alone.
 
-    `gain`: ln evidence over that of the nuisances alone, with what is said `beside` (fem.mismatch.effect).
+    `gain`: ln evidence over that of the nuisances alone, with what is said `beside` the motion,
+    of which `direct` counts whatever the motion says (fem.mismatch.effect).
     """
 
     effect: Effect
@@ -31,6 +32,7 @@ class LinearFit:
     gain: float
     beside: float
     chi2_drop: float
+    direct: float = 0.0
 
     @property
     def kind(self) -> str:
@@ -126,21 +128,23 @@ def _shown(
     columns: tuple[int, ...],
 ) -> LinearFit:
     fit = products.fit([*own, *columns])
-    amounts = fit.amounts[-len(columns) :]
+    amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence
     beside = 0.0
     if isinstance(effect, AuxiliaryLikelihood):
         said = effect.beside(forward, effect.start(forward, signature, amounts), signature.variant)
         beside = min(said, max(moved, 0.0))
-    gain = moved + beside
+    direct = effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
+    gain = moved + beside + direct
     return LinearFit(
         effect=effect,
         signature=signature,
         columns=columns,
         amounts=amounts,
         gain=min(gain, 0.0) if wrong else gain,
-        beside=beside,
+        beside=beside + direct,
+        direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
     )
 

@@ -1,0 +1,173 @@
+"""`adhesion`: the gel sticks to the skin and pulls at it while the jaws open, until it is reach_mm away.
+
+    f_n = -k_n s,      0 < s < reach_mm,      at a marker that has touched and whose skin now draws away by s
+
+(a gel of springs with a finite reach: Dugdale's law of adhesion with the springs in the place of the bodies;
+Johnson 1985, Contact Mechanics, chapter 5.5). The recorded forces hold that pull, so the plain model's
+response is right as it is: s c(t) and E do not change. What shows is the contact itself: markers that pull
+after they have touched and did not before. A gel that bulges beside the contact pulls in both alike, and what
+drifts does so at markers that never touch too: theirs is taken out.
+
+    ln evidence = a ln(a / m) + b ln(b / m),      m = (a + b) / 2,      a > b
+
+a, b: markers that pull at some time after and before their first touch (likelihood ratio of two Poisson
+counts, one-sided). The reach is where the stretches of the pulled markers end: twice the largest less the
+second largest (Robson and Whitlock 1964, "Estimation of a truncation point", Biometrika 51).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.grasp_history import PadHistory
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.mismatch_case import PadMotion
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.signature_variant import ONE_WAY, Variant
+
+REACH = "reach_mm"
+LOWEST_MM, HIGHEST_MM = 1e-3, 5.0
+"""Below the first the noise of markers hides it; the second is more than a gel's thickness."""
+PULLS = 6.0
+"""Standard deviations of a marker's normal force beyond which it pulls: 1e-9 in Gaussian noise, of some 1e5
+numbers a recording. No sound recording had one after its touch; with a gel that sticks 150 of
+400 markers do."""
+LEAST_EVIDENCE = 20.0
+"""ln evidence: 29 pulling markers, where none does before its touch. A sound case has none."""
+FEWEST_APART = 4
+"""Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
+fewer a pull cannot be told from a drift, and none is seen."""
+
+SPEC = EffectSpec(
+    name="adhesion",
+    rank=190,
+    family="interaction",
+    scope=Scope.LOT,
+    words=EffectWords(
+        short="the gel sticks to the skin and pulls at it while the jaws open",
+        meaning="Pads and skin let go of each other late. The recorded forces hold that pull, so the modulus "
+        "is right as it is; the skin may be torn where it is tender.",
+        advice="Dust or wipe the pads, and open the jaws more slowly. Nothing needs to be applied: grading "
+        "uses the forces with the pull in them.",
+    ),
+    parameters=(
+        number(
+            REACH,
+            "mm",
+            "how far the gel is drawn out before it lets go",
+            limits=(0.0, 50.0),
+            low=LOWEST_MM,
+            high=HIGHEST_MM,
+            model_share=0.05,
+        ),
+    ),
+    separated_by=(("slip", NextGrasp.DRY),),
+)
+"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pull:
+    """Markers that pull `after` and `before` their first touch, by how far they are drawn out (mm) and the
+    noise of that.
+    """
+
+    after: int
+    before: int
+    stretch_mm: Float[np.ndarray, " k"]
+    noise_mm: float
+
+    @property
+    def evidence(self) -> float:
+        """ln evidence of the module's docstring."""
+        mean = (self.after + self.before) / 2
+        if self.after <= self.before:
+            return 0.0
+        counts = (n for n in (self.after, self.before) if n)
+        return float(sum(n * np.log(n / mean) for n in counts))
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """The reach and its standard deviation."""
+        second, largest = np.sort(self.stretch_mm)[-2:]
+        return float(2 * largest - second), float(np.hypot(largest - second, self.noise_mm))
+
+
+@dataclass(frozen=True)
+class Adhesion:
+    """The effect; see the module."""
+
+    spec: EffectSpec = SPEC
+
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+        """One without columns, where markers pull."""
+        seen = self._pull(forward).evidence > LEAST_EVIDENCE
+        return [Signature(variant=ONE_WAY, columns=())] if seen else []
+
+    def start(
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The reach as measured."""
+        return {REACH: float(np.clip(self._pull(forward).reach_mm[0], LOWEST_MM, HIGHEST_MM))}
+
+    def direct_evidence(self, forward: ForwardModel) -> float:
+        """That of the markers that pull."""
+        return self._pull(forward).evidence
+
+    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
+        """Of the reach."""
+        return {REACH: self._pull(forward).reach_mm[1]}
+
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+        """The plain model's: the recorded forces hold the pull."""
+        return Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
+
+    def _pull(self, forward: ForwardModel) -> Pull:
+        def found() -> Pull:
+            pads = [
+                pulled(history, motion)
+                for recording in forward.base.grasps
+                for history, motion in zip(recording.case.history.pads, recording.case.pads, strict=True)
+            ]
+            return Pull(
+                after=sum(pad.after for pad in pads),
+                before=sum(pad.before for pad in pads),
+                stretch_mm=np.concatenate([pad.stretch_mm for pad in pads]),
+                noise_mm=max(pad.noise_mm for pad in pads),
+            )
+
+        return forward.kept("pulling markers", found)
+
+
+EFFECT: Effect = Adhesion()
+
+
+def pulled(history: PadHistory, motion: PadMotion) -> Pull:
+    """One pad of one recording, all its frames."""
+    touched = history.episode >= 0
+    ever = np.asarray(touched.any(axis=0))
+    normal = motion.pose[:, :3, 2]
+    force = _beside_those_apart(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
+    stretch = _beside_those_apart(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
+    pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
+    since = np.maximum.accumulate(touched, axis=0)
+    later = pulls & since & ~touched
+    return Pull(
+        after=int(later.any(axis=0).sum()),
+        before=int((pulls & ~since).any(axis=0).sum()),
+        stretch_mm=stretch[later],
+        noise_mm=history.displacement_sd_mm,
+    )
+
+
+def _beside_those_apart(
+    values: Float[np.ndarray, "t n"], ever: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, "t n"]:
+    """Less what markers that never touch show in the same frame; nothing where there are too few."""
+    apart = ~ever
+    if apart.sum() < FEWEST_APART:
+        return np.zeros_like(values)
+    return np.asarray(values - np.median(values[:, apart], axis=1, keepdims=True))

@@ -1,0 +1,117 @@
+"""A gel that sticks: markers that pull once they have touched, and what only looks like it."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from planted_mismatch import (
+    FLAT,
+    GEL_N_PER_MM,
+    NOISE_MM,
+    PHASES,
+    RADII_MM,
+    TIME_S,
+    Altered,
+    Recording,
+    planted_case,
+)
+
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effects import adhesion, sensor_drift, slip
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.model_selection import ModelSelection, NullCase, named
+from fem.mismatch.selection.screening import screened
+
+REACH_MM = 0.15
+CURVATURE_MM = 30.0
+
+
+def drawn_out(when: Callable[[str], bool]) -> Altered:
+    """Skin of a sphere of radius CURVATURE_MM draws the gel out beside the contact, up to the reach.
+
+    (r^2 - a^2) / 2R over a contact of radius a; at markers within the largest contact, in these phases.
+    """
+    r2 = (FLAT**2).sum(axis=1)
+    height = (r2 - RADII_MM[:, None] ** 2) / 2 / CURVATURE_MM
+    chosen = np.array([when(phase) for phase in PHASES])[:, None] & (RADII_MM[:, None] > 0)
+    near = r2 < RADII_MM.max() ** 2
+    stretch = np.where(chosen & near & (height > 0) & (height < REACH_MM), height, 0.0)
+
+    def change(pad: Recording) -> Recording:
+        along = stretch[..., None] * pad.axes[:, 2]
+        return replace(
+            pad,
+            gel_mm=pad.gel_mm + along,
+            position_mm=pad.position_mm + along,
+            force_N=pad.force_N - GEL_N_PER_MM[2] * along,
+        )
+
+    return change
+
+
+def drifting(newton_per_s: float) -> Altered:
+    """The normal force of a pad grows from the start, evenly over its markers."""
+    grown = newton_per_s * TIME_S[:, None, None] / len(FLAT)
+    return lambda pad: replace(pad, force_N=pad.force_N + grown * pad.axes[:, 2])
+
+
+def forward_of(altered: Altered) -> ForwardModel:
+    return plain_forward_model(planted_case(altered))[0]
+
+
+@pytest.fixture(scope="module")
+def sticky() -> ForwardModel:
+    return forward_of(drawn_out(lambda phase: phase == "unload"))
+
+
+def chosen(forward: ForwardModel) -> ModelSelection:
+    effects = [effect for effect in EFFECTS if effect.spec.name in ("adhesion", "slip")]
+    assert len(effects) == 2
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, effects)
+    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
+    return named(forward, linear, detected=True, sound=sound)
+
+
+def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
+    found = chosen(sticky)
+    assert found.verdict == "adhesion"
+    best = found.ranking[0].refit
+    assert best is not None
+    (parameters,) = best.parameters
+    assert parameters[adhesion.REACH] == pytest.approx(REACH_MM, abs=3 * NOISE_MM + 0.01)
+    # the forces hold the pull: the response is the plain model's
+    for unit, recording in zip(best.response.unit, sticky.base.grasps, strict=True):
+        np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)
+    assert best.settled
+
+
+def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
+    value, sd = adhesion.EFFECT._pull(sticky).reach_mm
+    assert NOISE_MM <= sd < 0.02
+    assert abs(value - REACH_MM) < 3 * sd
+
+
+@pytest.mark.parametrize(
+    "altered",
+    [
+        lambda pad: pad,
+        drawn_out(lambda phase: phase != "air"),
+        drifting(-0.3),
+    ],
+    ids=["sound", "a gel that bulges beside the contact", "a force that drifts to a pull"],
+)
+def test_what_only_looks_like_a_pull_has_no_signature(altered):
+    assert adhesion.EFFECT.signatures(forward_of(altered)) == []
+
+
+def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
+    forward = forward_of(lambda pad: pad)
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    others = [sensor_drift.EFFECT, slip.EFFECT]
+    with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
+    assert [one.gain for one in with_it.shown] == [one.gain for one in without.shown]
+    assert with_it.null.chi2 == without.null.chi2
