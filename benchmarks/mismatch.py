@@ -82,7 +82,7 @@ def peak_MiB() -> float:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
-def kept(path: Path) -> dict[tuple[str, str, str], dict[str, Any]]:
+def memoised(path: Path) -> dict[tuple[str, str, str], dict[str, Any]]:
     """Cases that are done; the last line of a run that was killed may be half a line."""
     done = {}
     for line in path.read_text().splitlines() if path.is_file() else ():

@@ -29,7 +29,7 @@ import numpy as np
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.procedure import detection_statistics, plain_forward_model
-from fem.mismatch.selection.detection import p_values_beside
+from fem.mismatch.selection.detection import p_values_against
 from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
     STATISTICS,
@@ -77,7 +77,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
     linear = screened(forward, recorded, EFFECTS, without_discrepancy_of=without)
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
     shown: dict[str, dict[str, Any]] = {}
-    for one in sorted(linear.shown, key=lambda own: -own.gain):
+    for one in sorted(linear.linear_fits, key=lambda own: -own.gain):
         shown.setdefault(
             one.kind,
             {
@@ -115,7 +115,7 @@ def _p_beside_others(row: dict[str, Any]) -> float:
     known = null_reference()
     others = known.fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
     statistics = {name: row[name] for name in STATISTICS}
-    return p_values_beside(statistics, known.statistics[others], known.fruits[others])[0]
+    return p_values_against(statistics, known.statistics[others], known.fruits[others])[0]
 
 
 def files_of(rows: list[dict[str, Any]], written: date) -> dict[str, str]:

@@ -86,7 +86,7 @@ def main() -> int:
     return 0
 
 
-def kept(folder: Path, keep: Path | None) -> dict[str, Any]:
+def memoised(folder: Path, keep: Path | None) -> dict[str, Any]:
     """Straightened photos, cameras and the mesh with the sd that only `reconstruct` knows; or the refusal."""
     path = keep / f"{folder.name}.pkl" if keep else None
     if path is not None and path.is_file():

@@ -97,7 +97,9 @@ def scale_without_mat(
     lowest = float(np.arcsin(away[:, 2] / np.linalg.norm(away, axis=1)).min())
     to_middle = np.eye(4)
     to_middle[:3, 3] = -middle
-    excess = expected_excess([c.moved(to_middle) for c in cameras], high - low, lowest).left(top_measured)
+    excess = expected_excess([c.moved(to_middle) for c in cameras], high - low, lowest).remaining(
+        top_measured
+    )
     factor = height_mm * (1 + excess.value) / tall
     by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), excess.sd))
     look = (

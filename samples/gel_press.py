@@ -40,7 +40,7 @@ class GelBlock:
     y_mm: Float[np.ndarray, " b"]
     weights_mm2: Float[np.ndarray, " n"]
     reach: Int[np.ndarray, " r"]
-    compliance: Float[np.ndarray, "3n 3r"]
+    compliance: Float[np.ndarray, "3*n 3*r"]
 
     @property
     def face_mm(self) -> Float[np.ndarray, "n 2"]:
@@ -207,7 +207,7 @@ def _settled(small: np.ndarray, law: Law, weight: np.ndarray, u: np.ndarray) -> 
     raise NotInEquilibrium(f"the ball's contact did not settle: {np.abs(miss).max():.1e} mm are left")
 
 
-def _columns(solve: Solve, top: int, size: int, reach: Int[np.ndarray, " r"]) -> Float[np.ndarray, "3n 3r"]:
+def _columns(solve: Solve, top: int, size: int, reach: Int[np.ndarray, " r"]) -> Float[np.ndarray, "d 3*r"]:
     dofs = top + (3 * reach[:, None] + np.arange(3)).ravel()
     out = np.empty((size, len(dofs)))
     for part in np.array_split(np.arange(len(dofs)), max(1, len(dofs) // 100)):

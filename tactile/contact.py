@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from tactile.io.recording import GelPad, Recording
-from tactile.noise import FEWEST_AIR_FRAMES, Noise, noise_in_air, noise_in_contact
+from tactile.noise import FEWEST_NO_CONTACT_FRAMES, Noise, no_contact_noise, noise_in_contact
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 BEYOND_NOISE = 4.0
@@ -61,7 +61,7 @@ class Contact:
     time_s: Float[np.ndarray, " t"]
     phase: tuple[Phase, ...]
     pads: tuple[PadContact, ...]
-    air_frames: int
+    no_contact_frames: int
 
 
 def find_contact(recording: Recording, *, source: str) -> Contact:
@@ -72,15 +72,15 @@ def find_contact(recording: Recording, *, source: str) -> Contact:
     indenter, never-touches when a pad's force stays within its noise in every frame.
     """
     gels = tuple(_require_gel(pad, source=source) for pad in recording.pads)
-    air_frames = min(_frames_in_air(pad) for pad in gels)
-    pads = tuple(_pad_contact(pad, air_frames=air_frames, source=source) for pad in gels)
+    no_contact_frames = min(_no_contact_frames(pad) for pad in gels)
+    pads = tuple(_pad_contact(pad, no_contact_frames=no_contact_frames, source=source) for pad in gels)
     touched = np.any([(pad.episode >= 0).any(axis=1) for pad in pads], axis=0)
     closing = -1.0 if recording.loading == "grasp" else 1.0
     return Contact(
         time_s=recording.time_s,
         phase=_phases(closing * recording.aperture_mm, recording.time_s, touched),
         pads=pads,
-        air_frames=air_frames,
+        no_contact_frames=no_contact_frames,
     )
 
 
@@ -96,7 +96,7 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
     return pad
 
 
-def _frames_in_air(pad: GelPad) -> int:
+def _no_contact_frames(pad: GelPad) -> int:
     """How many leading frames carry no contact: their total normal force does not rise above its noise.
 
     Noise is the markers' own, or, where that is more, what they have in common. A recording that starts in
@@ -112,14 +112,18 @@ def _frames_in_air(pad: GelPad) -> int:
     return 0 if running[air - 1] > STARTS_IN_CONTACT * total.max() > 0 else air
 
 
-def _pad_contact(pad: GelPad, *, air_frames: int, source: str) -> PadContact:
+def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadContact:
     """One pad's noise, offset and contact episodes. Raises TactileFailure where it never touches."""
     # One frame of guard: the first touch begins between two frames.
-    quiet = slice(0, max(air_frames - 1, 0))
+    quiet = slice(0, max(no_contact_frames - 1, 0))
     # A deadband writes exact zeros: such air says nothing, contact does.
-    silent = air_frames > 1 and float((pad.force_N[quiet] == 0.0).mean()) > 0.5
-    measure = noise_in_air if air_frames - 1 >= FEWEST_AIR_FRAMES and not silent else noise_in_contact
-    still = quiet if measure is noise_in_air else slice(None)
+    silent = no_contact_frames > 1 and float((pad.force_N[quiet] == 0.0).mean()) > 0.5
+    measure = (
+        no_contact_noise
+        if no_contact_frames - 1 >= FEWEST_NO_CONTACT_FRAMES and not silent
+        else noise_in_contact
+    )
+    still = quiet if measure is no_contact_noise else slice(None)
     moved, pushed = measure(pad.displacement_mm[still]), measure(pad.force_N[still])
     displacement = pad.displacement_mm - moved.offset
     force = pad.force_N - pushed.offset

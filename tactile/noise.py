@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-FEWEST_AIR_FRAMES = 5
+FEWEST_NO_CONTACT_FRAMES = 5
 """Below this the spread of the frames in the air says too little, and frame-to-frame differences are used."""
 
 MEDIAN_OF_GAUSSIAN = 0.6745
@@ -25,7 +25,7 @@ class Noise:
     lag1: float
 
 
-def noise_in_air(values: Float[np.ndarray, "t n 3"]) -> Noise:
+def no_contact_noise(values: Float[np.ndarray, "t n 3"]) -> Noise:
     """Offset, standard deviation and lag-1 correlation of frames that touch nothing.
 
     The mean over the frames is the offset; the correlation is corrected for that mean (it lowers every lag of

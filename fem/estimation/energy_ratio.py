@@ -70,9 +70,9 @@ def energy_ratio(
     d = since_first_touch(tracks.gel_displacement_mm, tracks.episode)
     stored, work = float((force_N * c).sum()), float((force_N * u).sum())
     if quiet is not None:
-        air, noise_N = quiet
-        stored -= float((noise_N * since_first_touch(air.unit_displacement, air.episode)).sum())
-        work -= float((noise_N * since_first_touch(air.position_mm, air.episode)).sum())
+        no_contact, noise_N = quiet
+        stored -= float((noise_N * since_first_touch(no_contact.unit_displacement, no_contact.episode)).sum())
+        work -= float((noise_N * since_first_touch(no_contact.position_mm, no_contact.episode)).sum())
     colour = variance_inflation(tracks.lag1)
     # The noise of a marker's own frames, and of the one frame of first touch that all are compared with.
     leverage = colour * (force_N**2).sum(axis=(0, 2)) + (force_N.sum(axis=0) ** 2).sum(axis=1)

@@ -23,7 +23,7 @@ from fem.solid.pad_link import PadLink, pad_link
 
 MOST_LEVELS = 12
 """Frames computed at most: each is a nonlinear solution. Set by hand; UNFORETOLD ends the row before it."""
-UNFORETOLD = 0.005
+UNPREDICTED = 0.005
 """Frames are computed until what is left to foretell is below this share of the largest departure."""
 AGREED = 1e-3
 """Relative change of the modulus below which it is taken as found."""
@@ -61,29 +61,29 @@ class MarkerContact:
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiniteDeparture:
+class FiniteStrainCorrection:
     """E U(f / E) - c(f) at the markers in every frame, mm MPa, for E = `modulus_MPa`.
 
-    `computed`: the frames in which it was computed; in the others it is foretold, `unforetold` being the
+    `computed`: the frames in which it was computed; in the others it is foretold, `unpredicted` being the
     largest share of the largest departure that this may miss. `moved_mm`: nodal displacements there.
     """
 
     modulus_MPa: float
-    departure: Float[np.ndarray, "t m 3"]
+    displacement_correction: Float[np.ndarray, "t m 3"]
     computed: Int[np.ndarray, " k"]
-    unforetold: float
+    unpredicted: float
     moved_mm: Float[np.ndarray, "k n 3"] = field(repr=False)
 
 
-def finite_departure(
+def finite_strain_correction(
     finite: FiniteStrainSolid,
     contact: MarkerContact,
     force_N: Float[np.ndarray, "t m 3"],
     unit_displacement: Float[np.ndarray, "t m 3"],
     *,
     modulus_MPa: float,
-    before: FiniteDeparture | None = None,
-) -> FiniteDeparture:
+    before: FiniteStrainCorrection | None = None,
+) -> FiniteStrainCorrection:
     """The departure in all frames, from the forces at the markers and their linear response to them.
 
     Add it to `MarkerTracks.unit_displacement` (or take departure / E from the positions) and fit again.
@@ -105,11 +105,11 @@ def finite_departure(
     beyond = modulus_MPa * contact.at_markers(moved_mm - linear_mm)
     own = kernel[np.ix_(chosen, chosen)]
     weights = np.linalg.solve(own + 1e-10 * np.trace(own) * np.eye(len(chosen)), kernel[chosen])
-    return FiniteDeparture(
+    return FiniteStrainCorrection(
         modulus_MPa=modulus_MPa,
-        departure=np.einsum("kt,kmx->tmx", weights, beyond, optimize=True),
+        displacement_correction=np.einsum("kt,kmx->tmx", weights, beyond, optimize=True),
         computed=chosen,
-        unforetold=left,
+        unpredicted=left,
         moved_mm=moved_mm,
     )
 
@@ -122,7 +122,7 @@ def finite_modulus(
     *,
     modulus_MPa: float,
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
-) -> tuple[float, FiniteDeparture]:
+) -> tuple[float, FiniteStrainCorrection]:
     """The modulus E for which a refit with c + departure(E) gives 1/E, from the linear one on.
 
     `refit` takes the markers' unit displacement and returns the compliance, 1/MPa. Between computations the
@@ -130,11 +130,11 @@ def finite_modulus(
     """
     found = None
     for _ in range(ROUNDS):
-        found = finite_departure(
+        found = finite_strain_correction(
             finite, contact, force_N, unit_displacement, modulus_MPa=modulus_MPa, before=found
         )
-        computed_at, modulus_MPa = modulus_MPa, _settled(found, unit_displacement, refit)
-        nonlinear = float(np.linalg.norm(found.departure) / np.linalg.norm(unit_displacement))
+        computed_at, modulus_MPa = modulus_MPa, _repeated(found, unit_displacement, refit)
+        nonlinear = float(np.linalg.norm(found.displacement_correction) / np.linalg.norm(unit_displacement))
         if abs(modulus_MPa / computed_at - 1) * nonlinear < AGREED / 2:
             return modulus_MPa, found
     raise FemFailure(
@@ -144,8 +144,8 @@ def finite_modulus(
     )
 
 
-def _settled(
-    found: FiniteDeparture,
+def _repeated(
+    found: FiniteStrainCorrection,
     unit_displacement: Float[np.ndarray, "t m 3"],
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
 ) -> float:
@@ -153,7 +153,7 @@ def _settled(
     modulus = found.modulus_MPa
     for _ in range(REPETITIONS):
         before = modulus
-        compliance = refit(unit_displacement + found.departure * (found.modulus_MPa / modulus))
+        compliance = refit(unit_displacement + found.displacement_correction * (found.modulus_MPa / modulus))
         if not (np.isfinite(compliance) and compliance > 0):
             raise FemFailure(
                 FemProblem.NO_MODULUS,
@@ -180,7 +180,7 @@ def _chosen(kernel: Float[np.ndarray, "t t"]) -> tuple[Int[np.ndarray, " k"], fl
     """Frames by pivoted Cholesky, and the largest share that the others are left unforetold."""
     left, columns, chosen = np.diag(kernel).copy(), np.zeros((len(kernel), 0)), list[int]()
     greatest = left.max()
-    while len(chosen) < min(MOST_LEVELS, len(kernel)) and np.sqrt(left.max() / greatest) > UNFORETOLD:
+    while len(chosen) < min(MOST_LEVELS, len(kernel)) and np.sqrt(left.max() / greatest) > UNPREDICTED:
         pivot = int(left.argmax())
         column = (kernel[:, pivot] - columns @ columns[pivot]) / np.sqrt(left[pivot])
         columns = np.column_stack([columns, column])

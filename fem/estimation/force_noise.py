@@ -22,7 +22,7 @@ from fem.estimation.grasp_model import GraspModel
 from fem.estimation.unit_response import marker_tracks
 from fem.grasp_history import GraspHistory
 
-FEWEST_AIR_FRAMES, MOST_AIR_FRAMES = 5, 24
+FEWEST_NO_CONTACT_FRAMES, MOST_NO_CONTACT_FRAMES = 5, 24
 """Frames before the first touch: fewer hardly tell a variance, more than MOST_AIR_FRAMES cost solutions and
 tell it little better. Set by hand."""
 LARGEST_SHARE = 0.5
@@ -71,13 +71,13 @@ def force_noise(
     FEWEST_AIR_FRAMES before the first touch, or where they carry no noise (a deadband).
     """
     first = int(np.argmax(loaded))
-    air = np.arange(max(0, first - 1 - MOST_AIR_FRAMES), max(0, first - 1))
-    if len(air) < FEWEST_AIR_FRAMES:
+    no_contact = np.arange(max(0, first - 1 - MOST_NO_CONTACT_FRAMES), max(0, first - 1))
+    if len(no_contact) < FEWEST_NO_CONTACT_FRAMES:
         return None
-    quiet, force = marker_tracks(history, model, np.isin(np.arange(len(loaded)), air))
+    quiet, force = marker_tracks(history, model, np.isin(np.arange(len(loaded)), no_contact))
     if not np.any(force):
         return None
-    turn: Int[np.ndarray, " f"] = np.arange(len(tracks.episode)) % len(air)
+    turn: Int[np.ndarray, " f"] = np.arange(len(tracks.episode)) % len(no_contact)
     felt = replace(
         tracks,
         position_mm=tracks.place_mm + _centred(quiet.gel_displacement_mm)[turn],

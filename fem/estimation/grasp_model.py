@@ -29,7 +29,7 @@ class GraspModel:
     columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
     under the leading force pattern (fem.solid.discretisation_error). `sensitivity`: how the response to
     the recording's own loaded frames changes with what is not known exactly. `fruit_moves`: no base holds
-    it. `departure`:
+    it. `displacement_correction`:
     what large deformation adds to the response, in every frame of the recording
     (fem.estimation.hyperelastic_grasp); None:
     small strain.
@@ -41,7 +41,7 @@ class GraspModel:
     sensitivity: Sensitivity
     discretisation: float
     fruit_moves: bool
-    departure: Float[np.ndarray, "t n 3"] | None = None
+    displacement_correction: Float[np.ndarray, "t n 3"] | None = None
 
     def unit_displacement(self, force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """Displacement of the markers times E, mm MPa, frame by frame."""

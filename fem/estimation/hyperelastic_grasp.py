@@ -43,6 +43,6 @@ def with_large_deformation(
         modulus_MPa=require_positive(compliance(tracks.unit_displacement)),
         refit=compliance,
     )
-    departure = np.zeros((len(loaded), *model.place_mm.shape))
-    departure[loaded] = found.departure
-    return replace(model, departure=departure)
+    displacement_correction = np.zeros((len(loaded), *model.place_mm.shape))
+    displacement_correction[loaded] = found.displacement_correction
+    return replace(model, displacement_correction=displacement_correction)

@@ -70,7 +70,7 @@ def grasp_information(
     forces does to the pads' numbers (`_of_force_noise`) adds to their variance.
     """
     beyond: float | np.ndarray = 0.0
-    if model.departure is not None:  # what large deformation adds
+    if model.displacement_correction is not None:  # what large deformation adds
         beyond = tracks.unit_displacement - model.unit_displacement(force_N)
     felt = model.unit_displacement(_above_noise(force_N, force_sd_N)) + beyond
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]

@@ -33,7 +33,7 @@ class LiveModel:
     @classmethod
     def of(cls, model: GraspModel) -> "LiveModel":
         """Takes some milliseconds, once per grasp; raises ValueError for a model with large deformation."""
-        if model.departure is not None:
+        if model.displacement_correction is not None:
             raise ValueError("found a model with large deformation, expected small strain: frames are linear")
         return cls(
             compliance=model.compliance.astype(np.float32),

@@ -101,10 +101,10 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     advice = "record the frames before and during the closing of the jaws"
     if tracks_compare(tracks):
         fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
-        air = force_noise(history, model, tracks, loaded, scale_sd=budget.gel_scale_sd)
-        fit = fit if air is None else air.taken_out(fit, tracks)
+        no_contact = force_noise(history, model, tracks, loaded, scale_sd=budget.gel_scale_sd)
+        fit = fit if no_contact is None else no_contact.taken_out(fit, tracks)
         if fit.compliance_sd < NOISY * abs(fit.compliance):
-            return _from_first_touch(history, model, tracks, force, fit, loaded, air, budget=budget)
+            return _from_first_touch(history, model, tracks, force, fit, loaded, no_contact, budget=budget)
         reason = (
             f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
             f"spread of more than {NOISY:.0%}"
@@ -123,7 +123,7 @@ def _from_first_touch(
     force: Float[np.ndarray, "f n 3"],
     fit: CompliantFit,
     loaded: Bool[np.ndarray, " t"],
-    air: ForceNoise | None,
+    no_contact: ForceNoise | None,
     *,
     budget: ErrorBudget,
 ) -> ModulusEstimate:
@@ -135,7 +135,7 @@ def _from_first_touch(
         force_sd_N=max(pad.force_sd_N for pad in history.pads),
         gel_scale_sd=budget.gel_scale_sd,
         force_scale_sd=budget.force_scale_sd,
-        quiet=(air.tracks, air.force_N) if air else None,
+        quiet=(no_contact.tracks, no_contact.force_N) if no_contact else None,
     )
     modulus = require_positive(fit.compliance)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
@@ -176,7 +176,9 @@ def _from_first_touch(
             least_squares_MPa=modulus,
             energy_MPa=energy.E_MPa if energy else None,
             residual_rms_mm=fit.residual_rms_mm,
-            noise_mm=float(np.hypot(tracks.sd_mm.mean(), air.moved_mm * fit.compliance if air else 0.0)),
+            noise_mm=float(
+                np.hypot(tracks.sd_mm.mean(), no_contact.moved_mm * fit.compliance if no_contact else 0.0)
+            ),
             fruit_moves=model.fruit_moves,
         ),
         evidence=evidence,

@@ -24,7 +24,7 @@ def marker_tracks(
     correlates by r^k, r between neighbours.
     """
     force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
-    beyond = 0.0 if model.departure is None else model.departure[frames]
+    beyond = 0.0 if model.displacement_correction is None else model.displacement_correction[frames]
     tracks = MarkerTracks(
         place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
         normal=model.normal,

@@ -24,7 +24,7 @@ SURE = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class RestingForce:
+class ZeroDrift:
     """Growth of one pad's normal force in the air, N/s, and its standard deviation; `from_s`: since when."""
 
     rate_N_per_s: float
@@ -38,23 +38,23 @@ class RestingForce:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RestingForces:
+class ZeroDrifts:
     """Of all pads of a recording: rates, N/s, and inverse variances, zero where nothing is known."""
 
     measured: Float[np.ndarray, " p"]
     weight: Float[np.ndarray, " p"]
 
     @classmethod
-    def of(cls, history: GraspHistory, normals: Float[np.ndarray, "p 3"]) -> "RestingForces":
+    def of(cls, history: GraspHistory, normals: Float[np.ndarray, "p 3"]) -> "ZeroDrifts":
         """`normals`: of the pads, towards the fruit's inside, in the fruit's frame."""
-        found = [resting_force(history, pad, normal) for pad, normal in enumerate(normals)]
+        found = [zero_drift(history, pad, normal) for pad, normal in enumerate(normals)]
         return cls(
             measured=np.array([0.0 if one is None else one.rate_N_per_s for one in found]),
             weight=np.array([0.0 if one is None else one.sd_N_per_s**-2 for one in found]),
         )
 
 
-def resting_force(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"]) -> RestingForce | None:
+def zero_drift(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"]) -> ZeroDrift | None:
     """Of one pad; None with fewer than FEWEST_FRAMES in the air before or after the contact, or SILENT ones.
 
     The frames next to the contact may carry forces below what counts as one, and are left out.
@@ -74,7 +74,7 @@ def resting_force(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"
     jumps = np.concatenate([np.diff(total[before]), np.diff(total[after])])
     each = max(own.force_sd_N * np.sqrt(own.force_N.shape[1]), float(jumps.std()) / np.sqrt(2))
     noise = each * np.sqrt(inflation * (1 / len(before) + 1 / len(after)))
-    return RestingForce(
+    return ZeroDrift(
         rate_N_per_s=float(total[after].mean() - total[before].mean()) / apart_s,
         sd_N_per_s=float(np.hypot(noise, REMEMBERED * np.abs(total).max())) / apart_s,
         from_s=float(history.time_s[before].mean()),

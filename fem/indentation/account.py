@@ -5,17 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.air import air_noise, first_touch
 from fem.indentation.fit import TraceFit
-from fem.indentation.heldout import Foretold, foretell
+from fem.indentation.heldout import Prediction, predict
 from fem.indentation.next_trace import next_press
+from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
 from fem.indentation.search import candidate_fits
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_checks import checks
 from fem.indentation.trace_detection import Detection, detect
-from fem.indentation.trace_noise import AirNoise
+from fem.indentation.trace_noise import NoContactNoise
 from fem.mismatch.result import NONE, Explanation, HeldOut, ModulusCell, Where
 
 #: effects of the machine, not of the flesh
@@ -35,9 +35,9 @@ class Account:
     explanation: Explanation
     linear: TraceFit
     named: TraceFit
-    end: Foretold
-    blocks: Foretold
-    air: AirNoise
+    end: Prediction
+    blocks: Prediction
+    no_contact: NoContactNoise
 
 
 def account_for(
@@ -61,29 +61,29 @@ def account_for(
             "measure the specimen.",
         )
     touch = first_touch(trace)
-    air = air_noise(trace, touch)
-    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * air.slow_N:
+    no_contact = no_contact_noise(trace, touch)
+    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
         raise FemFailure(
             FemProblem.NO_LOAD,
             f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
-            f"{air.slow_N:.2g} N, expected ten times the noise: press deeper.",
+            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
         )
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    fits = candidate_fits(law, trace, air, rng=rng)
+    fits = candidate_fits(law, trace, no_contact, rng=rng)
     candidates, best = ranking(fits)
     log_odds = log_odds_of_any(fits)
-    found = detect(fits[0], trace, air, log_odds=log_odds, rng=rng)
+    found = detect(fits[0], trace, no_contact, log_odds=log_odds, rng=rng)
     verdict = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
     named = fits[0] if verdict == NONE else best[candidates[0].effect]
     notes = _notes(trace, named, thickness_mm)
     try:
-        end, blocks = foretell(fits[0], named, trace, air)
+        end, blocks = predict(fits[0], named, trace, no_contact)
     except FemFailure as failure:
-        end, blocks = foretell(fits[0], fits[0], trace, air)
+        end, blocks = predict(fits[0], fits[0], trace, no_contact)
         notes = (*notes, f"No prediction with {candidates[0].effect}: {failure.detail}.")
     rms = end.rms(trace.force_N)
     out = np.isfinite(end.before_N)
-    noise = air.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
+    noise = no_contact.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
     remaining = [best[name] for name in verdict] if isinstance(verdict, tuple) else []
     explanation = Explanation(
         detected=verdict != NONE,
@@ -97,8 +97,8 @@ def account_for(
         before=modulus_of(fits[0]),
         after=modulus_of(named),
         heldout=HeldOut(rms_before=rms[0], rms_after=rms[1], noise_rms=noise),
-        next_grasp=next_press(remaining, trace, air),
-        cells=_cells(trace, fits[0], air),
+        next_grasp=next_press(remaining, trace, no_contact),
+        cells=_cells(trace, fits[0], no_contact),
         checks=checks(trace, fits[0], named, rng=rng),
         notes=notes,
     )
@@ -108,7 +108,7 @@ def account_for(
         named=named,
         end=end,
         blocks=blocks,
-        air=air,
+        no_contact=no_contact,
     )
 
 
@@ -131,7 +131,7 @@ def _when(trace: IndenterTrace, found: Detection) -> str:
     return top if share[top] >= MOST else "all"
 
 
-def _cells(trace: IndenterTrace, linear: TraceFit, air: AirNoise) -> tuple[ModulusCell, ...]:
+def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
     """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
     value = linear.law.values(linear.scaled[None])
     depth = trace.travel_mm - value["onset_mm"][0]
@@ -147,7 +147,7 @@ def _cells(trace: IndenterTrace, linear: TraceFit, air: AirNoise) -> tuple[Modul
             time_s=float(trace.time_s[k]),
             phase=phases[k],
             E_MPa=float((trace.force_N[k] - value["zero_N"][0]) / per_MPa[k]),
-            E_sd_MPa=float(air.white_N / per_MPa[k]),
+            E_sd_MPa=float(no_contact.white_N / per_MPa[k]),
         )
         for k in loaded[np.linspace(0, len(loaded) - 1, min(CELLS, len(loaded))).astype(int)]
     )
@@ -170,7 +170,7 @@ def _notes(trace: IndenterTrace, named: TraceFit, thickness_mm: float | None) ->
             f"The ball went {depth / trace.radius_mm:.1f} of its radii deep, where small strain has ended: "
             "stiffening may be the geometry's in part."
         )
-    if not named.settled:
+    if not named.converged:
         notes.append(f"The search for the parameters of {named.law.name} has not settled; do not trust them.")
     if thickness_mm is None:
         notes.append("No thickness was given: a half-space was assumed, and a thin specimen looks stiffer.")

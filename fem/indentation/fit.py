@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from fem.indentation.contact_law import Law
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise, TraceNoise, model_clock
+from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
 
 #: Gauss-Newton steps at most, and the fall of the misfit below which they stop
 STEPS, ENOUGH = 40, 0.02
@@ -28,7 +28,7 @@ class TraceFit:
     """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained.
 
     `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
-    `settled`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
+    `converged`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
     """
 
     law: Law
@@ -40,7 +40,7 @@ class TraceFit:
     jacobian: Float[np.ndarray, "t k"]
     log_evidence: float
     chi_square: float
-    settled: bool
+    converged: bool
 
     @property
     def sd(self) -> Float[np.ndarray, " k"]:
@@ -81,12 +81,12 @@ class Posterior:
 
 
 def noise_with(
-    air: AirNoise, trace: IndenterTrace, share: float, frames: Bool[np.ndarray, " t"]
+    no_contact: NoContactNoise, trace: IndenterTrace, share: float, frames: Bool[np.ndarray, " t"]
 ) -> TraceNoise:
     """White noise and, besides, `share` of the measured force (of a twentieth of its peak at least)."""
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
-    clock = model_clock(trace.time_s, trace.force_N, white_N=air.white_N)
-    return TraceNoise(white_N=air.slow_N, wander_N=share * size[frames], clock=clock[frames])
+    clock = model_clock(trace.time_s, trace.force_N, white_N=no_contact.white_N)
+    return TraceNoise(white_N=no_contact.slow_N, wander_N=share * size[frames], clock=clock[frames])
 
 
 def jacobian_N(
@@ -101,7 +101,7 @@ def jacobian_N(
 def fit(
     law: Law,
     trace: IndenterTrace,
-    air: AirNoise,
+    no_contact: NoContactNoise,
     starts: Float[np.ndarray, "s k"],
     *,
     frames: Bool[np.ndarray, " t"] | None = None,
@@ -122,7 +122,7 @@ def fit(
     share, shares = TOLERANT, SHARES[least * (1 - 1e-9) <= SHARES]
 
     def posterior(share: float) -> Posterior:
-        noise = noise_with(air, trace, share, frames)
+        noise = noise_with(no_contact, trace, share, frames)
         return Posterior(law=law, trace=trace, frames=frames, noise=noise, mean=mean, precision=precision)
 
     target = posterior(share)
@@ -131,9 +131,9 @@ def fit(
     if follow > 1:
         scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda one: one[0])[1]
     for _ in range(ROUNDS):
-        _, scaled, force, slope, settled = _descend(target, scaled, steps=STEPS)
+        _, scaled, force, slope, converged = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]
-        scores = [noise_with(air, trace, one, frames).log_likelihood(gap) for one in shares]
+        scores = [noise_with(no_contact, trace, one, frames).log_likelihood(gap) for one in shares]
         before, share = share, float(shares[int(np.argmax(scores))])
         if share == before:
             break
@@ -150,8 +150,8 @@ def fit(
         force_N=force,
         jacobian=slope,
         log_evidence=float(target.noise.log_likelihood(gap) + prior - 0.5 * np.linalg.slogdet(matrix)[1]),
-        chi_square=float(gap @ gap / air.white_N**2),
-        settled=settled,
+        chi_square=float(gap @ gap / no_contact.white_N**2),
+        converged=converged,
     )
 
 
@@ -166,7 +166,7 @@ def _descend(
     law, trace = target.law, target.trace
     damping = 1e-2
     force, slope = jacobian_N(law, trace, scaled)
-    now, settled = float(target.misfit(scaled[None], force[None])[0]), False
+    now, converged = float(target.misfit(scaled[None], force[None])[0]), False
     for _ in range(steps):
         matrix, downhill = target.newton(scaled, force, slope)
         tries = damping * np.array([0.03, 1.0, 100.0])
@@ -178,8 +178,8 @@ def _descend(
         values = np.where(np.isfinite(values), values, np.inf)
         best = int(np.argmin(values))
         if not values[best] < now:
-            settled = damping > 1e6  # not even the shortest step gains anything
-            if settled:
+            converged = damping > 1e6  # not even the shortest step gains anything
+            if converged:
                 break
             damping *= 1e3
             continue
@@ -191,7 +191,7 @@ def _descend(
             force, slope = run[1], (run[3:] - run[1]).T / NUDGE
         else:
             force, slope = jacobian_N(law, trace, scaled)
-        settled = fall < ENOUGH
-        if settled:
+        converged = fall < ENOUGH
+        if converged:
             break
-    return now, scaled, force, slope, settled
+    return now, scaled, force, slope, converged

@@ -119,12 +119,12 @@ def _any_path(
     such that their sum stays zero; where that is less than the ball demands, the ball has its way.
     """
     stiff = take.sum(axis=1)
-    softness = -1 / stiff
+    inverse_stiffness = -1 / stiff
     force = np.empty_like(demanded_mm)
     for i, wanted in enumerate(demanded_mm):
         parts = parts * fade[i]
         held = np.add.reduce(parts, axis=0)
-        moved = np.maximum(held * softness[i], wanted - pressed_mm)
+        moved = np.maximum(held * inverse_stiffness[i], wanted - pressed_mm)
         parts += take[i] * moved
         pressed_mm = pressed_mm + moved
         np.add(held, stiff[i] * moved, out=force[i])

@@ -9,7 +9,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise
+from fem.indentation.trace_noise import NoContactNoise
 
 #: blocks into which the whole trace is cut, every second one left out in turn
 BLOCKS = 10
@@ -20,7 +20,7 @@ TAKEN = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foretold:
+class Prediction:
     """Force of the frames left out, NaN elsewhere, by the linear law and by the named one."""
 
     protocol: str
@@ -53,28 +53,28 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     return np.asarray(frames >= first)
 
 
-def foretell(
-    linear: TraceFit, named: TraceFit, trace: IndenterTrace, air: AirNoise
-) -> tuple[Foretold, Foretold]:
+def predict(
+    linear: TraceFit, named: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
+) -> tuple[Prediction, Prediction]:
     """Both laws, refitted without the frames they foretell: the trace's end, and its blocks in turn."""
     block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
     ways = {"end": [future_frames(trace)], "blocks": [block, ~block]}
     return tuple(  # type: ignore[return-value]
-        Foretold(
+        Prediction(
             protocol=name,
-            before_N=_left_out(linear, trace, air, masks),
-            after_N=_left_out(named, trace, air, masks),
+            before_N=_left_out(linear, trace, no_contact, masks),
+            after_N=_left_out(named, trace, no_contact, masks),
         )
         for name, masks in ways.items()
     )
 
 
 def _left_out(
-    known: TraceFit, trace: IndenterTrace, air: AirNoise, masks: list[Bool[np.ndarray, " t"]]
+    known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, masks: list[Bool[np.ndarray, " t"]]
 ) -> Float[np.ndarray, " t"]:
     force = np.full(len(trace.time_s), np.nan)
     for mask in masks:
-        again = fit(known.law, trace, air, known.scaled[None], frames=~mask, follow=1)
+        again = fit(known.law, trace, no_contact, known.scaled[None], frames=~mask, follow=1)
         force[mask] = _without_measured(known.law, again.scaled, trace, mask)[mask]
     return np.asarray(force)
 

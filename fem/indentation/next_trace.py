@@ -9,7 +9,7 @@ from jaxtyping import Float
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import TraceFit, jacobian_N, noise_with
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise
+from fem.indentation.trace_noise import NoContactNoise
 
 #: frames of a press that is only thought of
 FRAMES = 240
@@ -46,7 +46,7 @@ PRESSES: dict[str, Path] = {
 }
 
 
-def next_press(remaining: list[TraceFit], trace: IndenterTrace, air: AirNoise) -> str | None:
+def next_press(remaining: list[TraceFit], trace: IndenterTrace, no_contact: NoContactNoise) -> str | None:
     """The press whose smallest distance between any two of the remaining laws is largest; None for one law.
 
     Distance: one law's forces less the other's, what the other could take up in its own unknowns projected
@@ -63,7 +63,7 @@ def next_press(remaining: list[TraceFit], trace: IndenterTrace, air: AirNoise) -
         times, shares = corners(ramp, max(hold, ramp))
         press = _press(times, shares, trace, deepest)
         worst[words] = min(
-            min(_distance(a, b, press, air), _distance(b, a, press, air))
+            min(_distance(a, b, press, no_contact), _distance(b, a, press, no_contact))
             for a, b in combinations(remaining, 2)
         )
     return max(worst, key=lambda words: worst[words])
@@ -77,7 +77,7 @@ def _press(times: list[float], shares: list[float], trace: IndenterTrace, deepes
     )
 
 
-def _distance(truth: TraceFit, other: TraceFit, press: IndenterTrace, air: AirNoise) -> float:
+def _distance(truth: TraceFit, other: TraceFit, press: IndenterTrace, no_contact: NoContactNoise) -> float:
     """How far `truth`'s forces are from all that `other` could bring forth nearby."""
     force = _own_force(truth.law, truth.scaled, press)
     recorded = IndenterTrace(
@@ -85,7 +85,7 @@ def _distance(truth: TraceFit, other: TraceFit, press: IndenterTrace, air: AirNo
     )
     guess, slope = jacobian_N(other.law, recorded, other.scaled)
     frames = np.ones(len(force), dtype=bool)
-    noise = noise_with(air, recorded, max(truth.share, other.share), frames)
+    noise = noise_with(no_contact, recorded, max(truth.share, other.share), frames)
     gap = force - guess
     weighted = noise.solve(np.column_stack([gap, slope]))
     taken = slope.T @ weighted[:, 0]

@@ -13,7 +13,7 @@ from fem.indentation.effects.trace_sensor_drift import sensor_drift
 from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise
+from fem.indentation.trace_noise import NoContactNoise
 
 #: starts drawn from the prior beside those that simpler laws suggest
 DRAWS = 16
@@ -37,7 +37,7 @@ def effects_for(trace: IndenterTrace) -> list[tuple[TraceEffect, ...]]:
 
 
 def candidate_fits(
-    linear: Law, trace: IndenterTrace, air: AirNoise, *, rng: np.random.Generator
+    linear: Law, trace: IndenterTrace, no_contact: NoContactNoise, *, rng: np.random.Generator
 ) -> list[TraceFit]:
     """The linear fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
@@ -45,13 +45,13 @@ def candidate_fits(
     with several forms a pair takes the best and, where that has one arm, two arms as well: what a second
     effect leaves over may need them.
     """
-    fits = [fit(linear, trace, air, _starts(linear, [], rng))]
+    fits = [fit(linear, trace, no_contact, _starts(linear, [], rng))]
     singles: dict[str, list[TraceFit]] = {}
     for forms in effects_for(trace):
         for effect in forms:
             law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
             known = [fits[0], *singles.get(effect.name, [])[-1:]]
-            singles.setdefault(effect.name, []).append(fit(law, trace, air, _starts(law, known, rng)))
+            singles.setdefault(effect.name, []).append(fit(law, trace, no_contact, _starts(law, known, rng)))
     fits += [one for group in singles.values() for one in group]
     best = {name: max(group, key=lambda f: f.log_evidence) for name, group in singles.items()}
     top = max(best, key=lambda name: best[name].log_evidence)
@@ -68,7 +68,7 @@ def candidate_fits(
                 law = Law(
                     ball=linear.ball, baseline=linear.baseline, effects=one.law.effects + other.law.effects
                 )
-                fits.append(fit(law, trace, air, _starts(law, [one, other], rng), follow=1))
+                fits.append(fit(law, trace, no_contact, _starts(law, [one, other], rng), follow=1))
     return fits
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from fem.indentation.air import first_touch
 from fem.indentation.ball import BallOnSlab
 from fem.indentation.contact_law import Law
+from fem.indentation.no_contact import first_touch
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.unknowns import Unknown
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from fem.indentation.fit import TraceFit
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise, model_clock
+from fem.indentation.trace_noise import NoContactNoise, model_clock
 
 #: share of the force by which the tool itself errs: springs and tables against the exact integrals
 TOOL = 2e-3
@@ -29,7 +29,12 @@ class Detection:
 
 
 def detect(
-    fit: TraceFit, trace: IndenterTrace, air: AirNoise, *, log_odds: float, rng: np.random.Generator
+    fit: TraceFit,
+    trace: IndenterTrace,
+    no_contact: NoContactNoise,
+    *,
+    log_odds: float,
+    rng: np.random.Generator,
 ) -> Detection:
     """Whiten, project out the nuisances, and count how many noise-only traces look as bad.
 
@@ -41,9 +46,9 @@ def detect(
     The smaller of the two p-values counts, doubled for having chosen.
     """
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
-    clock = model_clock(trace.time_s, trace.force_N, white_N=air.white_N)
+    clock = model_clock(trace.time_s, trace.force_N, white_N=no_contact.white_N)
     tool = TOOL**2 * np.outer(size, size) * np.exp(-np.abs(np.subtract.outer(clock, clock)))
-    root = np.linalg.cholesky(air.covariance(len(clock)) + tool)
+    root = np.linalg.cholesky(no_contact.covariance(len(clock)) + tool)
     gap = solve_triangular(root, trace.force_N - fit.force_N, lower=True)
     slope = solve_triangular(root, fit.jacobian, lower=True)
     basis = np.linalg.qr(slope)[0]
@@ -57,14 +62,14 @@ def detect(
 
     draws = rng.standard_normal((len(gap), BANK))
     draws -= basis @ (basis.T @ draws)
-    draws *= np.sqrt(air.frames / rng.chisquare(air.frames, BANK))
+    draws *= np.sqrt(no_contact.frames / rng.chisquare(no_contact.frames, BANK))
     nulls, found = statistics(draws), statistics(gap[:, None])[:, 0]
     each = (1 + (nulls >= found[:, None]).sum(axis=1)) / (BANK + 1)
     rank = (BANK - np.argsort(np.argsort(nulls, axis=1), axis=1)) / (BANK + 1)
     whole = float(1 + (rank.min(axis=0) <= each.min()).sum()) / (BANK + 1)
     if each.min() <= 1 / BANK:
         freedom = len(gap) - fit.jacobian.shape[1]
-        far = 3 * float(chi2.sf(found[0] / (1 + 3 * np.sqrt(2 / air.frames)), freedom))
+        far = 3 * float(chi2.sf(found[0] / (1 + 3 * np.sqrt(2 / no_contact.frames)), freedom))
         whole = min(whole, max(far, 1e-300))
     odds = float(np.exp(-max(log_odds, 0.0)))
     names = ("chi-square", "stretch", "lag-1", "evidence")

@@ -11,7 +11,7 @@ LOOKS = 20.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class AirNoise:
+class NoContactNoise:
     """The load cell's own noise: white, and a coloured part of which `fade` lives on to the next frame.
 
     `frames`: degrees of freedom that it was estimated from.

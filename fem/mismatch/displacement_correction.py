@@ -1,8 +1,8 @@
-"""What effects that are known add to the plain model of every recording, at the modulus that comes with them.
+"""Displacement corrections: what known effects add to the plain model, at the modulus fitted with them.
 
     y(t) = X + s [c(t) + d(t)] + R q(t) + ...,      d = sum over effects of (c_theta - c) + shift / s
 
-Most laws depend on s = 1/E, and s on them: it is fitted again with d until it stands still.
+Most laws depend on s = 1/E, and s on them: it is fitted again with d until it no longer changes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +31,10 @@ class KnownEffect:
     parameters: Callable[[float], Mapping[str, float]]
 
 
-def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "t n 3"]]:
-    """d(t) of every recording, mm MPa, all frames: zero in the air.
+def displacement_corrections(
+    case: MismatchCase, effects: Sequence[KnownEffect]
+) -> list[Float[np.ndarray, "t n 3"]]:
+    """d(t) of every recording, mm MPa, all frames: zero without contact.
 
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
@@ -45,10 +47,10 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
             "record the grasp again",
         )
     for _ in range(MOST_ROUNDS):
-        beyond = _beyond(forward, effects)
+        corrections = _corrections(forward, effects)
         whole = [
             recording.tracks.unit_displacement + own
-            for recording, own in zip(forward.base.grasps, beyond, strict=True)
+            for recording, own in zip(forward.base.grasps, corrections, strict=True)
         ]
         compliance = 1 / modulus_of(forward, Response(unit=whole)).value
         moved = abs(compliance / forward.compliance - 1)
@@ -63,17 +65,18 @@ def departures(case: MismatchCase, effects: Sequence[KnownEffect]) -> list[Float
             f"expected {STILL:.1%} at most",
         )
     return [
-        over_all_frames(recording, own) for recording, own in zip(forward.base.grasps, beyond, strict=True)
+        over_all_frames(recording, own)
+        for recording, own in zip(forward.base.grasps, corrections, strict=True)
     ]
 
 
-def _beyond(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
-    """d in the frames used; small departures add."""
-    beyond = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
+def _corrections(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+    """d in the frames used; small corrections add up."""
+    corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
     for known in effects:
         answer = known.effect.respond(forward, known.parameters(1 / forward.compliance), ONE_WAY)
         for k, recording in enumerate(forward.base.grasps):
-            beyond[k] = beyond[k] + answer.unit[k] - recording.tracks.unit_displacement
+            corrections[k] = corrections[k] + answer.unit[k] - recording.tracks.unit_displacement
             if answer.shift_mm is not None:
-                beyond[k] = beyond[k] + answer.shift_mm[k] / forward.compliance
-    return beyond
+                corrections[k] = corrections[k] + answer.shift_mm[k] / forward.compliance
+    return corrections

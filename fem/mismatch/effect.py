@@ -82,7 +82,9 @@ class Effect(Protocol):
 class AuxiliaryLikelihood(Protocol):
     """An effect of which more is known than the markers' motion says."""
 
-    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> float:
+    def auxiliary_log_likelihood(
+        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
+    ) -> float:
         """ln likelihood of that, over the plain model's; counts for as much as the motion itself at most."""
         ...
 

@@ -67,7 +67,7 @@ class LinearLaw:
             derivative, parts = self.operators(forward)
             return reduced_laws(forward, derivative=derivative, parts=parts)
 
-        return forward.kept(self.spec.name, laws)
+        return forward.memoised(self.spec.name, laws)
 
 
 def plain_stiffness(forward: ForwardModel) -> Operator:

@@ -1,4 +1,4 @@
-"""One fruit's recordings, start to end: is there a mismatch, where, what is it, does modelling it help."""
+"""The diagnosis of one fruit's recordings: is there a mismatch, where, what is it, does modelling it help."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -20,8 +20,8 @@ from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.detection import best_beyond_quantile, of_sound, p_values
-from fem.mismatch.selection.model_selection import NullCase, named
+from fem.mismatch.selection.detection import best_beyond_quantile, null_statistic, p_values
+from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
@@ -33,9 +33,9 @@ from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 def explain(
     case: MismatchCase, *, progress: Callable[[str], None] | None = None, workers: int = 1
 ) -> Explanation:
-    """The answer for all recordings of a case together, found by so many threads.
+    """The explanation of all recordings of a case together, computed by so many threads.
 
-    Raises FemFailure where none can be seen at all.
+    Raises FemFailure where the plain model cannot be fitted at all.
     """
     seconds: dict[str, float] = {}
 
@@ -57,12 +57,12 @@ def explain(
         detected = p_value < DETECTION_P
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
-        sound = NullCase(
-            chi2=count * of_sound("what is left"),
-            most_chi2=count * of_sound("what is left", MOST_NULLS),
+        null_case = NullCase(
+            chi2=count * null_statistic("what is left"),
+            most_chi2=count * null_statistic("what is left", MOST_NULLS),
             compliance_ratio=forward.compliance_ratio,
         )
-        found = named(forward, linear, detected=detected, sound=sound)
+        found = select_model(forward, linear, detected=detected, null_case=null_case)
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
@@ -72,7 +72,7 @@ def explain(
         proof = held_out(forward, recorded, null, after)
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
-        residual = [linear.products.beyond(k, linear.null) for k in range(len(recorded))]
+        residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
     return Explanation(
         detected=detected,
@@ -103,12 +103,14 @@ def explain(
     )
 
 
-NOT_SETTLED = "the search for the parameters of {name} has not settled; they may lie beyond their error bars."
+NOT_CONVERGED_NOTE = (
+    "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
+)
 
 
 def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
-    """What the effects themselves have to say of the parameters found."""
-    said = [] if best.settled else [NOT_SETTLED.format(name=best.name)]
+    """Remarks of the effects on the parameters found, and whether the search converged."""
+    said = [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
     for effect in best.effects:
         if isinstance(effect, Remarked):
             own = f"{effect.spec.name}." if len(best.effects) > 1 else ""
@@ -151,10 +153,12 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 def detection_statistics(
     linear: LinearRound, recorded: Sequence[GraspEquations], compliance_ratio: float
 ) -> dict[str, float]:
-    """The numbers that fem.mismatch.selection.detection ranks, by the flesh's softness against the gel."""
+    """The statistics of fem.mismatch.selection.detection, scaled by the compliance ratio of flesh to gel."""
     count = sum(one.own.shape[1] for one in recorded)
     return {
-        "best single": best_beyond_quantile(((one.kind, one.gain) for one in linear.shown), compliance_ratio),
+        "best single": best_beyond_quantile(
+            ((one.kind, one.gain) for one in linear.linear_fits), compliance_ratio
+        ),
         "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / compliance_ratio**2,
         "what is left": linear.null.chi2 / count,
     }

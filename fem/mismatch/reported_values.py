@@ -30,7 +30,7 @@ def candidates(found: ModelSelection, linear: LinearRound) -> tuple[Candidate, .
 def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Candidate:
     """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
     if one.refit is None:
-        drop = sum(shown.chi2_drop for shown in one.shown)
+        drop = sum(fit.chi2_drop for fit in one.linear_fits)
         return Candidate(
             effect=one.name, probability=one.probability, parameters={}, log_evidence=one.gain, gain=drop
         )
@@ -125,7 +125,7 @@ def traces(
 
         plain = approach(response)
         left = [
-            approach(products.beyond(k, products.fit(columns, keep=others)))
+            approach(products.marker_residual(k, products.fit(columns, keep=others)))
             for products, columns in (before, after)
         ]
         force = np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0)

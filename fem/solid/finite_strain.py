@@ -107,7 +107,7 @@ class FiniteStrainSolid:
             if start is not None:
                 first = start[k]
             else:
-                first = linear[k] if last is None else linear[k] + _foretold(linear, last, k)
+                first = linear[k] if last is None else linear[k] + _predicted(linear, last, k)
             tangent = None
             if keep_factor:
                 tangent = self.rest.linear_tangent if last is None else last.tangent
@@ -198,7 +198,7 @@ def _alike(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> b
     return float((before * now).sum()) > ALIKE * sizes
 
 
-def _foretold(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
+def _predicted(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
     """The departure from the linear answer, which grows with the square of a load that keeps its shape."""
     size = float(np.linalg.norm(linear[k])) / float(np.linalg.norm(linear[k - 1]))
     return np.asarray((last.moved_mm - linear[k - 1]) * size**2 * (last.share == 1))

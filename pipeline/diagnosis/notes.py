@@ -14,7 +14,7 @@ from pipeline.fruit.grasped import GraspedFruit, owner_of
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
-from tactile.noise import FEWEST_AIR_FRAMES
+from tactile.noise import FEWEST_NO_CONTACT_FRAMES
 from tactile.tactile_failure import TactileFailure
 
 ONE_RECORDING = (
@@ -108,13 +108,13 @@ def notes_on_verdict(case: Case, found: Explanation) -> list[str]:
 
 
 def _air(grasp: PlacedGrasp) -> list[str]:
-    frames = grasp.contact.air_frames
-    if frames - 1 >= FEWEST_AIR_FRAMES:
+    frames = grasp.contact.no_contact_frames
+    if frames - 1 >= FEWEST_NO_CONTACT_FRAMES:
         return []
     found = f"only {frames} frames" if frames else "no frame"
     return [
         f"{grasp.name}: {found} before the first touch, so the noise is estimated from frames in contact "
-        f"and weaker effects may be missed; record at least {FEWEST_AIR_FRAMES + 1} frames in the air."
+        f"and weaker effects may be missed; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the air."
     ]
 
 

@@ -24,7 +24,7 @@ from pipeline.batch.cache import Artifact, cached, stage_key
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
 from pipeline.diagnosis.confirmed_effects import keyed
-from pipeline.fruit.flesh_effects import added, in_the_model, with_departures
+from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.kept_models import packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
 
@@ -181,7 +181,7 @@ def responses(
         rooms=("pipeline", "fem"),
     )
     found = cached(task.results.cache, f"{stage}-effects", key, beyond).arrays
-    return with_departures(plain, [found[str(k)] for k in range(len(modelled))])
+    return with_corrections(plain, [found[str(k)] for k in range(len(modelled))])
 
 
 def _digest(mesh: FleshMesh, histories: Sequence[GraspHistory], *, motion: bool) -> str:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from fem.estimation.grasp_model import GraspModel
 from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.displacement_correction import KnownEffect, departures
+from fem.mismatch.displacement_correction import KnownEffect, displacement_corrections
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Entry
 from fem.mismatch.mismatch_case import MismatchCase
@@ -41,20 +41,24 @@ def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]
 
 def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "t n 3"]]:
     """What these effects add to the response of each recording of `case`; raises FemFailure."""
-    return departures(case, [known(one) for one in effects])
+    return displacement_corrections(case, [known(one) for one in effects])
 
 
-def with_departures(
+def with_corrections(
     models: Sequence[GraspModel | FemFailure], beyond: Sequence[Float[np.ndarray, "t n 3"]]
 ) -> list[GraspModel | FemFailure]:
-    """The models with `beyond`, one for each grasp that has a model, added to their departure."""
+    """The models with `beyond`, one for each grasp that has a model, added to their displacement
+    correction.
+    """
     changed: list[GraspModel | FemFailure] = []
     left = iter(beyond)
     for model in models:
         if isinstance(model, GraspModel):
             own = next(left)
-            departure = own if model.departure is None else model.departure + own
-            changed.append(replace(model, departure=departure))
+            displacement_correction = (
+                own if model.displacement_correction is None else model.displacement_correction + own
+            )
+            changed.append(replace(model, displacement_correction=displacement_correction))
         else:
             changed.append(model)
     return changed

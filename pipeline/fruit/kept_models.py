@@ -24,8 +24,8 @@ def packed(models: Sequence[GraspModel | FemFailure]) -> Artifact:
             f"{k} compliance": model.compliance[np.tril_indices(len(model.compliance))].astype(np.float32),
             f"{k} sensitivity": model.sensitivity.values.astype(np.float32),
         }
-        if model.departure is not None:
-            arrays[f"{k} departure"] = model.departure.astype(np.float32)
+        if model.displacement_correction is not None:
+            arrays[f"{k} departure"] = model.displacement_correction.astype(np.float32)
         facts.append(
             {
                 "causes": model.sensitivity.causes,
@@ -47,7 +47,7 @@ def unpacked(artifact: Artifact) -> list[GraspModel | FemFailure]:
         compliance = np.zeros((size, size))
         compliance[np.tril_indices(size)] = artifact.arrays[f"{k} compliance"]
         compliance += np.tril(compliance, -1).T
-        departure = artifact.arrays.get(f"{k} departure")
+        displacement_correction = artifact.arrays.get(f"{k} departure")
         models.append(
             GraspModel(
                 place_mm=artifact.arrays[f"{k} place_mm"],
@@ -59,7 +59,9 @@ def unpacked(artifact: Artifact) -> list[GraspModel | FemFailure]:
                 ),
                 discretisation=facts["discretisation"],
                 fruit_moves=facts["fruit_moves"],
-                departure=None if departure is None else departure.astype(float),
+                displacement_correction=None
+                if displacement_correction is None
+                else displacement_correction.astype(float),
             )
         )
     return models

@@ -48,7 +48,7 @@ class TopExcess:
     value: float
     sd: float
 
-    def left(self, measured: float) -> "TopExcess":
+    def remaining(self, measured: float) -> "TopExcess":
         """What is left where a share of the top was measured: its summit is among them with that probability.
 
         Mean and variance of a mixture: of this excess with probability p = 1 - measured, and of none.

@@ -24,7 +24,7 @@ as smooth as the gel is thick. Set by hand."""
 
 def border_observation(
     layer: GelLayer, grid: GelGrid, camera: GelCamera
-) -> tuple[Float[np.ndarray, "3n u"], Float[np.ndarray, "n 3m"]]:
+) -> tuple[Float[np.ndarray, "d u"], Float[np.ndarray, "n e"]]:
     """What shading sees of nodal forces and smooth fields, and the border's share H B of depth (mm/N)."""
     width, height = camera.image_px
     edge = _ring(width, height)

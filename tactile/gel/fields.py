@@ -62,7 +62,7 @@ class GelFields:
     hyperparameters: PriorHyperparameters | None
     solver: InvertedForce | SpringForce
 
-    def joint_covariance(self, frame: int) -> Float[np.ndarray, "6n 6n"]:
+    def joint_covariance(self, frame: int) -> Float[np.ndarray, "d d"]:
         """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
         if isinstance(self.solver, SpringForce):
             return self.solver.joint_covariance()
@@ -122,8 +122,8 @@ class GelReader:
             self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
             _, information = sight(self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2])
         self.grid: GelGrid = gel_grid(layer, self.rest_mm)
-        self.observed: Float[np.ndarray, "3n u"] | None = None
-        self._border: Float[np.ndarray, "n 3m"] | None = None
+        self.observed: Float[np.ndarray, "d u"] | None = None
+        self._border: Float[np.ndarray, "n e"] | None = None
         if sensor.kind == "photometric":
             if shape is None:
                 raise _refusal(sensor, "shading needs the images themselves; give them with the markers")

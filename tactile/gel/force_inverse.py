@@ -99,7 +99,7 @@ class InvertedForce:
         information_per_mm2: Float[np.ndarray, "n 3 3"],
         hyperparameters: PriorHyperparameters,
         *,
-        observed: Float[np.ndarray, "3n u"] | None = None,
+        observed: Float[np.ndarray, "3*n u"] | None = None,
     ) -> None:
         self.grid, self.hyperparameters = grid, hyperparameters
         self.information = information_per_mm2 / hyperparameters.noise**2
@@ -156,7 +156,7 @@ class InvertedForce:
 
     def joint_covariance(
         self, touching: Bool[np.ndarray, " m"], motion_mm: float
-    ) -> Float[np.ndarray, "6n 6n"]:
+    ) -> Float[np.ndarray, "d d"]:
         """Covariance of one frame's [measured displacement (mm); marker force (N)], markers then x, y, z.
 
         Measured y = G t + noise and the force's estimate K y share the noise e: displacement I e and force
@@ -177,13 +177,13 @@ class InvertedForce:
         cross = noise @ linear.T
         return np.block([[noise, cross], [cross.T, posterior]])
 
-    def linear_map(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "3n 3n"]:
+    def linear_map(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "d d"]:
         """K in force = K displacement, N/mm, while these nodes touch."""
         at = self._at(touching)
         inner = cho_solve(cho_factor(self._block(touching, motion_mm)), self._weighted[:, at].T)
         return np.asarray(self._to_markers(touching, len(at)) @ inner)
 
-    def _to_markers(self, touching: Bool[np.ndarray, " m"], unknowns: int) -> Float[np.ndarray, "3n a"]:
+    def _to_markers(self, touching: Bool[np.ndarray, " m"], unknowns: int) -> Float[np.ndarray, "d a"]:
         forces = np.kron(self.grid.to_markers[:, touching], np.eye(3))
         return np.pad(forces, ((0, 0), (0, unknowns - forces.shape[1])))
 
@@ -285,7 +285,7 @@ def most_likely_hyperparameters(
     information_per_mm2: Float[np.ndarray, "n 3 3"],
     frames_mm: Sequence[Float[np.ndarray, "n 3"]],
     *,
-    observed: Float[np.ndarray, "3n u"] | None = None,
+    observed: Float[np.ndarray, "3*n u"] | None = None,
     start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,
     rounds: int = 2,
 ) -> PriorHyperparameters:
@@ -376,7 +376,7 @@ def _evidence(
     return total
 
 
-def _prior(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "3m 3m"]:
+def _prior(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "d d"]:
     m = len(grid.nodes_mm)
     smooth = np.eye(m) + hyperparameters.roughness**2 * grid.laplacian
     area = grid.pitch_mm**2
@@ -388,7 +388,7 @@ def _prior(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.nda
     return out.reshape(3 * m, 3 * m)
 
 
-def _moved(grid: GelGrid) -> Float[np.ndarray, "3n u"]:
+def _moved(grid: GelGrid) -> Float[np.ndarray, "d u"]:
     return with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
 
 

@@ -37,7 +37,7 @@ class ForcePlacing:
             np.add.at(variance[:, axis], partner[:, axis], exchanged[:, axis])
         return np.asarray(np.sqrt(variance))
 
-    def covariance_N2(self, force_N: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3n 3n"]:
+    def covariance_N2(self, force_N: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3*n 3*n"]:
         """Joint covariance of all forces in one frame, markers then x, y, z."""
         n = len(force_N)
         partner, exchanged = self._exchanged(force_N)

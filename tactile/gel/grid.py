@@ -25,7 +25,7 @@ class GelGrid:
     nodes_mm: Float[np.ndarray, "m 2"]
     pitch_mm: float
     cell_mm2: float
-    compliance: Float[np.ndarray, "3n 3m"]
+    compliance: Float[np.ndarray, "3*n 3*m"]
     to_markers: Float[np.ndarray, "n m"]
     laplacian: Float[np.ndarray, "m m"]
 
@@ -86,8 +86,8 @@ def _shares(
 
 
 def with_smooth(
-    grid: GelGrid, made_mm: Float[np.ndarray, "3k 3m"], at_mm: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "3k u"]:
+    grid: GelGrid, made_mm: Float[np.ndarray, "d e"], at_mm: Float[np.ndarray, "k 2"]
+) -> Float[np.ndarray, "d u"]:
     """What forces make at points of the face and, after it, the smooth fields there.
 
     These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.

@@ -48,7 +48,7 @@ class SpringForce:
         pressed = np.nan_to_num(displacement_mm[..., 2])
         return np.asarray(pressed < -TOUCHES_AT_SD * self.displacement_sd_mm[:, 2])
 
-    def joint_covariance(self) -> Float[np.ndarray, "6n 6n"]:
+    def joint_covariance(self) -> Float[np.ndarray, "d d"]:
         """Covariance of any frame's [displacement (mm); force (N)], markers then x, y, z."""
         n = len(self.information_per_mm2)
         blocks = np.zeros((n, 3, n, 3))

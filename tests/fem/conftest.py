@@ -1,16 +1,10 @@
-"""Meshes that several tests share: a nectarine-size fruit, a ball with a ball in it, a plain ball.
-
-Array shapes declared in the room are checked while its tests run.
-"""
+"""Meshes that several tests share: a nectarine-size fruit, a ball with a ball in it, a plain ball."""
 
 import pytest
-from jaxtyping import install_import_hook
+from fem_shapes import ball
 from threadpoolctl import threadpool_limits
 
-with install_import_hook("fem", "beartype.beartype"):
-    from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
-
-from fem_shapes import ball
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 
 threadpool_limits(1)  # two workers share two cores
 

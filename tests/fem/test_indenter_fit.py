@@ -5,16 +5,16 @@ from planted_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, planted
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
-from fem.indentation.air import air_noise, first_touch
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit
-from fem.indentation.heldout import foretell, future_frames
+from fem.indentation.heldout import future_frames, predict
+from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.rank import parameters_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
-from fem.indentation.trace_noise import AirNoise, TraceNoise, model_clock
+from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
 
 
 def trace_of(columns):
@@ -23,11 +23,11 @@ def trace_of(columns):
 
 
 def fitted(trace, *effects, rng):
-    air = air_noise(trace, first_touch(trace))
+    no_contact = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
     law = Law(ball=linear.ball, baseline=linear.baseline, effects=effects)
     mean, sd = (np.array([getattr(u, k) for u in law.unknowns]) for k in ("mean", "sd"))
-    return fit(law, trace, air, mean + 0.7 * sd * rng.standard_normal((16, len(mean))))
+    return fit(law, trace, no_contact, mean + 0.7 * sd * rng.standard_normal((16, len(mean))))
 
 
 def test_banded_noise_is_the_dense_normal():
@@ -56,14 +56,14 @@ def test_noise_in_the_air_is_found_white_or_coloured(fade):
     found = []
     for _ in range(8):
         trace = trace_of(planted(rng, noise_N=0.004, fade=fade, press=Press(air_s=12.0)))
-        found.append(air_noise(trace, first_touch(trace)).slow_N)
+        found.append(no_contact_noise(trace, first_touch(trace)).slow_N)
     assert np.mean(found) == pytest.approx(0.004 * np.sqrt((1 + fade) / (1 - fade)), rel=0.2)
 
 
 def test_a_load_cell_that_counts_in_steps_is_never_noiseless():
     time, force, travel = planted(np.random.default_rng(1), noise_N=0.0)
     trace = trace_of((time, np.round(force / 0.01) * 0.01, travel))
-    assert air_noise(trace, first_touch(trace)).white_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
+    assert no_contact_noise(trace, first_touch(trace)).white_N == pytest.approx(0.01 / np.sqrt(12), rel=1e-6)
 
 
 def test_touch_is_found_where_it_is():
@@ -108,8 +108,8 @@ def test_two_arms_are_both_found():
 def test_recovery_after_unloading_is_foretold_from_the_hold():
     rng = np.random.default_rng(6)
     trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,)))
-    air = air_noise(trace, first_touch(trace))
-    end, blocks = foretell(fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng), trace, air)
+    no_contact = no_contact_noise(trace, first_touch(trace))
+    end, blocks = predict(fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng), trace, no_contact)
     assert np.array_equal(np.isfinite(end.before_N), future_frames(trace))
     assert np.isfinite(blocks.after_N).all()
     for told in (end, blocks):
@@ -121,21 +121,21 @@ def test_a_machine_whose_force_does_not_settle_is_not_foretold(monkeypatch):
     monkeypatch.setattr(heldout, "MOST_ROUNDS", 1)
     rng = np.random.default_rng(8)
     trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
-    air = AirNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
     travel = float(np.ptp(trace.travel_mm)) / float(np.abs(trace.force_N).max())
     named = fitted(trace, gripper_compliance(specimen_mm_per_N=travel), rng=rng)
     with pytest.raises(FemFailure, match="gives way still changes") as failure:
-        foretell(fitted(trace, rng=rng), named, trace, air)
+        predict(fitted(trace, rng=rng), named, trace, no_contact)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 def test_a_fit_says_whether_its_search_has_settled(monkeypatch):
     rng = np.random.default_rng(4)
     trace = trace_of(planted(rng, g=(0.45,), tau_s=(6.0,)))
-    assert fitted(trace, viscoelastic(1), rng=rng).settled
+    assert fitted(trace, viscoelastic(1), rng=rng).converged
     monkeypatch.setattr(indenter_fit, "STEPS", 1)
     monkeypatch.setattr(indenter_fit, "ENOUGH", -1.0)
-    assert not fitted(trace, viscoelastic(1), rng=rng).settled
+    assert not fitted(trace, viscoelastic(1), rng=rng).converged
 
 
 def test_the_past_does_not_know_the_future():
@@ -144,7 +144,7 @@ def test_the_past_does_not_know_the_future():
     trace = trace_of(columns)
     late = future_frames(trace)
     changed = trace_of((columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2]))
-    air = AirNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
+    no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
     linear, named = fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng)
-    told = [foretell(linear, named, one, air)[0].after_N[late] for one in (trace, changed)]
+    told = [predict(linear, named, one, no_contact)[0].after_N[late] for one in (trace, changed)]
     assert told[0] == pytest.approx(told[1], abs=1e-3 * DEEPEST_MM)

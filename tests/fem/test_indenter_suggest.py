@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
 
-from fem.indentation.air import air_noise, first_touch
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_damage import EFFECT as DAMAGE
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit
 from fem.indentation.next_trace import PRESSES, next_press
+from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 
@@ -20,7 +20,7 @@ def short_ramp():
     press = Press(hold_s=0.5, unload=False)
     time_s, force_N, travel_mm = planted(rng, g=(0.3,), tau_s=(4.0,), press=press)
     trace = IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
-    air = air_noise(trace, first_touch(trace))
+    air = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
     fits = []
     for effect in (viscoelastic(1), DAMAGE, gripper_compliance(specimen_mm_per_N=0.5)):

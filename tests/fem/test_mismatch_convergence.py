@@ -63,7 +63,7 @@ def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
     scale_sd = forward.base.case.budget.gel_scale_sd
     own = MarkerEquations.of(recording, compliance=softer.compliance, gel_scale_sd=scale_sd)
     field = np.random.default_rng(3).normal(size=recording.tracks.position_mm.shape)
-    np.testing.assert_array_equal(marker_equations(softer, recording).left(field), own.left(field))
+    np.testing.assert_array_equal(marker_equations(softer, recording).residual(field), own.residual(field))
 
 
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
@@ -74,7 +74,7 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
     sound = model_selection.NullCase(chi2=1.0, most_chi2=1.0, compliance_ratio=1.0)
-    found = model_selection.named(forward, linear, detected=True, sound=sound)
+    found = model_selection.select_model(forward, linear, detected=True, null_case=sound)
     assert "after 1 rounds" in found.without["damage"]
 
 
@@ -84,7 +84,7 @@ def test_large_deformation_that_is_not_found_is_reported_beside_the_signature_th
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["stiffening (neo-hookean)"]
-    assert [one.signature.variant for one in linear.shown] == [ONE_WAY]
+    assert [one.signature.variant for one in linear.linear_fits] == [ONE_WAY]
 
 
 def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):

@@ -25,7 +25,7 @@ def drawn(rng: np.random.Generator, fruits: int, records: int = 6) -> np.ndarray
 
 def p_of(row: np.ndarray, bank: np.ndarray, records: int = 6) -> float:
     whose = np.repeat(np.arange(len(bank) // records), records)
-    return detection.p_values_beside(dict(zip(STATISTICS, row.tolist(), strict=True)), bank, whose)[0]
+    return detection.p_values_against(dict(zip(STATISTICS, row.tolist(), strict=True)), bank, whose)[0]
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def test_the_shipped_bank_holds_against_its_own_fruits_left_out():
     p = []
     for row, fruit in zip(rows, whose, strict=True):
         statistics = dict(zip(STATISTICS, row.tolist(), strict=True))
-        p.append(detection.p_values_beside(statistics, rows[whose != fruit], whose[whose != fruit])[0])
+        p.append(detection.p_values_against(statistics, rows[whose != fruit], whose[whose != fruit])[0])
     assert len(rows) >= 100
     assert kstest(p, "uniform").statistic < 0.15
     # fruits, not recordings, are what is independent: two of 17 below a twentieth are no rarity
@@ -72,7 +72,7 @@ def test_statistics_far_beyond_the_bank_have_p_values_that_go_on_falling(bank):
 def test_a_middling_recording_is_sound_and_each_statistic_says_its_own(bank):
     middle = np.median(bank, axis=0)
     whose = np.repeat(np.arange(20), 6)
-    p, own = detection.p_values_beside(dict(zip(STATISTICS, middle.tolist(), strict=True)), bank, whose)
+    p, own = detection.p_values_against(dict(zip(STATISTICS, middle.tolist(), strict=True)), bank, whose)
     assert p > 0.3
     assert set(own) == set(STATISTICS)
     assert all(0.3 < value < 0.7 for value in own.values())

@@ -8,7 +8,7 @@ import pytest
 from planted_mismatch import only_grasp, planted_case
 from scipy.stats import multivariate_normal
 
-from fem.estimation.zero_drift import RestingForces
+from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.linear_evidence import PLAIN_SD, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances, own_nuisances
@@ -27,7 +27,7 @@ class SmallRecording:
         root = rng.normal(size=(SIZE, SIZE))
         self.weight = root @ root.T / SIZE + 0.3 * np.eye(SIZE)
         self.balance = None
-        self.rest = RestingForces(measured=np.zeros(0), weight=np.zeros(0))
+        self.rest = ZeroDrifts(measured=np.zeros(0), weight=np.zeros(0))
         tracks = SimpleNamespace(
             unit_displacement=rng.normal(size=SHAPE),
             place_mm=np.zeros(SHAPE[1:]),
@@ -162,5 +162,5 @@ def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(planted):
     fit = products.fit(tuple(range(1, len(known) + 1)))
     for k, one in enumerate(recorded):
         touching = one.recording.tracks.episode >= 0
-        assert products.beyond(k, fit)[touching].std() < 2 * one.recording.tracks.sd_mm[0]
-        np.testing.assert_array_equal(products.beyond(k, fit)[~touching], 0)
+        assert products.marker_residual(k, fit)[touching].std() < 2 * one.recording.tracks.sd_mm[0]
+        np.testing.assert_array_equal(products.marker_residual(k, fit)[~touching], 0)

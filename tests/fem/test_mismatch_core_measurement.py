@@ -28,7 +28,7 @@ from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.procedure import plain_forward_model
-from fem.mismatch.selection.model_selection import NullCase, named
+from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
@@ -184,7 +184,7 @@ def beyond_motions(
     """What a model leaves of the first recording's markers where E is E_MPA, mm."""
     recording = forward.base.grasps[0]
     beyond = recording.tracks.position_mm - recording.tracks.place_mm - shift_mm - unit / E_MPA
-    return marker_equations(forward, recording).left(beyond)
+    return marker_equations(forward, recording).residual(beyond)
 
 
 @pytest.fixture(scope="module")
@@ -226,7 +226,7 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
     )
     assert linear.best[0].signature.variant == OfPad(pad="right")
     sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    best = named(forward, linear, detected=True, sound=sound).ranking[0].refit
+    best = select_model(forward, linear, detected=True, null_case=sound).ranking[0].refit
     assert best is not None
     assert best.variants == (OfPad(pad="left"),)
     assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)

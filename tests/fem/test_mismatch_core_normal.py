@@ -97,7 +97,7 @@ def test_what_is_left_is_what_least_squares_on_every_unknown_leaves(seed):
     field = rng.normal(size=one.tracks.position_mm.shape) + one.tracks.unit_displacement
     touching, weight, _, _ = dense()
     expected = left_by_least_squares(field)
-    np.testing.assert_allclose(equations().left(field)[touching].ravel(), expected, atol=2e-6)
+    np.testing.assert_allclose(equations().residual(field)[touching].ravel(), expected, atol=2e-6)
     np.testing.assert_allclose(
         equations().weighed(field)[touching].ravel(), weight * expected, atol=2e-6 * weight.max()
     )

@@ -11,7 +11,7 @@ from pinched_forward_model import COMPLIANCE, forward_of
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
@@ -90,10 +90,10 @@ def test_an_anchored_response_is_exact_for_any_law_of_second_order_along_its_anc
     asked = []
 
     class Search:
-        def found_before(self, key):
+        def warm_start(self, key):
             return kept.get(key, ())
 
-        def keep_found(self, key, found):
+        def store_warm_start(self, key, found):
             kept[key] = found
 
     def exact(theta):
@@ -101,7 +101,7 @@ def test_an_anchored_response_is_exact_for_any_law_of_second_order_along_its_anc
         return [[np.atleast_1d(J @ theta + theta @ H @ theta)]]
 
     def at(*theta: float) -> float:
-        values = anchored(
+        values = quadratic_surrogate(
             Search(),
             "key",
             np.array(theta),

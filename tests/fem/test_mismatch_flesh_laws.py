@@ -14,7 +14,7 @@ from fem.mismatch.model import stress_history
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import path_frames
-from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, fixed_point, keep_run, path_state
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
@@ -101,13 +101,13 @@ def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, toget
     state = path_state(forward, frames=4, remembers=True)
     solid = forward.base.solid_of(forward.base.grasps[0])
 
-    def departure(moved: np.ndarray) -> np.ndarray:
+    def excess_force(moved: np.ndarray) -> np.ndarray:
         forces = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)
         return (stiffness - 1) * forces
 
-    more = settled(
+    more = fixed_point(
         state,
-        departure,
+        excess_force,
         compliance=forward.compliance,
         stiffer=np.full(len(state.linear), stiffness),
         start=np.zeros_like(state.linear),
@@ -181,7 +181,7 @@ def test_only_the_last_runs_are_kept():
     search = replace(forward_of(), warm_starts=WarmStarts())
     for k in range(30):
         keep_run(search, "law", np.array([float(k)]), np.full((1, 1, 3), float(k)))
-    assert len(search.found_before(("runs", "law"))) == MOST_RUNS
+    assert len(search.warm_start(("runs", "law"))) == MOST_RUNS
     assert first_guess(search, "law", np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
 
 

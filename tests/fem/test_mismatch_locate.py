@@ -64,7 +64,8 @@ def test_noise_alone_has_standard_scores_and_no_place():
     forward = forward_of()
     shape = forward.base.grasps[0].tracks.position_mm.shape
     maps = [
-        fruit_map(forward, forward.sight.observed([NOISE_MM * rng.normal(size=shape)])) for _ in range(20)
+        fruit_map(forward, forward.adjoint_basis.observed([NOISE_MM * rng.normal(size=shape)]))
+        for _ in range(20)
     ]
     # Recordings leave ALIKE numbers for each independent one; these draws are independent all.
     thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
@@ -77,7 +78,7 @@ def test_noise_alone_has_standard_scores_and_no_place():
 
 
 def test_a_soft_spot_far_from_every_pad_is_not_visible():
-    maps = fruit_map(forward := forward_of(), forward.sight.observed(left_by_plain(forward)))
+    maps = fruit_map(forward := forward_of(), forward.adjoint_basis.observed(left_by_plain(forward)))
     under_pad = np.linalg.norm(maps.vertices_mm - [HALF_AXES_MM[0], 0, 0], axis=1).argmin()
     on_top = maps.vertices_mm[:, 2].argmax()
     assert maps.visible[under_pad] > 10 * maps.visible[on_top]

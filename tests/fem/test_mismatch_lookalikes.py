@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.estimation.zero_drift import RestingForces
+from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect import Signature
 from fem.mismatch.effect_spec import DiscrepancyPrior
 from fem.mismatch.evidence.discrepancy_prior import (
-    beside,
     discrepancy_columns,
     discrepancy_spread,
+    retained_columns,
 )
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -37,7 +37,7 @@ class Recording:
 
     def __init__(self, position_mm: np.ndarray, unit: np.ndarray) -> None:
         self.balance = None
-        self.rest = RestingForces(measured=np.zeros(0), weight=np.zeros(0))
+        self.rest = ZeroDrifts(measured=np.zeros(0), weight=np.zeros(0))
         tracks = SimpleNamespace(
             unit_displacement=unit, place_mm=np.zeros(SHAPE[1:]), position_mm=position_mm
         )
@@ -84,11 +84,11 @@ def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
     columns = [
         Regressor(name="1/E", sd=1.0, fields=[]),
         *(
-            Regressor(name=f"as if {name}", sd=1.0, fields=[], discrepancy_of=SPECS[name])
+            Regressor(name=f"discrepancy {name}", sd=1.0, fields=[], discrepancy_of=SPECS[name])
             for name in ("skin", "poisson_ratio")
         ),
     ]
-    assert beside([effect("skin")], columns, (1, 2)) == (2,)
-    assert beside([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
+    assert retained_columns([effect("skin")], columns, (1, 2)) == (2,)
+    assert retained_columns([effect("poisson_ratio")], columns, (1, 2)) == (1, 2)
     assert discrepancy_spread(effect("skin")) > prior("skin").mean
     assert discrepancy_spread(effect("poisson_ratio")) == 0

@@ -168,7 +168,7 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing():
     forward = pinched()
     recording = forward.base.grasps[0]
     flesh = loose_flesh(forward, recording)
-    opening = recording.shares @ flesh.answer(recording)[1]
+    opening = recording.shares @ flesh.marker_response(recording)[1]
     found = pressures(flesh.compliance, opening)[1]
     assert found.min() >= 0
     assert found.max() > 0
@@ -184,7 +184,7 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
     held = replace(recording, shares=np.concatenate(course)[:, None] * recording.shares[1])
     found = loose_response(forward, held, gap)
     flesh = loose_flesh(forward, recording)
-    free, opening, pushed = flesh.answer(recording)
+    free, opening, pushed = flesh.marker_response(recording)
     each = pressures(flesh.compliance, held.shares @ opening + gap * flesh.area_mm2)
     assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
     exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)

@@ -113,9 +113,9 @@ def test_threads_change_no_number():
     effects = [damage.EFFECT, skin.EFFECT, soft_spot.EFFECT]
     one, two = (rounds(effects, workers=workers) for workers in (1, 3))
     assert one.null.log_evidence == two.null.log_evidence
-    assert [shown.gain for shown in one.shown] == [shown.gain for shown in two.shown]
-    assert [shown.signature.variant for shown in one.shown] == [
-        shown.signature.variant for shown in two.shown
+    assert [shown.gain for shown in one.linear_fits] == [shown.gain for shown in two.linear_fits]
+    assert [shown.signature.variant for shown in one.linear_fits] == [
+        shown.signature.variant for shown in two.linear_fits
     ]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, TIME_S, linear_and_refitted, on_pad, only_grasp, planted_case
 
-from fem.estimation.zero_drift import REMEMBERED, resting_force
+from fem.estimation.zero_drift import REMEMBERED, zero_drift
 from fem.grasp_history import GraspHistory
 from fem.mismatch.effects import sensor_drift
 from fem.mismatch.mismatch_case import MismatchCase
@@ -48,7 +48,7 @@ def let_go(case: MismatchCase, newton_per_s: float) -> MismatchCase:
 
 
 def felt(history: GraspHistory, case: MismatchCase, pad: int):
-    return resting_force(history, pad, case.grasps[0].pads[pad].pose[0, :3, 2])
+    return zero_drift(history, pad, case.grasps[0].pads[pad].pose[0, :3, 2])
 
 
 def test_a_drift_is_measured_in_the_air_on_its_own_pad_alone():

@@ -110,7 +110,7 @@ def test_without_a_spot_nothing_stands_out():
     rng = np.random.default_rng(4)
     forward = forward_of(0.004 * rng.normal(size=pinched().grasps[0].tracks.unit_displacement.shape))
     left = [0.004 * rng.normal(size=recording.tracks.position_mm.shape) for recording in forward.base.grasps]
-    numbers = np.array([forward.sight.observed([field * 1.0]) for field in left])
+    numbers = np.array([forward.adjoint_basis.observed([field * 1.0]) for field in left])
     assert np.sqrt((numbers**2).mean()) < 1.2
 
 

@@ -7,7 +7,12 @@ import pytest
 from fem_shapes import ball
 
 from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
-from fem.estimation.finite_strain_excess import MarkerContact, _settled, finite_departure, finite_modulus
+from fem.estimation.finite_strain_excess import (
+    MarkerContact,
+    _repeated,
+    finite_modulus,
+    finite_strain_correction,
+)
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.materials.linear import Linear
@@ -135,21 +140,21 @@ def test_a_refit_that_does_not_settle_is_refused(grasp, found):
     _, modulus_MPa, departure = found
     guesses = iter(np.tile([1.0, 2.0], 100))
     with pytest.raises(FemFailure, match="still changes") as failure:
-        _settled(departure, grasp.unit, lambda _: float(next(guesses)) / modulus_MPa)
+        _repeated(departure, grasp.unit, lambda _: float(next(guesses)) / modulus_MPa)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 def test_few_frames_are_computed_and_foretell_the_others(grasp, found):
     _, modulus_MPa, departure = found
     assert len(departure.computed) < len(PATCH_MM)
-    assert departure.unforetold < 0.005
+    assert departure.unpredicted < 0.005
     others = np.setdiff1d(np.arange(len(PATCH_MM)), departure.computed)
     load = grasp.contact.nodal_force(grasp.force_N[others]) / departure.modulus_MPa
     moved = grasp.finite.displacement(load).displacement
     exact = departure.modulus_MPa * grasp.contact.at_markers(moved) - grasp.unit[others]
-    off = np.abs(departure.departure[others] - exact).max()
-    assert off < 0.02 * np.abs(departure.departure).max()
-    complete = departure.departure.copy()
+    off = np.abs(departure.displacement_correction[others] - exact).max()
+    assert off < 0.02 * np.abs(departure.displacement_correction).max()
+    complete = departure.displacement_correction.copy()
     complete[others] = exact
     all_frames = 1 / grasp.refit(grasp.unit + complete)
     assert all_frames == pytest.approx(modulus_MPa, rel=3e-4)
@@ -162,13 +167,13 @@ def test_the_departure_leaves_less_unexplained(grasp, found):
         tracks = MarkerTracks(**{**vars(grasp.tracks), "unit_displacement": unit})
         return fit_compliance(tracks, scale_sd=0.004, fruit_moves=True).residual_rms_mm
 
-    assert residual(grasp.unit + departure.departure) < 0.25 * residual(grasp.unit)
+    assert residual(grasp.unit + departure.displacement_correction) < 0.25 * residual(grasp.unit)
 
 
 def test_linear_flesh_departs_by_nothing_but_the_turn_of_the_pit(grasp):
     linear = FiniteStrainSolid(solid=grasp.contact.solid, law=Linear(poisson_ratio=NU))
-    none = finite_departure(linear, grasp.contact, grasp.force_N, grasp.unit, modulus_MPa=E_MPA)
-    assert np.abs(none.departure).max() < 1e-3 * np.abs(grasp.unit).max()
+    none = finite_strain_correction(linear, grasp.contact, grasp.force_N, grasp.unit, modulus_MPa=E_MPA)
+    assert np.abs(none.displacement_correction).max() < 1e-3 * np.abs(grasp.unit).max()
 
 
 def test_forces_that_pull_are_refused(grasp, found):

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_sound, p_values
+from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic, p_values
 from fem.mismatch.selection.null_reference import null_reference, parse_null_reference
 
 BENCHMARK = Path(__file__).resolve().parents[2] / "benchmarks" / "mismatch_nulls.py"
@@ -34,7 +34,7 @@ def test_detection_comes_out_as_it_did_with_those_tuples():
     p, each = p_values({"best single": 20.0, "best pair": 25.0, "what is left": 0.06})
     assert p == pytest.approx(0.00027521940712805815, rel=1e-12)
     assert each["best pair"] == pytest.approx(0.029021771288547327, rel=1e-12)
-    assert of_sound("what is left") == np.median(null_reference().statistics[:, 2])
+    assert null_statistic("what is left") == np.median(null_reference().statistics[:, 2])
     assert null_gain("skin", 2.0) == 0.37
     assert null_gain("unheard of", 2.0) == 0
     assert null_gain_in_full([("stiffening", "stiffening neo-hookean")], 2.0) == 0

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from coarse_fruit import fruit_mesh
 
-from fem.mismatch.model.forward_model import Memory
+from fem.mismatch.model.forward_model import MemoTable
 from fem.parallel_map import parallel_map
 from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.strain_field import FleshStrain
@@ -47,24 +47,26 @@ def test_the_first_items_exception_is_raised_and_what_has_not_begun_is_left():
 
 
 def test_what_is_kept_is_computed_once_though_many_ask_and_may_ask_for_more_on_the_way():
-    memory, computed = Memory(), []
+    memory, computed = MemoTable(), []
 
     def compute(key):
         computed.append(key)
         time.sleep(0.02)
-        return key + memory.kept("common", lambda: computed.append("common") or "!")
+        return key + memory.memoised("common", lambda: computed.append("common") or "!")
 
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(lambda k: memory.kept("ab"[k % 2], lambda: compute("ab"[k % 2])), range(16)))
+        found = list(
+            pool.map(lambda k: memory.memoised("ab"[k % 2], lambda: compute("ab"[k % 2])), range(16))
+        )
     assert found == ["a!", "b!"] * 8
     assert sorted(computed) == ["a", "b", "common"]
 
 
 def test_what_fails_is_not_kept():
-    memory = Memory()
+    memory = MemoTable()
     with pytest.raises(ZeroDivisionError):
-        memory.kept("a", lambda: 1 // 0)
-    assert memory.kept("a", lambda: 7) == 7
+        memory.memoised("a", lambda: 1 // 0)
+    assert memory.memoised("a", lambda: 7) == 7
 
 
 def test_pieces_of_flesh_add_up_to_the_same_forces_however_many_threads_work_on_them():

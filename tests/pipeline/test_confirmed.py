@@ -20,7 +20,7 @@ from pipeline.fruit.flesh_effects import (
     catalogue_parameters,
     unused_warnings,
     used,
-    with_departures,
+    with_corrections,
 )
 from pipeline.fruit.flesh_model import error_budget, poisson_ratio
 from pipeline.fruit.fruit_shape import embedded_pit
@@ -95,11 +95,11 @@ def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
         fruit_moves=True,
     )
     lost = FemFailure(FemProblem.NO_LOAD, "no load")
-    models = [model, lost, replace(model, departure=np.ones((3, 2, 3)))]
-    first, second, third = with_departures(models, [np.full((3, 2, 3), 2.0)] * 2)
+    models = [model, lost, replace(model, displacement_correction=np.ones((3, 2, 3)))]
+    first, second, third = with_corrections(models, [np.full((3, 2, 3), 2.0)] * 2)
     assert second is lost
-    assert (first.departure == 2.0).all()
-    assert (third.departure == 3.0).all()
+    assert (first.displacement_correction == 2.0).all()
+    assert (third.displacement_correction == 3.0).all()
 
 
 def test_every_effect_that_can_be_confirmed_reaches_the_modulus():

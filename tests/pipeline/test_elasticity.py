@@ -148,7 +148,7 @@ def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, 
     np.testing.assert_array_equal(kept.place_mm, made.place_mm)
     assert kept.sensitivity.causes == made.sensitivity.causes
     assert kept.fruit_moves
-    assert kept.departure is None
+    assert kept.displacement_correction is None
 
 
 def test_a_grasp_off_the_skin_does_not_cost_the_others(workplace, mesh):

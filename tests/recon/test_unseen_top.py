@@ -82,11 +82,11 @@ def test_a_top_that_was_measured_is_not_doubted():
     z = np.array([0.0, 0.95, 1.0])
     vertices = np.stack([0 * z, 0 * z, z], axis=1)
     assert top_share(vertices, np.array([False, True, False])) == 0.5
-    assert TopExcess(value=0.04, sd=0.01).left(1.0) == TopExcess(value=0.0, sd=0.0)
+    assert TopExcess(value=0.04, sd=0.01).remaining(1.0) == TopExcess(value=0.0, sd=0.0)
 
 
 def test_a_top_measured_in_part_has_the_spread_of_either():
     rng = np.random.default_rng(4)
     drawn = np.where(rng.random(200_000) < 0.4, 0.0, rng.normal(0.04, 0.01, 200_000))
-    found = TopExcess(value=0.04, sd=0.01).left(0.4)
+    found = TopExcess(value=0.04, sd=0.01).remaining(0.4)
     assert (found.value, found.sd) == pytest.approx((drawn.mean(), drawn.std()), rel=0.01)

@@ -1,12 +1,7 @@
-"""Array shapes declared in the room are checked while its tests run."""
+"""A planted grasp that several tests share."""
 
 import numpy as np
 import pytest
-from jaxtyping import install_import_hook
-
-with install_import_hook("tactile", "beartype.beartype"):
-    pass
-
 from planted_grasp import Planted, planted_grasp
 
 

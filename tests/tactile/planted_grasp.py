@@ -18,7 +18,7 @@ class Planted:
     sd_mm: float
     sd_N: float
     lag1: float
-    air_frames: int
+    no_contact_frames: int
 
 
 def travel_path(air: int, step_mm: float, cycles: int) -> np.ndarray:

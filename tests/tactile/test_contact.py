@@ -8,7 +8,7 @@ from planted_grasp import planted_grasp
 
 from tactile.contact import Phase, find_contact
 from tactile.io.recording import IndenterPad
-from tactile.noise import noise_in_air, noise_in_contact
+from tactile.noise import no_contact_noise, noise_in_contact
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -37,9 +37,9 @@ def test_noise_is_the_planted_one(planted, contact):
 
 def test_the_offset_of_the_reference_frame_is_taken_out(planted, contact):
     for pad, raw in zip(contact.pads, planted.recording.pads, strict=True):
-        before = raw.force_N[: planted.air_frames].mean(axis=0)
+        before = raw.force_N[: planted.no_contact_frames].mean(axis=0)
         assert np.abs(before).max() > planted.sd_N
-        after = pad.force_N[: planted.air_frames].mean(axis=0)
+        after = pad.force_N[: planted.no_contact_frames].mean(axis=0)
         assert np.abs(after).max() < 0.2 * planted.sd_N
 
 
@@ -147,7 +147,7 @@ def test_a_bare_indenter_is_not_graded_yet(planted):
 
 
 def test_without_air_the_noise_comes_from_contact(planted):
-    late = slice(planted.air_frames + 2, len(planted.recording.time_s) - 12)
+    late = slice(planted.no_contact_frames + 2, len(planted.recording.time_s) - 12)
     pads = tuple(
         replace(p, pose=p.pose[late], displacement_mm=p.displacement_mm[late], force_N=p.force_N[late])
         for p in planted.recording.pads
@@ -172,11 +172,11 @@ def test_a_deadband_before_contact_does_not_pass_for_silence(planted):
     contact = find_contact(replace(planted.recording, pads=tuple(pads)), source="x")
     for pad in contact.pads:
         assert pad.force_noise.sd > 0.3 * planted.sd_N
-        assert (pad.onset >= planted.air_frames).sum() > 20
+        assert (pad.onset >= planted.no_contact_frames).sum() > 20
 
 
 def test_one_loaded_frame_alone_is_a_contact(planted):
-    peak = slice(planted.air_frames + 10, planted.air_frames + 11)
+    peak = slice(planted.no_contact_frames + 10, planted.no_contact_frames + 11)
     pads = tuple(
         replace(p, pose=p.pose[peak], displacement_mm=p.displacement_mm[peak], force_N=p.force_N[peak])
         for p in planted.recording.pads
@@ -195,7 +195,7 @@ def test_one_loaded_frame_alone_is_a_contact(planted):
 def test_noise_of_a_moving_average_in_air():
     rng = np.random.default_rng(0)
     white = rng.normal(size=(41, 300, 3))
-    noise = noise_in_air(0.7 + 2.0 * (white[1:] + 0.5 * white[:-1]) / np.hypot(1, 0.5))
+    noise = no_contact_noise(0.7 + 2.0 * (white[1:] + 0.5 * white[:-1]) / np.hypot(1, 0.5))
     assert noise.sd == pytest.approx(2.0, rel=0.02)
     assert noise.lag1 == pytest.approx(0.4, abs=0.03)
     assert noise.offset.mean() == pytest.approx(0.7, abs=0.05)

@@ -139,7 +139,7 @@ class Adhesion:
                 noise_mm=max(pad.noise_mm for pad in pads),
             )
 
-        return forward.kept("pulling markers", found)
+        return forward.memoised("pulling markers", found)
 
 
 EFFECT: Effect = Adhesion()

@@ -20,7 +20,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.stress_history import PathState, first_guess, fixed_point, keep_run, path_state
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
 from fem.solid.small_strain import linear_stress, strain_energy
@@ -115,7 +115,7 @@ class Damage:
         law = _lost(parameters[DMAX], parameters[W0], forward.poisson_ratio)
         seen_W0 = np.log(parameters[W0] / forward.compliance**2)
         place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
-        more = settled(
+        more = fixed_point(
             state,
             lambda moved: pieces.forces(moved, law),
             compliance=forward.compliance,

@@ -86,7 +86,7 @@ class LoosePit:
         for gap_mm in GAPS_MM:
             variant = AtValue(symbol="gap", value=gap_mm, unit="mm")
             try:
-                unit = self._settled(forward, gap_mm)
+                unit = self._fixed_point(forward, gap_mm)
             except FemFailure as failure:
                 found.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
@@ -120,10 +120,10 @@ class LoosePit:
         variant: Variant,
     ) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it."""
-        return Response(unit=self._settled(forward, parameters[GAP]))
+        return Response(unit=self._fixed_point(forward, parameters[GAP]))
 
     @staticmethod
-    def _settled(forward: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
+    def _fixed_point(forward: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
         def unit(compliance: float) -> list[Float[np.ndarray, "f n 3"]]:
             return forward.each(lambda recording: loose_response(forward, recording, gap_mm / compliance))
 
@@ -147,7 +147,7 @@ def loose_response(forward: ForwardModel, recording: GraspResponse, gap: float) 
     """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
     flesh = loose_flesh(forward, recording)
     key = ("loose answer", recording.case.name)
-    free, opening, pushed = forward.kept(key, lambda: flesh.answer(recording))
+    free, opening, pushed = forward.memoised(key, lambda: flesh.marker_response(recording))
     open_by = recording.shares @ opening + gap * flesh.area_mm2
     path, frames = _spread(recording.shares)
     found = pressures(flesh.compliance, open_by[frames])

@@ -22,13 +22,13 @@ from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, 
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stress_history import (
-    Departure,
+    ExcessForce,
     PathState,
     first_guess,
     first_round,
+    fixed_point,
     keep_run,
     path_state,
-    settled,
 )
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
 from fem.solid.flesh_pieces import FleshPieces, Tensors, exceeded_by
@@ -117,7 +117,7 @@ class PlasticSet:
             forward.points, _stress_seen(forward, state)[0] > MARGIN * Y, workers=forward.workers
         )
         place = np.array([np.log(Y / forward.compliance)])
-        more = settled(
+        more = fixed_point(
             state,
             _set(forward, pieces, Y),
             compliance=forward.compliance,
@@ -150,7 +150,7 @@ def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: flo
     return shear
 
 
-def _set(forward: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> Departure:
+def _set(forward: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> ExcessForce:
     """Forces of -C eps_p."""
     nu = forward.poisson_ratio
     mu = unit_lame_constants(nu)[0]

@@ -22,7 +22,7 @@ from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to, slid_response, turn_of
-from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
 from fem.mismatch.signature_variant import OfPad, Variant, pad_of
 from fem.solid.pad_link import pad_link
 
@@ -142,7 +142,7 @@ class PoseError:
                 )
             return found
 
-        found = anchored(
+        found = quadratic_surrogate(
             forward,
             (self.spec.name, pad, forward.compliance),
             theta,
@@ -192,7 +192,7 @@ def _first_order(
         balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
         return unit, shift, balance
 
-    return forward.kept(("pose", recording.case.name, pad, forward.compliance), compute)
+    return forward.memoised(("pose", recording.case.name, pad, forward.compliance), compute)
 
 
 def _exact(

@@ -118,7 +118,7 @@ def _of_pad(
         normal = recording.pose[number][0, :3, 2]
         pressed = np.where(own_markers(recording, number), normal / recording.case.pads[number].markers, 0.0)
         pressed = np.broadcast_to(pressed, (1, *recording.patterns.shape[1:]))
-        moved = forward.kept(
+        moved = forward.memoised(
             ("drift", recording.case.name, pad), partial(response_to, forward, recording, pressed)
         )[0]
         position = recording.tracks.position_mm

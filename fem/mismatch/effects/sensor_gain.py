@@ -80,7 +80,9 @@ class SensorGain:
         """The amount is the gain less one, as 1 - 1/gain."""
         return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
 
-    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> float:
+    def auxiliary_log_likelihood(
+        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
+    ) -> float:
         """ln of the pads' stiffness being as said with this gain, over that without."""
         stiffer = [(pad, _stiffer(forward, pad)) for pad in pads_of(forward)]
         known = [(pad, z) for pad, z in stiffer if z is not None]
@@ -127,7 +129,7 @@ def _of_pad(
             found.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
             continue
         own = own_markers(recording, recording.pad_names.index(pad))
-        alone = forward.kept(
+        alone = forward.memoised(
             ("alone", recording.case.name, pad),
             partial(_alone, forward, recording, own),
         )

@@ -52,7 +52,7 @@ SPEC = EffectSpec(
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    matrix = forward.kept(
+    matrix = forward.memoised(
         "membrane", lambda: membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio)
     )
     stretched = matrix_operator(matrix)

@@ -95,7 +95,9 @@ class Slip:
         """The signature's own mu: its amount is one."""
         return {MU: float(np.clip(value_of(signature.variant), LOWEST, HIGHEST))}
 
-    def beside(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> float:
+    def auxiliary_log_likelihood(
+        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
+    ) -> float:
         """Markers piled up on this cone."""
         return max(_ratios(forward).log_ratio(parameters[MU]), 0.0)
 
@@ -116,7 +118,7 @@ EFFECT: Effect = Slip()
 
 
 def _ratios(forward: ForwardModel) -> ShearRatios:
-    return forward.kept("shear ratios", lambda: shear_ratios(forward))
+    return forward.memoised("shear ratios", lambda: shear_ratios(forward))
 
 
 def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:

@@ -86,7 +86,7 @@ class SoftSpot:
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
-        spots = best_spots(forward, forward.sight.observed(_left(forward)))
+        spots = best_spots(forward, forward.adjoint_basis.observed(_left(forward)))
         sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
         return [
             Signature(
@@ -110,7 +110,7 @@ class SoftSpot:
         largest = drop_of(RATIOS[0], forward.poisson_ratio)
         radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
         inside = _inside(forward, centre_mm, radius_mm)
-        left = forward.sight.observed(_left(forward))
+        left = forward.adjoint_basis.observed(_left(forward))
         grasps = forward.base.grasps
         moved = softened(forward.base, inside, RATIOS)
         lost = []
@@ -119,7 +119,7 @@ class SoftSpot:
                 unit - recording.tracks.unit_displacement
                 for unit, recording in zip(units, grasps, strict=True)
             ]
-            beyond = left - forward.compliance * forward.sight.observed(more)
+            beyond = left - forward.compliance * forward.adjoint_basis.observed(more)
             lost.append(float(beyond @ beyond))
         centre = dict(zip(CENTRE, place.centre_mm, strict=True))
         return {**centre, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}

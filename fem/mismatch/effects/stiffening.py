@@ -26,7 +26,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, first_guess, keep_run, path_state, settled
+from fem.mismatch.model.stress_history import PathState, first_guess, fixed_point, keep_run, path_state
 from fem.mismatch.result import Parameter
 from fem.mismatch.signature_variant import ONE_WAY, InMode, Variant
 from fem.solid.flesh_pieces import FleshPieces, Tensors
@@ -173,7 +173,7 @@ def _beyond_linear(
             fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
         )
 
-    return settled(
+    return fixed_point(
         state,
         lambda moved: pieces.forces(moved, law),
         compliance=s,

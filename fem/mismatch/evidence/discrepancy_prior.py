@@ -1,11 +1,11 @@
-"""What the model's own error looks like: a little of some effects, seen in every sound recording.
+"""The model-discrepancy prior: the model's own error resembles small amounts of some effects.
 
-The finer a pattern is, the less of it a mesh lets through, in the model as in another solver: that is as if
-a thin skin lay on the fruit. Sound fruit by another solver (fem.mismatch.selection.null_reference) each
-seem to have such amounts of effects, alike over sizes, shapes and moduli. They are part of the plain
-model, with their mean and spread over those fruit: what goes beyond them is a finding, and no parameter is
-known better than to that spread. (Calibrated on the same fruit as the bank: the bank's p-values are that
-much too small for others.)
+A mesh resolves fine patterns incompletely, in the model as in another solver, which resembles a thin skin
+on the fruit. In null cases by another solver (fem.mismatch.selection.null_reference) such amounts are
+similar over sizes, shapes and moduli. They are part of the plain model, with their mean and spread over
+those fruit: only what exceeds them counts as an effect, and no parameter is known better than to that
+spread. (Calibrated on the fruit of the null reference set itself, so that its p-values are somewhat too small
+for others.)
 """
 
 from collections.abc import Collection, Iterable, Sequence
@@ -26,8 +26,8 @@ def discrepancy_columns(
 ) -> list[Regressor]:
     """Columns of the effects that have a DiscrepancyPrior, one for each alternative of theirs.
 
-    `without`: names of effects that are left out. What pads feel in the air is no error of the model, and not
-    among it.
+    `without`: names of effects that are left out. The zero drift of pads is no error of the model, and left
+    out.
     """
     columns = []
     for effect, signature in found:
@@ -40,7 +40,7 @@ def discrepancy_columns(
         columns.append(
             replace(
                 column,
-                name=f"as if {spec.name}",
+                name=f"discrepancy {spec.name}",
                 mean=prior.mean * size,
                 sd=prior.sd * size,
                 positive=False,
@@ -51,8 +51,10 @@ def discrepancy_columns(
     return columns
 
 
-def beside(effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]) -> tuple[int, ...]:
-    """Of the chosen columns those that stand beside these effects' own refits."""
+def retained_columns(
+    effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequence[int]
+) -> tuple[int, ...]:
+    """The chosen columns without the saturating discrepancies of these effects, for their own refits."""
     saturating = {
         effect.spec.name
         for effect in effects
@@ -66,7 +68,7 @@ def beside(effects: Iterable[Effect], columns: Sequence[Regressor], chosen: Sequ
 
 
 def trades_with_modulus(column: Regressor) -> bool:
-    """Whether it is the amount of a discrepancy that stands for 1/E in soft flesh."""
+    """Whether it is the amount of a discrepancy that trades off with 1/E in soft flesh."""
     spec = column.discrepancy_of
     return spec is not None and spec.discrepancy is not None and spec.discrepancy.trades_with_modulus
 

@@ -1,4 +1,4 @@
-"""A recording's equations at the ground's compliance, made once for all that fit with them."""
+"""A recording's equations at the model's compliance, formed once for all fits."""
 
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -15,7 +15,7 @@ def marker_equations(forward: ForwardModel, recording: GraspResponse) -> MarkerE
         gel_scale_sd = forward.base.case.budget.gel_scale_sd
         return MarkerEquations.of(recording, compliance=forward.compliance, gel_scale_sd=gel_scale_sd)
 
-    return forward.kept(("marker equations", recording.case.name, forward.compliance), compute)
+    return forward.memoised(("marker equations", recording.case.name, forward.compliance), compute)
 
 
 def balance_equations(forward: ForwardModel, recording: GraspResponse) -> BalanceEquations | None:
@@ -28,4 +28,4 @@ def balance_equations(forward: ForwardModel, recording: GraspResponse) -> Balanc
             recording, weight_N=NEWTON_PER_MM3 * float(forward.points.volume_mm3.sum())
         )
 
-    return forward.kept(("balance equations", recording.case.name), compute)
+    return forward.memoised(("balance equations", recording.case.name), compute)

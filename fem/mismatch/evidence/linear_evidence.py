@@ -1,13 +1,14 @@
 """Linear Gaussian evidence: how well a set of unknown amounts explains all recordings.
 
-With a ~ N(0, L^-1) amounts of fields phi (Column), y the data and W of fem.mismatch.model.marker_equations,
+With a ~ N(0, L^-1) amounts of fields phi (Regressor), y the data and W of
+fem.mismatch.model.marker_equations,
 
     chi2 = y.Wy - b'(N + L)^-1 b,       ln p(y) = -(chi2 + ln det(N + L) - ln det L) / 2 + const
 
-N = phi.W phi, b = phi.W y. Every sample counts, ALIKE of them as one; what is not explained counts as noise.
-The plain model's own amount is 1/E, with a flat prior. Recordings are independent given the amounts that they
-share, so that what one of them would have predicted for another is the difference of two evidences. y counts
-from the plain model's fit, so that no digits are lost.
+N = phi.W phi, b = phi.W y. Every sample counts, DESIGN_EFFECT of them as one; what is not explained counts as
+noise. The plain model's own amount is 1/E, with a flat prior. Recordings are independent given the amounts
+that they share, so that what one of them would have predicted for another is the difference of two evidences.
+y counts from the plain model's fit, so that no digits are lost.
 """
 
 from collections.abc import Sequence
@@ -17,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from fem.estimation.zero_drift import RestingForces
+from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.evidence.nuisances import own_nuisances
@@ -42,7 +43,7 @@ class GraspEquations:
     recording: GraspResponse
     markers: MarkerEquations
     balance: BalanceEquations | None
-    rest: RestingForces
+    rest: ZeroDrifts
     own: Float[np.ndarray, "k d"]
     own_weighed: Float[np.ndarray, "k d"]
     inverse: Float[np.ndarray, "k k"]
@@ -57,7 +58,7 @@ class GraspEquations:
             recording,
             markers,
             balance,
-            RestingForces.of(recording.case.history, recording.pose[:, 0, :3, 2]),
+            ZeroDrifts.of(recording.case.history, recording.pose[:, 0, :3, 2]),
             none,
             none,
             none,
@@ -96,9 +97,9 @@ def plain_data(
     unit: np.ndarray | None = None,
     shift_mm: np.ndarray | None = None,
 ) -> ObservationDelta:
-    """What a recording shows beyond s c: positions of markers, mm, and the imbalance of forces, N.
+    """A recording's excess over s c: positions of markers, mm, and the imbalance of forces, N.
 
-    `unit` stands for c, `shift_mm` is taken out of the positions: an effect's nonlinear model.
+    `unit` replaces c, `shift_mm` is subtracted from the positions: an effect's nonlinear model.
     """
     tracks = recorded.recording.tracks
     response = tracks.unit_displacement if unit is None else unit
@@ -145,7 +146,7 @@ class GramMatrix:
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
         self.data = [
-            _beyond_means(plain_data(forward, one), self.columns, k) for k, one in enumerate(recorded)
+            _less_prior_means(plain_data(forward, one), self.columns, k) for k, one in enumerate(recorded)
         ]
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
@@ -165,7 +166,9 @@ class GramMatrix:
         chosen: Sequence[int],
         more: Sequence[Regressor] = (),
     ) -> tuple["GramMatrix", tuple[int, ...]]:
-        """The chosen columns and `more`, about a nonlinear model in the plain one's place; new numbers."""
+        """The chosen columns and `more`, linearised about a nonlinear model instead; columns are
+        renumbered.
+        """
         other = copy(self)
         old = [self.columns[j] for j in chosen]
         plain_fields = [ObservationDelta(markers=forward.compliance * unit) for unit in response.unit]
@@ -180,7 +183,7 @@ class GramMatrix:
                 data = replace(data, balance=data.balance - response.balance[k])
             if response.rest is not None and data.rest is not None:
                 data = replace(data, rest=data.rest - response.rest[k])
-            data = _beyond_means(data, old, k)
+            data = _less_prior_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
             plain, heavy = one.rows(fresh)
@@ -201,15 +204,15 @@ class GramMatrix:
             other.rows.append(np.array(own_rows, dtype=np.int64))
         return other, tuple(range(1, len(other.columns)))
 
-    def beyond(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
-        """What a fit leaves of recording k's markers, mm: places, scales and motions are its own."""
+    def marker_residual(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
+        """Residual of a fit at recording k's markers, mm; places, scales and motions are fitted out."""
         left = self.data[k].markers
         assert left is not None, "data show markers"
         for amount, column in zip(fit.amounts, fit.chosen, strict=True):
             field = self.columns[column].fields[k]
             if field is not None and field.markers is not None:
                 left = left - amount * field.markers
-        return self._recorded[k].markers.left(left)
+        return self._recorded[k].markers.residual(left)
 
     def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
         """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""
@@ -237,8 +240,8 @@ class GramMatrix:
         )
 
 
-def _beyond_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
-    """What the columns' prior means leave of recording k's data."""
+def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
+    """Recording k's data less the columns' prior means."""
     for column in columns:
         field = column.fields[k]
         if not column.mean or field is None:

@@ -1,10 +1,11 @@
-"""What is never a finding: what is not known exactly of any fruit, pad and mesh, as columns with priors.
+"""Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
 
 Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth. Each recording's own: waves of the scanned surface, the pads' places on it, how
-far they come at each load. And, since no model is right to the last micrometre, each pad of each recording
-may depart by DEPARTURE of its response in any smooth pattern over its patch that grows with the load, or
-with its square. An effect acts on all recordings by one law; these do not, which is what parts them.
+its own, the dents' depth. Each recording's own: undulations of the scanned surface, the pads' places on it,
+how far they come at each load. And, since no model is right to the last micrometre, each pad of each
+recording may deviate by NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows
+with the load, or with its square. An effect acts on all recordings by one law; these do not, which separates
+them.
 """
 
 import numpy as np
@@ -19,8 +20,8 @@ from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import own_markers, slid_response
 
-DEPARTURE, ALONG = 0.005, 0.003
-"""Standard deviations of a pad's own departures along its normal and along the skin, as shares of its
+NORMAL_DISCREPANCY, TANGENTIAL_DISCREPANCY = 0.005, 0.003
+"""Standard deviations of a pad's own discrepancies along its normal and along the skin, as shares of its
 response at the greatest load."""
 SMALLEST_POISSON_SD = 0.005
 """Least spread of Poisson's ratio, however sure its source: a third of the categories' 0.015
@@ -63,7 +64,7 @@ def own_nuisances(
         if name in SURFACE
     ]
     found += [(name, budget.pose_sd_mm, field) for name, field in _places(forward, recording)]
-    return found + _departures(forward, recording) + _approaches(forward, recording)
+    return found + _discrepancies(forward, recording) + _approaches(forward, recording)
 
 
 def _sd(name: str, budget: ErrorBudget) -> float:
@@ -105,7 +106,9 @@ def _dent(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
     return dent
 
 
-def _departures(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
+def _discrepancies(
+    forward: ForwardModel, recording: GraspResponse
+) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
     found = []
     for pad, name in enumerate(recording.pad_names):
@@ -117,11 +120,11 @@ def _departures(forward: ForwardModel, recording: GraspResponse) -> list[tuple[s
         x, y = x / np.abs(x[mine]).max(), y / np.abs(y[mine]).max()
         shapes = np.stack([np.ones_like(x), x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3]) * mine
         for way, axis in enumerate(axes):
-            sd = size * (DEPARTURE if way == 2 else ALONG)
+            sd = size * (NORMAL_DISCREPANCY if way == 2 else TANGENTIAL_DISCREPANCY)
             for k, shape in enumerate(shapes):
                 for power in (1, 2):
                     field = (recording.load**power)[:, None, None] * (shape[:, None] * axis)
-                    found.append((f"{name} departure {way}{k}{power}", sd, ObservationDelta(markers=field)))
+                    found.append((f"{name} discrepancy {way}{k}{power}", sd, ObservationDelta(markers=field)))
     return found
 
 

@@ -1,8 +1,8 @@
-"""Maps on the fruit's skin: what of the flesh below each place would explain what a fit leaves.
+"""Maps on the fruit's skin: which change of the flesh below each place would explain a fit's residual.
 
-All from the waves' adjoint fields (fem.mismatch.model.adjoint_basis), the flesh below a place being a ball
-of BALL_MM whose middle lies BELOW_MM under the skin; y are the whitened numbers of what is left, of unit
-variance in noise.
+All from the basis functions' adjoint fields (fem.mismatch.model.adjoint_basis), the flesh below a place being
+a ball of BALL_MM whose middle lies BELOW_MM under the skin; y are the whitened projections of the residual,
+of unit variance in noise.
 
 modulus score       -(d.y) / |d|, d of that ball: negative where softer flesh would explain y; where that
                     takes more than all of the modulus, what all of it explains
@@ -18,7 +18,7 @@ law error           density of the error in the constitutive relation of the lea
                     Problems 15); 1 in noise
 visible             signal over noise of a ball with 0.4 of the modulus
 
-Markers and frames are alike (fem.mismatch.model.marker_equations): ALIKE of them count as one here too.
+Markers and frames correlate (fem.mismatch.model.marker_equations): DESIGN_EFFECT of them count as one.
 """
 
 import numpy as np
@@ -45,20 +45,19 @@ SIX = 6
 
 
 def fruit_map(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
-    """All four maps at the skin's corner nodes; `numbers` as Sight.observed gives them of what a fit
-    leaves."""
-    mesh, points, sight = forward.base.mesh, forward.points, forward.sight
+    """All four maps at the skin's corner nodes; `numbers`: AdjointBasis.observed of a fit's residual."""
+    mesh, points, basis = forward.base.mesh, forward.points, forward.adjoint_basis
     vertices, triangles = skin_triangles(mesh)
     inward = -_normals(vertices, triangles)
     volume = points.volume_mm3.sum(axis=1)
     middle = points.point_mm.mean(axis=1)
     within = _within(vertices + BELOW_MM * inward, middle)
-    cells = sight.cells.reshape(len(volume), 4, -1).sum(axis=1)
-    drop = sight.without_modulus(within @ cells)
+    cells = basis.cells.reshape(len(volume), 4, -1).sum(axis=1)
+    drop = basis.without_modulus(within @ cells)
     stress, density, expected = _adjoint_fields(forward, numbers)
     by_volume = csr_array(within * volume)
     pushed = (by_volume @ stress.reshape(len(volume), -1)).reshape(len(vertices), SIX, -1)
-    pushed = sight.without_modulus(pushed * COUNT[:, None])
+    pushed = basis.without_modulus(pushed * COUNT[:, None])
     thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
     law = (by_volume @ density) / np.maximum(by_volume @ expected, np.finfo(float).tiny)
     return FruitMap(
@@ -104,11 +103,11 @@ def _adjoint_fields(
     slope = _mean_slope(forward.points)
     elements = len(forward.points.volume_mm3)
     stresses, density, expected, first = [], np.zeros(elements), np.zeros(elements), 0
-    for sight in forward.sight.grasps:
-        count = len(sight.moved)
+    for basis in forward.adjoint_basis.grasps:
+        count = len(basis.moved)
         own = numbers[first : first + count]
         first += count
-        nodal = np.moveaxis(sight.moved, 0, 2).reshape(forward.points.n_nodes, -1)
+        nodal = np.moveaxis(basis.moved, 0, 2).reshape(forward.points.n_nodes, -1)
         gradient = (slope @ nodal).reshape(elements, 3, 3, count)
         strain = (gradient[:, ROW, COLUMN] + gradient[:, COLUMN, ROW]) / 2
         stress = elastic_stress(np.moveaxis(strain, 1, 2), poisson_ratio=forward.poisson_ratio)

@@ -4,7 +4,7 @@
 
 each factor against all others (Fisher's partial F-test; Seber and Lee, Linear Regression Analysis, 2003,
 chapter 4). Cells weigh by their noise. Neighbouring frames err alike, so n is cut down by (1 - r) / (1 + r),
-r the correlation of what is left from one frame to the next.
+r the correlation of the residual from one frame to the next.
 """
 
 from collections.abc import Sequence
@@ -68,20 +68,24 @@ def explained(cells: Cells) -> tuple[Variance, ...]:
     ones = weight[:, None]
     columns = {name: weight[:, None] * values for name, values in cells.factors.items()}
     whole = np.hstack([ones, *columns.values()])
-    left, rank = _left(whole, y)
-    pairs = left[1:][cells.neighbour[1:]] @ left[:-1][cells.neighbour[1:]]
-    correlation = float(np.clip(pairs / max(left @ left, 1e-300), 0.0, LARGEST_CORRELATION))
+    residual, rank = _residual(whole, y)
+    pairs = residual[1:][cells.neighbour[1:]] @ residual[:-1][cells.neighbour[1:]]
+    correlation = float(np.clip(pairs / max(residual @ residual, 1e-300), 0.0, LARGEST_CORRELATION))
     free = max((len(y) - rank) * (1 - correlation) / (1 + correlation), 1.0)
-    total = _left(ones, y)[0]
+    total = _residual(ones, y)[0]
     found = []
     for name in columns:
         others = np.hstack([ones, *(other for key, other in columns.items() if key != name)])
-        without, lower = _left(others, y)
+        without, lower = _residual(others, y)
         if rank == lower:
             continue
-        rise = max(float(without @ without - left @ left), 0.0)
+        rise = max(float(without @ without - residual @ residual), 0.0)
         ratio = (
-            rise / (rank - lower) / max(float(left @ left) / (len(y) - rank), 1e-300) * free / (len(y) - rank)
+            rise
+            / (rank - lower)
+            / max(float(residual @ residual) / (len(y) - rank), 1e-300)
+            * free
+            / (len(y) - rank)
         )
         found.append(
             Variance(
@@ -93,10 +97,10 @@ def explained(cells: Cells) -> tuple[Variance, ...]:
     return tuple(sorted(found, key=lambda row: -row.share))
 
 
-def _left(
+def _residual(
     columns: Float[np.ndarray, "n c"], y: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], int]:
-    """What is left of y beside the columns, and their rank."""
+    """Residual of y after regression on the columns, and their rank."""
     amounts, _, rank, _ = np.linalg.lstsq(columns, y, rcond=1e-9)
     return y - columns @ amounts, int(rank)
 

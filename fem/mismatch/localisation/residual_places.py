@@ -1,9 +1,9 @@
-"""Where, when and in which component a mismatch sits: from what a fit leaves beyond noise.
+"""Where, when and in which component a mismatch sits: from a fit's residual in excess of noise.
 
-What is left of every marker, frame and component is squared and counted in units of its noise. What exceeds
-MARKER_VARIANCE_INFLATION, which sound recordings leave too, is added up by pad, phase and component. Each
+The residual of every marker, frame and component is squared, in units of its noise variance. The excess over
+MARKER_VARIANCE_INFLATION, which null recordings leave too, is added up by pad, phase and component. Each
 pad's own rigid motion is taken out first, else what one pad shows is shared with the other by the fruit's.
-One place in the flesh is named where a single softer ball explains most of what is left
+One place in the flesh is named where a single softer ball explains most of the residual
 (fem.mismatch.localisation.spot_search).
 """
 
@@ -37,7 +37,7 @@ class Located:
 
 @dataclass(frozen=True, kw_only=True)
 class ExcessVariance:
-    """What is left beyond noise, in units of its variance: (recordings, pads, phases, normal and shear).
+    """Residual in excess of noise, in units of its variance: (recordings, pads, phases, normal and shear).
 
     `count`: over how many numbers each is the sum.
     """
@@ -55,9 +55,9 @@ class ExcessVariance:
 
 
 def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
-    """`residual`: what a fit leaves of the markers' positions per recording, mm; motions may be in it."""
+    """`residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it."""
     excess = excess_of(forward, residual)
-    numbers = forward.sight.observed(residual)
+    numbers = forward.adjoint_basis.observed(residual)
     return Located(
         where=_where(forward, excess, numbers),
         when=_when(excess),
@@ -72,9 +72,11 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3
     names = pads_of(forward)
     shape = (len(grasps), len(names), len(PHASES), 2)
     amount, count = np.zeros(shape), np.zeros(shape)
-    for k, (recording, sight, field) in enumerate(zip(grasps, forward.sight.grasps, residual, strict=True)):
+    for k, (recording, basis, field) in enumerate(
+        zip(grasps, forward.adjoint_basis.grasps, residual, strict=True)
+    ):
         touching = recording.tracks.episode >= 0
-        left = sight.equations.left(field)
+        left = basis.equations.residual(field)
         for pad in range(len(recording.links)):
             own = np.flatnonzero(recording.pad_of_marker == pad)
             left[:, own] -= _rigid(left[:, own], recording.tracks.place_mm[own], touching[:, own])
@@ -126,7 +128,7 @@ def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndar
 
 
 def _when(excess: ExcessVariance) -> str:
-    """The phase that has most of the excess, all of them standing equally long."""
+    """The phase that has most of the excess, each weighed by its number of samples."""
     count = excess.count.sum(axis=(0, 1, 3))
     phase = excess.most(excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0))
     return "all" if phase is None else PHASES[phase]

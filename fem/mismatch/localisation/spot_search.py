@@ -1,9 +1,10 @@
-"""Where a ball of softer flesh would explain best what a fit leaves: over the flesh, then place by place.
+"""Where a ball of softer flesh would best explain a fit's residual: over the flesh, then place by place.
 
-With y the whitened numbers of what is left and d those of a ball per unit drop of its modulus (fem.mismatch.
-sight, the points inside added up), the best drop is d.y / d.d, its standard score d.y / |d|: the adjoint
-score over the root of its Fisher information. Without that root all would seem to lie at the surface. Flesh
-cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then explains.
+With y the whitened projections of the residual and d those of a ball per unit drop of its modulus
+(fem.mismatch.model.adjoint_basis, the points inside added up), the best drop is d.y / d.d, its standard score
+d.y / |d|: the adjoint score over the root of its Fisher information. Without that root all would seem to lie
+at the surface. Flesh cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then
+explains.
 """
 
 from dataclasses import dataclass
@@ -47,11 +48,13 @@ class Spot:
 def best_spots(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
     """The best ball of softer flesh in RADII_MM each, then the best at up to OTHERS other places.
 
-    Depth and radius stand for each other to first order, hence the several radii at one place. `numbers` as
-    Sight.observed gives them.
+    Depth and radius stand for each other to first order, hence the several radii at one place. `numbers`: as
+    of AdjointBasis.observed.
     """
     centres = candidate_centres(forward)
-    balls_seen = forward.sight.without_modulus(balls(forward, centres, RADIUS_MM) @ forward.sight.cells)
+    balls_seen = forward.adjoint_basis.without_modulus(
+        balls(forward, centres, RADIUS_MM) @ forward.adjoint_basis.cells
+    )
     score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
     found = [polished(forward, numbers, best, radius_mm=radius) for radius in RADII_MM]
@@ -104,7 +107,7 @@ def polished(
     """The ball of this radius that explains most among those within APART_MM / 2 of this place."""
     points = forward.points.point_mm.reshape(-1, 3)
     near = np.linalg.norm(points - centre_mm, axis=1) < radius_mm + 1.5 * APART_MM
-    points, cells = points[near], forward.sight.without_modulus(forward.sight.cells[near])
+    points, cells = points[near], forward.adjoint_basis.without_modulus(forward.adjoint_basis.cells[near])
 
     def observed_at(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
         return np.asarray(fading(np.linalg.norm(points - place, axis=1), radius_mm) @ cells)

@@ -1,18 +1,18 @@
-"""What the recordings see of every piece of flesh, in a few numbers per recording.
+"""How every piece of flesh shows in the recordings: projections on a few basis functions, by adjoint solves.
 
 The leading pattern of forces, U_1 with its share a_1(t), carries nearly all of a recording's load. The
-markers' displacement is looked at through waves psi_k(t) = a_1(t) p_k: polynomials p_k over each pad, three
-directions each. A field phi is seen as y_k = psi_k . W phi (fem.mismatch.model.marker_equations), whose
-noise has covariance
+markers' displacement is projected on basis functions psi_k(t) = a_1(t) p_k: polynomials p_k over each pad,
+three directions each. A field phi has the projections y_k = psi_k . W phi
+(fem.mismatch.model.marker_equations), whose noise has covariance
 
     M_kl = psi_k . W psi_l
 
-and of softer flesh in a piece e, K0 - x K_e, one adjoint solve per wave shows every piece at once:
+For softer flesh in a piece e, K0 - x K_e, one adjoint solve per basis function gives every piece at once:
 
     d_ke = s Lambda_k' K_e U_1,      Lambda_k = K0^-1 L sum_t a_1(t) (W psi_k)(t)
 
-Numbers are kept whitened: of unit variance, and independent. What the waves are too coarse to show counts as
-not seen, in the score of a piece and in its Fisher information alike.
+Projections are stored whitened: of unit variance, and independent. What the basis does not resolve counts
+neither in the score of a piece nor in its Fisher information.
 """
 
 from collections.abc import Sequence
@@ -31,39 +31,39 @@ from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
 DEGREE = 2
 """Of the polynomials over a pad: six, for each of three directions."""
 LEAST_INFORMATION = 1e-5
-"""Waves that rigid motions and scales explain to within this share carry nothing."""
+"""Basis functions that rigid motions and scales explain to within this share are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class GraspSight:
-    """One recording's k whitened numbers.
+class GraspBasis:
+    """One recording's basis: k whitened projections of v basis functions.
 
-    `waves`: psi_k, mm. `whitening`: (waves, k). `moved`: Lambda_k of the whole flesh. `cells`: d for four
-    points in every element. `plain`: what s c(t) is seen as.
+    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `cells`: d for four
+    points in every element. `plain`: the projections of s c(t).
     """
 
     equations: MarkerEquations
-    waves: Float[np.ndarray, "v f n 3"]
+    basis_functions: Float[np.ndarray, "v f n 3"]
     whitening: Float[np.ndarray, "v k"]
     moved: Float[np.ndarray, "k m 3"]
     cells: Float[np.ndarray, "q k"]
     plain: Float[np.ndarray, " k"]
 
     def observed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " k"]:
-        """The whitened numbers of a field of displacement at the markers, mm."""
+        """The whitened projections of a displacement field at the markers, mm."""
         weighed = self.equations.weighed(field)
-        return np.asarray(self.whitening.T @ np.tensordot(self.waves, weighed, axes=3))
+        return np.asarray(self.whitening.T @ np.tensordot(self.basis_functions, weighed, axes=3))
 
 
 @dataclass(frozen=True, kw_only=True)
 class AdjointBasis:
-    """All recordings' numbers side by side; the modulus of the whole flesh is free.
+    """The bases of all recordings together; the modulus of the whole flesh is free.
 
-    `cells`: of four points in every element, per unit drop of modulus there. `plain`: of one and the same
-    direction, a change of E, of unit length.
+    `cells`: of four points in every element, per unit drop of modulus there. `plain`: the direction of a
+    change of E, of unit length.
     """
 
-    grasps: tuple[GraspSight, ...]
+    grasps: tuple[GraspBasis, ...]
     cells: Float[np.ndarray, "q k"]
     plain: Float[np.ndarray, " k"]
 
@@ -74,7 +74,7 @@ class AdjointBasis:
         """`compliance`: s = 1/E of the plain model."""
         grasps = tuple(
             parallel_map(
-                lambda recording: _grasp_sight(base, recording, points, compliance),
+                lambda recording: _grasp_basis(base, recording, points, compliance),
                 base.grasps,
                 workers=workers,
             )
@@ -87,18 +87,18 @@ class AdjointBasis:
         )
 
     def observed(self, fields: Sequence[Float[np.ndarray, "f n 3"]]) -> Float[np.ndarray, " k"]:
-        """The numbers of one field per recording, E taken out."""
-        together = [sight.observed(field) for sight, field in zip(self.grasps, fields, strict=True)]
+        """The projections of one field per recording, the change of E removed."""
+        together = [basis.observed(field) for basis, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))
 
     def without_modulus(self, numbers: Float[np.ndarray, "*b k"]) -> Float[np.ndarray, "*b k"]:
-        """What a change of E cannot explain."""
+        """The part of whitened projections that a change of E cannot explain."""
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-def _grasp_sight(
+def _grasp_basis(
     base: Baseline, recording: GraspResponse, points: FleshStrain, compliance: float
-) -> GraspSight:
+) -> GraspBasis:
     budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
@@ -107,11 +107,11 @@ def _grasp_sight(
         alike=1.0,
     )
     shapes, share = _polynomials(recording), recording.shares[:, 0]
-    waves = share[:, None, None] * shapes[:, None]
-    weighed = np.stack([equations.weighed(wave) for wave in waves])
-    covariance = np.tensordot(waves, weighed, axes=([1, 2, 3], [1, 2, 3]))
+    basis_functions = share[:, None, None] * shapes[:, None]
+    weighed = np.stack([equations.weighed(function) for function in basis_functions])
+    covariance = np.tensordot(basis_functions, weighed, axes=([1, 2, 3], [1, 2, 3]))
     touching = (recording.tracks.episode >= 0)[:, :, None]
-    whole = np.einsum("n,vtnx->v", equations.weight, (waves**2) * touching, optimize=True)
+    whole = np.einsum("n,vtnx->v", equations.weight, (basis_functions**2) * touching, optimize=True)
     scale = 1 / np.sqrt(whole)
     size, way = np.linalg.eigh(covariance * scale * scale[:, None])
     keep = size > LEAST_INFORMATION
@@ -122,9 +122,9 @@ def _grasp_sight(
     moved = solid.displacement(loads)
     pushed = _push(points, recording.moved[0], solid.poisson_ratio)
     plain = recording.tracks.unit_displacement * compliance
-    return GraspSight(
+    return GraspBasis(
         equations=equations,
-        waves=waves,
+        basis_functions=basis_functions,
         whitening=whitening,
         moved=moved,
         cells=compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T),

@@ -1,4 +1,4 @@
-"""The fruit as the plain model sees it, with everything that an effect changes at hand.
+"""The plain model of the fruit and of its recordings, with all that an effect may change.
 
 Per recording the measured forces are brought to their few leading patterns; each is solved for once,
 
@@ -20,7 +20,7 @@ from fem.estimation.compliance_fit import MarkerTracks
 from fem.estimation.denoised_force import ABOVE_NOISE, denoised_force
 from fem.estimation.frame_thinning import loaded_frames, spacing
 from fem.estimation.unit_response import SMALLEST_SD_MM
-from fem.estimation.zero_drift import resting_force
+from fem.estimation.zero_drift import zero_drift
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh
@@ -32,20 +32,20 @@ from fem.solid.pad_link import PadLink, pad_link
 MOST_PATTERNS = 10
 """Patterns of the forces at most: a solution each. Set by hand."""
 PROBES = 8
-"""Random draws of errors of single markers' forces, from which the unevenness that they bring is taken."""
+"""Random draws of errors of single markers' forces, from which the unevenness by them is estimated."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspResponse:
-    """One recording seen by the plain model, frames `used` of it.
+    """One recording projected on the plain model, frames `used` of it.
 
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
     (fem.estimation.denoised_force), `force_sd_N` what noise is left in one component, `patterns` and
     `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm MPa, `response`: L' U_r,
     the markers'.
     `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame; `uneven`:
-    standard deviation of each marker's displacement (times E, mm MPa) at the greatest load from errors of
-    single markers' forces: their scales, and what noise is left in the patterns.
+    standard deviation of each marker's displacement (times E, mm MPa) at the greatest load by errors of
+    single markers' forces: their scales, and the noise that remains in the patterns.
     """
 
     case: GraspCase
@@ -86,13 +86,13 @@ class GraspResponse:
         return np.concatenate([link.at_markers(moved) for link in self.links], axis=1)
 
     def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """What answers the patterns, as the recording's frames combine them."""
+        """Responses to the patterns, combined frame by frame as the recording combines the patterns."""
         return np.asarray(np.tensordot(self.shares, by_pattern, axes=(1, 0)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline:
-    """The solid for each kind of support, and the recordings seen by it. `solids` by support."""
+    """The solid for each kind of support, and the recordings projected on it. `solids` by support."""
 
     case: MismatchCase
     solids: dict[Support, UnitModulusSolid]
@@ -123,7 +123,7 @@ class Baseline:
                 found[k] = part
         return found
 
-    def answer(
+    def marker_response(
         self, recording: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]
     ) -> Float[np.ndarray, "r n 3"]:
         """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
@@ -193,7 +193,7 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
     rng = np.random.default_rng(0)
     uneven = force_scale_sd * rng.normal(size=(PROBES, force.shape[1], 1))
     uneven = uneven * np.tensordot(shares[size.argmax()], patterns, axes=1)
-    uneven += noisy_N * _left_of_noise(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    uneven += noisy_N * _noise_of_patterns(shares, size.argmax()) * rng.normal(size=uneven.shape)
     loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
@@ -233,19 +233,19 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
 def _drift(
     history: GraspHistory, normals: Float[np.ndarray, "p 3"]
 ) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
-    """What has grown in the recorded forces of pads that surely drift: its course, and unit patterns.
+    """Zero drift in the recorded forces of pads that surely drift: its time course, and unit patterns.
 
-    It is evenly spread and so small on each marker that noise would hide it: it is kept apart from what tells
-    gel from noise.
+    It is evenly spread and so small on each marker that noise would hide it: it is separated before patterns
+    are told from noise.
     """
     shares, patterns = [], []
     for pad, normal in enumerate(normals):
-        resting = resting_force(history, pad, normal)
-        if resting is None or not resting.sure:
+        drifting = zero_drift(history, pad, normal)
+        if drifting is None or not drifting.sure:
             continue
         own = history.pad_of_marker == pad
         size = np.sqrt(own.sum())
-        shares.append(resting.rate_N_per_s * (history.time_s - resting.from_s) / size)
+        shares.append(drifting.rate_N_per_s * (history.time_s - drifting.from_s) / size)
         patterns.append(own[:, None] * normal / size)
     count = len(history.pad_of_marker)
     return (
@@ -281,7 +281,7 @@ def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray
     return np.where(number >= 0, np.searchsorted(known, number), -1)
 
 
-def _left_of_noise(shares: Float[np.ndarray, "f r"], frame: int) -> float:
+def _noise_of_patterns(shares: Float[np.ndarray, "f r"], frame: int) -> float:
     """Noise of one marker's force in one frame of the patterns, over its noise as recorded.
 
     A pattern's own noise is that of a mean over the frames in which it acts.

@@ -1,4 +1,4 @@
-"""What effects build their signatures from: the plain model's fit, and strains of the whole flesh."""
+"""The forward model that effects build on: the plain model at its 1/E, and strains of the whole flesh."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,19 +19,19 @@ from fem.solid.strain_field import FleshStrain
 
 T = TypeVar("T")
 SOFT = 1.5
-"""How many times farther flesh than gel gives way from where on it counts as soft."""
+"""Compliance ratio of flesh to gel from which on flesh counts as soft."""
 
 
 @dataclass(frozen=True)
-class Memory:
-    """Values by key. A lock for each: threads that want one wait for the one that computes it."""
+class MemoTable:
+    """Memoised values by key, with a lock each: a thread waits while another computes the value it needs."""
 
     values: dict[object, Any] = field(default_factory=dict)
     locks: dict[object, RLock] = field(default_factory=dict)
     guard: Lock = field(default_factory=Lock)
 
-    def kept(self, key: object, compute: Callable[[], T]) -> T:
-        """What `compute` gives, computed once for each key."""
+    def memoised(self, key: object, compute: Callable[[], T]) -> T:
+        """The value of `compute`, computed once for each key."""
         with self.guard:
             lock = self.locks.setdefault(key, RLock())
         with lock:
@@ -43,33 +43,35 @@ class Memory:
 
 @dataclass(frozen=True, kw_only=True)
 class ForwardModel:
-    """`compliance` is s = 1/E (1/MPa) of the plain model. `memory`: what has been computed for it once.
+    """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
-    `workers`: how many threads may work on it at once. `warm_starts`: of the search that this ground is used
-    in, None outside of one.
+    `workers`: how many threads may work on it at once. `warm_starts`: those of the search that this model is
+    used in, None outside of a search.
     """
 
     base: Baseline
     compliance: float
     workers: int = 1
-    memory: Memory = field(default_factory=Memory, repr=False, compare=False)
+    memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
 
-    def found_before(self, key: object) -> tuple[Any, ...]:
-        """What the search has found under a key, newest first; nothing outside of a search."""
+    def warm_start(self, key: object) -> tuple[Any, ...]:
+        """Solutions of the search under a key, newest first; none outside of a search."""
         return () if self.warm_starts is None else self.warm_starts.found.get(key, ())
 
-    def keep_found(self, key: object, found: tuple[Any, ...]) -> None:
-        """For the search's next calls, in the place of what was there; forgotten outside of a search."""
+    def store_warm_start(self, key: object, found: tuple[Any, ...]) -> None:
+        """Stores solutions for the search's next calls, replacing those there; no effect outside of a
+        search.
+        """
         if self.warm_starts is not None:
             self.warm_starts.found[key] = found
 
-    def kept(self, key: object, compute: Callable[[], T]) -> T:
-        """What `compute` gives, computed once for each key, whichever thread asks first."""
-        return self.memory.kept(key, compute)
+    def memoised(self, key: object, compute: Callable[[], T]) -> T:
+        """The value of `compute`, computed once for each key, whichever thread needs it first."""
+        return self.memo.memoised(key, compute)
 
     def each(self, call: Callable[[GraspResponse], T]) -> list[T]:
-        """`call` of every recording, in their order, side by side."""
+        """`call` of every recording, in their order, in parallel."""
         return parallel_map(call, self.base.grasps, workers=self.workers)
 
     @property
@@ -85,12 +87,12 @@ class ForwardModel:
     @property
     def points(self) -> FleshStrain:
         """The points in the flesh at which strains are taken."""
-        return self.kept("points", lambda: FleshStrain.of(self.base.mesh))
+        return self.memoised("points", lambda: FleshStrain.of(self.base.mesh))
 
     @property
     def depth(self) -> Float[np.ndarray, "m 4"]:
         """Relative depth of the points: 0 at the skin, 1 at the pit (0 without one)."""
-        return self.kept("depth", self._depth)
+        return self.memoised("depth", self._depth)
 
     def _depth(self) -> Float[np.ndarray, "m 4"]:
         mesh = self.base.mesh
@@ -101,19 +103,19 @@ class ForwardModel:
         return np.asarray(to_skin / (to_skin + to_pit))
 
     @property
-    def sight(self) -> AdjointBasis:
-        """What the recordings see of every piece of flesh."""
-        return self.kept(
-            ("sight", self.compliance),
+    def adjoint_basis(self) -> AdjointBasis:
+        """The basis in which the recordings show every piece of flesh."""
+        return self.memoised(
+            ("adjoint basis", self.compliance),
             lambda: AdjointBasis.of(self.base, self.points, compliance=self.compliance, workers=self.workers),
         )
 
     @cached_property
     def compliance_ratio(self) -> float:
-        """How many times farther the flesh gives way than the gel, over SOFT; at least 1.
+        """Compliance ratio of flesh to gel, over SOFT; at least 1.
 
-        The softer flesh is, the more steeply the traction falls at a patch's rim and the farther the skin
-        moves, and the more a model leaves of it.
+        The softer the flesh, the more steeply the traction falls at a patch's rim and the farther the skin
+        moves, and the larger the residual of any model.
         """
         ratio = []
         for recording in self.base.grasps:
@@ -127,16 +129,16 @@ class ForwardModel:
     def moved_by_stress(
         self, recording: GraspResponse, stress: Float[np.ndarray, "r m 4 6"]
     ) -> Float[np.ndarray, "r n 3"]:
-        """Displacement of the markers, mm, that stresses (of unit modulus) added to the flesh's bring."""
-        return -self.base.answer(recording, self.points.forces(stress))
+        """Displacement of the markers, mm, by stresses (of unit modulus) added to those of the flesh."""
+        return -self.base.marker_response(recording, self.points.forces(stress))
 
 
 def over_all_frames(
     recording: GraspResponse, values: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "t n 3"]:
-    """Values of the frames used, in all frames of the recording: zero in the air, in a line between.
+    """Values of the frames used, in all frames of the recording: zero without contact, linear in between.
 
-    For what depends on the past.
+    For laws that depend on the history.
     """
     time = recording.case.history.time_s
     touching = np.any([(pad.episode >= 0).any(axis=1) for pad in recording.case.history.pads], axis=0)

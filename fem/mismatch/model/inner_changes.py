@@ -17,7 +17,7 @@ def inner_changes(forward: ForwardModel, recording: GraspResponse) -> dict[str, 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
         chosen = recording.moved[:LEADING]
         causes, forces = inner_forces(forward.base.solid_of(recording), chosen, list(recording.links))
-        moved = forward.base.answer(recording, forces.reshape(-1, *forces.shape[2:]))
+        moved = forward.base.marker_response(recording, forces.reshape(-1, *forces.shape[2:]))
         moved = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
         shares = recording.shares[:, :LEADING]
         return {
@@ -25,4 +25,4 @@ def inner_changes(forward: ForwardModel, recording: GraspResponse) -> dict[str, 
             for cause, own in zip(causes, moved, strict=True)
         }
 
-    return forward.kept(("inner", recording.case.name), compute)
+    return forward.memoised(("inner", recording.case.name), compute)

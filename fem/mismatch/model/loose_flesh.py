@@ -1,4 +1,4 @@
-"""Flesh that hangs on nothing inside: how its inner surface and its skin move under loads and pressures.
+"""Flesh that is not bonded to its pit: how its inner surface and skin move under loads and pressures.
 
 The inner surface is covered by c patches, hat functions phi_j of its corner nodes gathered to at most
 MOST_PATCHES. A pressure p_j on patch j is the nodal load B_j p_j, the patch's mean normal displacement
@@ -71,7 +71,7 @@ class LooseFlesh:
             skin,
         )
 
-    def answer(
+    def marker_response(
         self, recording: GraspResponse
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
         """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
@@ -87,7 +87,7 @@ class LooseFlesh:
 def loose_flesh(forward: ForwardModel, recording: GraspResponse) -> LooseFlesh:
     """The flesh of this recording's support, made once."""
     support = recording.case.support
-    return forward.kept(("loose flesh", support), lambda: LooseFlesh.of(forward.base.solid_of(recording)))
+    return forward.memoised(("loose flesh", support), lambda: LooseFlesh.of(forward.base.solid_of(recording)))
 
 
 def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:

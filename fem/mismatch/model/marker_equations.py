@@ -1,12 +1,12 @@
 """Least squares over markers in all frames, with all that is each marker's or frame's own eliminated.
 
 Where a marker sits, its scale error and the fruit's rigid motion are unknown in every recording (fem.
-modulus_fit). With them eliminated a field phi weighs W phi, and fields make normal equations by products
+modulus_fit). With them eliminated, normal equations of fields phi consist of the products
 
     N_ij = phi_i . W phi_j,      W = V - V A (A' V A + L)^-1 A' V
 
 V: inverse variance, the mean over each contact taken out; A: rigid motions and scales, L their priors. So
-much is the same whatever fields come; one more field costs two passes over the markers.
+much does not depend on the fields; one more field costs two passes over the markers.
 """
 
 from dataclasses import dataclass
@@ -29,10 +29,10 @@ from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.observation_delta import ARM_MM, wrench
 
 MARKER_VARIANCE_INFLATION = 1.15
-"""Variance of what the plain model leaves of sound recordings, over that of their noise in the air."""
+"""Variance of the plain model's residual on null recordings, over that of their noise without contact."""
 DESIGN_EFFECT = 15.0
-"""How many numbers say one thing: what a model leaves is alike from marker to neighbour and frame to frame.
-So much less do they count together than if they were independent (a design effect). Effects that are not
+"""Design effect: residuals of a model correlate between neighbouring markers and frames, so that so many
+numbers count as one independent. Effects that are not
 there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
 soft jaws gain ten times as much, and one that is there only twice."""
 
@@ -96,11 +96,11 @@ class MarkerEquations:
         return cls(tracks, weight, every_frame, own, inverse, along, cho_factor(equations), free)
 
     def weighed(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """W phi, 1/mm for a field in mm; its sum with another field is their product."""
-        return np.asarray(self.weight[:, None] * self.left(field))
+        """W phi, 1/mm for a field in mm; its dot product with another field is an entry of N."""
+        return np.asarray(self.weight[:, None] * self.residual(field))
 
-    def left(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """What motions, scales and places leave of a field, mm; zero out of contact."""
+    def residual(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """A field's residual after motions, scales and places are fitted, mm; zero out of contact."""
         mine = about_episode_mean(field, self.tracks.episode)
         motion, amounts = self._fitted(mine)
         moved = np.einsum("nxl,tl->tnx", self.every_frame, motion, optimize=True)

@@ -7,7 +7,7 @@ from fem.estimation.sensitivity import PIT
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.inner_changes import inner_changes
-from fem.mismatch.model.quadratic_surrogate import anchored
+from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved
 
@@ -48,4 +48,7 @@ def pit_responses(
 
         return forward.each(moved_under)
 
-    return [own[0] for own in anchored(forward, key, pit / SPREAD, first_order=first_order, exact=exact)]
+    return [
+        own[0]
+        for own in quadratic_surrogate(forward, key, pit / SPREAD, first_order=first_order, exact=exact)
+    ]

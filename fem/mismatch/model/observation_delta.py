@@ -1,8 +1,8 @@
-"""What one cause adds to a recording, channel by channel.
+"""What one cause adds to a recording's observations, channel by channel.
 
 markers   displacement of every marker in every frame, mm (R2)
-balance   what the pads' forces and moments do not balance, N and N mm over ARM_MM (R1)
-rest      growth of each pad's normal force from the air before the contact to the air after it, N/s (R4)
+balance   resultant of the pads' forces and moments, N and N mm over ARM_MM (R1)
+rest      zero drift of each pad's normal force from before the contact to after it, N/s (R4)
 """
 
 from collections.abc import Sequence
@@ -14,12 +14,12 @@ from jaxtyping import Float
 from fem.mismatch.effect_spec import EffectSpec
 
 ARM_MM = 20.0
-"""Length that brings moments to forces."""
+"""Length by which moments are divided to compare with forces."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationDelta:
-    """One cause's mark on one recording, per unit of the cause; a channel that it leaves alone is None."""
+    """Change of one recording per unit of a cause; a channel that it does not change is None."""
 
     markers: Float[np.ndarray, "f n 3"] | None = None
     balance: Float[np.ndarray, "f 6"] | None = None
@@ -30,8 +30,8 @@ class ObservationDelta:
 class Regressor:
     """One unknown amount: its name, prior mean (zero) and standard deviation, its field in every recording.
 
-    None: this recording does not show it. `positive`: an amount below zero makes no sense. `discrepancy_of`:
-    the effect that the model's own error looks like, where the amount is that of such an error.
+    None: the recording does not depend on it. `positive`: an amount below zero has no meaning.
+    `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
     """
 
     name: str

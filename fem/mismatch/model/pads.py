@@ -40,7 +40,7 @@ def response_to(
     solid = forward.base.solid_of(recording)
     loads = np.zeros((len(force_N), len(forward.base.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = recording.nodal_of(force_N)
-    return forward.base.answer(recording, loads)
+    return forward.base.marker_response(recording, loads)
 
 
 def slid_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
@@ -48,7 +48,7 @@ def slid_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> 
 
     By central differences; of all pads at once, kept.
     """
-    kept = forward.kept(("slid", recording.case.name), partial(_slid_responses, forward, recording))
+    kept = forward.memoised(("slid", recording.case.name), partial(_slid_responses, forward, recording))
     return np.asarray(kept[pad])
 
 

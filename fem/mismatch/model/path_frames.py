@@ -1,11 +1,11 @@
-"""The few frames of a recording that tell its whole path, and all the others from them.
+"""A few representative frames of a recording, and the interpolation of all others from them.
 
-What flesh does beyond the linear law depends on the forces, and where it remembers also on the largest so
+The excess over the linear law depends on the forces, and for history-dependent laws also on the largest so
 far, not on time: a frame's state is its shares a of the recording's force patterns, and max |a| up to then,
 over the recording's greatest. Between states it changes smoothly, as a Gaussian process with Matern's kernel
 5/2 would (Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", eq. 4.17): every frame is
-the mix of the chosen ones that such a process makes of it, and the frames chosen next are those of which it
-knows least. A chosen frame brings along the one at which its own peak was reached: memory needs it.
+the prediction of such a process from the chosen ones, and the next frame chosen is that of greatest variance.
+A chosen frame brings along the one at which its own peak was reached, on which its history depends.
 """
 
 from collections.abc import Sequence
@@ -32,9 +32,9 @@ class PathFrames:
 
 
 def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
-    """About `count` frames in all, of every recording as many as its path asks for.
+    """About `count` frames in all, of every recording as many as its path needs.
 
-    A law that does not remember is known without load: nothing.
+    A law that does not depend on history has no excess without load.
     """
     paths = [_Path.of(recording.shares, remembers=remembers) for recording in grasps]
     count = min(count, sum(len(path.states) for path in paths))

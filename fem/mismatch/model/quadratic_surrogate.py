@@ -1,4 +1,4 @@
-"""A response that is dear to compute: exact where it was computed, curved in between.
+"""A second-order surrogate of a response that is expensive to compute: exact where it was computed.
 
     c(theta) = c0 + J theta + k^2 (c(theta_a) - c0 - J theta_a),      k = theta . theta_a / |theta_a|^2
 
@@ -19,18 +19,18 @@ NEAR, FAR = 0.1, 0.4
 
 
 @dataclass(frozen=True)
-class Anchored:
-    """`anchor` and, for each recording and quantity, what it adds to the first order there."""
+class SurrogateAnchor:
+    """`anchor` and, for each recording and quantity, the excess over first order there."""
 
     anchor: Float[np.ndarray, " p"]
-    beyond: list[list[np.ndarray]]
+    excess: list[list[np.ndarray]]
 
     def share(self, theta: Float[np.ndarray, " p"]) -> float:
         """k^2."""
         return float((theta @ self.anchor / max(self.anchor @ self.anchor, 1e-12)) ** 2)
 
 
-def anchored(
+def quadratic_surrogate(
     forward: ForwardModel,
     key: object,
     theta: Float[np.ndarray, " p"],
@@ -40,17 +40,17 @@ def anchored(
     far: float = FAR,
 ) -> list[list[np.ndarray]]:
     """The quantities at theta (in spreads); `exact` is called where no anchor of the search lies near."""
-    known: tuple[Anchored, ...] = forward.found_before(("anchored", key))
+    known: tuple[SurrogateAnchor, ...] = forward.warm_start(("anchored", key))
     size = float(np.linalg.norm(theta))
     if size < NEAR:
         return [list(own) for own in first_order(theta)]
     nearest = min(known, key=lambda one: float(np.linalg.norm(theta - one.anchor)), default=None)
     if nearest is None or np.linalg.norm(theta - nearest.anchor) > far * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
-        nearest = Anchored(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
-        forward.keep_found(("anchored", key), (*known, nearest))
+        nearest = SurrogateAnchor(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
+        forward.store_warm_start(("anchored", key), (*known, nearest))
     share = nearest.share(theta)
     return [
-        [q + share * more for q, more in zip(own, beyond, strict=True)]
-        for own, beyond in zip(first_order(theta), nearest.beyond, strict=True)
+        [q + share * more for q, more in zip(own, excess, strict=True)]
+        for own, excess in zip(first_order(theta), nearest.excess, strict=True)
     ]

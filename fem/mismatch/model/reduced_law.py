@@ -1,12 +1,12 @@
-"""Flesh of another linear law, in the space of what the plain one does and its first corrections.
+"""Flesh of another linear law, reduced to the space of the plain law's response and its first corrections.
 
 K(theta) = sum_i a_i(theta) K_i is projected (Galerkin) on
 
     V = [U, K0^-1 D U, (K0^-1 D)^2 U, (K0^-1 D)^3 U],      D = dK/dtheta
 
-for the patterns U of a recording. Its answer agrees with the full one to the seventh power of theta in the
+for the patterns U of a recording. Its response agrees with the full one to the seventh power of theta in the
 work done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems,
-chapter 11), and costs nothing once V is there.
+chapter 11), and needs no solve of the full system.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,7 +22,7 @@ CORRECTIONS = 3
 """Powers of K0^-1 D beside U, as above; with three the tests hold reduced answers against full ones
 (tests/fem/test_mismatch_core_laws.py)."""
 Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
-"""K_i: from displacements to the forces that they cost, for E = 1 MPa."""
+"""K_i: from displacements to their nodal forces, for E = 1 MPa."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How far the skin has slid over the gel, from where the plain model says that the skin is.
+"""The slip path of the skin over the gel, from the plain model's position of the skin.
 
 D: the gel's shear if the skin stuck, which is the skin's path over the pad since it touched; g: what the gel
 can bear; w: the path slid so far. At every marker, frame by frame (return mapping; Simo and Laursen 1992, "An
@@ -54,9 +54,9 @@ def slip_path(
     firm = (tracks.episode >= 0) & (pressed > FIRM * tracks.sd_mm)
     at_least = pressed - FAR_OFF * tracks.sd_mm
     path = np.zeros_like(tracks.position_mm)
-    beyond = tracks.position_mm - tracks.place_mm - compliance * tracks.unit_displacement
+    excess = tracks.position_mm - tracks.place_mm - compliance * tracks.unit_displacement
     for taken in (*[1.0] * WHOLE_STEPS, *[0.5] * HALF_STEPS):
-        stuck = tracks.gel_displacement_mm - equations.left(beyond + path) + path
+        stuck = tracks.gel_displacement_mm - equations.residual(excess + path) + path
         local = np.einsum("fnji,fnj->fni", axes, stuck)
         depth = np.maximum(-local[..., 2], at_least)
         slid = _returned(local[..., :2], depth, firm, tracks.episode, mu / spring_ratio)
@@ -86,7 +86,7 @@ def _returned(
     for frame in range(len(shear)):
         fresh = firm[frame] & (episode[frame] != contact)
         if fresh.any():
-            level[fresh] = _beyond_level(_at_touch(shear, depth, frame))[fresh]
+            level[fresh] = _excess_of_level(_at_touch(shear, depth, frame))[fresh]
             slid[fresh], contact[fresh] = 0.0, episode[frame][fresh]
         asked = shear[frame] - level - slid
         size = np.linalg.norm(asked, axis=1)
@@ -109,7 +109,7 @@ def _at_touch(
     return np.asarray(shear[frame] - back[:, None] * (shear[after] - shear[frame]))
 
 
-def _beyond_level(level_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+def _excess_of_level(level_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
     """What of a level exceeds its own error."""
     size = np.linalg.norm(level_mm, axis=1, keepdims=True)
     return np.asarray(level_mm * np.maximum(1 - LEVEL_MM / np.maximum(size, 1e-12), 0.0))

@@ -1,4 +1,4 @@
-"""What a softer ball in the flesh makes of the recordings: to first order, and in full."""
+"""The response with a softer ball in the flesh: to first order, and in full."""
 
 from collections.abc import Sequence
 
@@ -10,7 +10,9 @@ from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.solid.inclusion import Softened, times
 
 LEAST_SHARE = 1e-5
-"""A pattern of force that does less than this share of a recording's work in the ball is left as it is."""
+"""A pattern of force that does less than this share of a recording's work in the ball is taken as
+unchanged.
+"""
 
 
 def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, "f n 3"] | None]:

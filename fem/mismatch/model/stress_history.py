@@ -1,17 +1,17 @@
-"""How fruit moves under measured forces when its stress is not the linear one: found with one factor.
+"""Displacement under measured forces of flesh whose stress depends on its strain history: one factorisation.
 
     K0 v + B' d(s v, history) / s = L f,        v = u / s = E u
 
-d: what the law's stress (for E = 1 MPa) has beyond the linear one, a function of the strain of all frames up
-to now. With v0 the linear answer, every round asks
+d: the law's stress (for E = 1 MPa) in excess of the linear one, a function of the strain of all frames so
+far. With v0 the linear displacement, every iteration sets
 
     v <- v + (v0 - K0^-1 B' d(s v) / s - v) / k
 
-for all frames of all recordings at once, the whole history being that of the round before. k, per frame, is
-half of the largest stiffness over the linear one (1 for a law that softens): below that the round would
-overshoot. Rounds are accelerated by mixing the last few (Anderson 1965, "Iterative procedures for nonlinear
-integral equations", Journal of the ACM 12).
-Source of the scheme: Kachanov's method of variable elasticity parameters, with the initial stiffness.
+for all frames of all recordings at once, the whole history being that of the iteration before. k, per frame,
+is half of the largest stiffness over the linear one (1 for a law that softens): below that the iteration
+would overshoot. It is accelerated by mixing the last few iterates (Anderson 1965, "Iterative procedures for
+nonlinear integral equations", Journal of the ACM 12). Source of the scheme: Kachanov's method of variable
+elasticity parameters, with the initial stiffness.
 """
 
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ RUN_AWAY = 1e6
 SMALL_SHARE = 1e-4
 """Fields of force smaller than this share of the largest are left out of a round."""
 
-Departure = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
+ExcessForce = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
 """Displacement (mm) in all frames in order of time to nodal forces B' d of unit modulus."""
 
 
@@ -82,7 +82,9 @@ class PathState:
 def _few(
     fields: Float[np.ndarray, "f n 3"],
 ) -> tuple[Float[np.ndarray, "f r"], Float[np.ndarray, "r n 3"]]:
-    """The few fields, orthogonal, of which all are made: frames that differ by their load alone share one."""
+    """An orthogonal basis of the fields, and their coefficients: frames that differ by load alone share
+    one.
+    """
     flat = fields.reshape(len(fields), -1)
     size, turn = np.linalg.eigh(flat @ flat.T)
     kept = size > SMALL_SHARE**2 * max(float(size[-1]), 1e-300)
@@ -94,20 +96,20 @@ def _combined(recording: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k
     return np.asarray(np.tensordot(recording.shares[own.chosen], recording.moved, axes=1))
 
 
-def settled(
+def fixed_point(
     state: PathState,
-    departure: Departure,
+    excess_force: ExcessForce,
     *,
     compliance: float,
     stiffer: Float[np.ndarray, " f"],
     start: Float[np.ndarray, "f n 3"] | None,
     together: bool,
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0. `stiffer`: each frame's largest tangent stiffness over the linear one; `start`: first guess,
-    None for zero.
+    """v - v0, by fixed-point iteration. `stiffer`: each frame's largest tangent stiffness over the linear
+    one; `start`: first guess, None for zero.
 
-    `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where rounds run away, or where the last of
-    MOST_ROUNDS still asks the skin to move by more than CLOSE_MM.
+    `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where the iteration diverges, or where the
+    last of MOST_ROUNDS still moves the skin by more than CLOSE_MM.
     """
     skin = state.base.mesh.outer_nodes
     slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
@@ -115,7 +117,7 @@ def settled(
     tried: list[Float[np.ndarray, "f n 3"]] = []
     steps: list[Float[np.ndarray, "f n 3"]] = []
     for _ in range(MOST_ROUNDS):
-        step = (first_round(state, departure, compliance=compliance, start=more) - more) / slower
+        step = (first_round(state, excess_force, compliance=compliance, start=more) - more) / slower
         left_mm = compliance * float(np.abs((step * slower)[:, skin]).max())
         if left_mm < CLOSE_MM:
             return np.asarray(more + step)
@@ -130,16 +132,16 @@ def settled(
 
 def first_round(
     state: PathState,
-    departure: Departure,
+    excess_force: ExcessForce,
     *,
     compliance: float,
     start: Float[np.ndarray, "f n 3"] | None = None,
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 that the law's stress in the field v0 + start (None: v0) brings: to first order in the law.
+    """v - v0 under the law's stress in the field v0 + start (None: v0): to first order in the law.
 
     Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
     """
-    force = departure(compliance * (state.linear if start is None else state.linear + start))
+    force = excess_force(compliance * (state.linear if start is None else state.linear + start))
     if not np.abs(force).max() < RUN_AWAY:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
@@ -155,10 +157,10 @@ def _mixed(
     *,
     together: bool,
 ) -> Float[np.ndarray, "f n 3"]:
-    """The next try: the mix of those so far whose step is least at the skin, and that step.
+    """The next iterate: the mix of those so far whose step is least at the skin, and that step.
 
-    Each frame has a mix of its own, or all have one together: where later frames remember what earlier ones
-    did, mixing each by itself throws the later ones off.
+    Each frame has a mix of its own, or all have one `together`: where stress depends on earlier frames,
+    separate mixes would be inconsistent in the later ones.
     """
     more = tried[-1] + steps[-1]
     if len(steps) == 1:
@@ -181,17 +183,17 @@ NEAR, FARTHEST = 1e-2, 20.0
 
 
 def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
-    """The ground's recordings by about so many frames, chosen once."""
+    """The model's recordings by about so many frames, chosen once."""
 
     def compute() -> PathState:
         return PathState.of(forward.base, path_frames(forward.base.grasps, frames, remembers=remembers))
 
-    return forward.kept(("path", frames, remembers), compute)
+    return forward.memoised(("path", frames, remembers), compute)
 
 
 @dataclass(frozen=True)
 class Run:
-    """A law by its parameters, in units in which they are far or near, and v - v0 of it."""
+    """One solution: a law by its parameters, in units of distance between laws, and its v - v0."""
 
     law: Float[np.ndarray, " p"]
     more: Float[np.ndarray, "f n 3"]
@@ -217,13 +219,13 @@ def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray
 def keep_run(
     forward: ForwardModel, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
 ) -> None:
-    """One more run of the search, the newest first, in the place of the oldest."""
+    """Stores one more solution of the search, the newest first; the oldest of MOST_RUNS is dropped."""
     run = Run(law, more.astype(np.float32))
-    forward.keep_found(("runs", name), (run, *forward.found_before(("runs", name)))[:MOST_RUNS])
+    forward.store_warm_start(("runs", name), (run, *forward.warm_start(("runs", name)))[:MOST_RUNS])
 
 
 def first_guess(
     forward: ForwardModel, name: str, law: Float[np.ndarray, " p"]
 ) -> Float[np.ndarray, "f n 3"] | None:
-    """`guess` from the search's own runs with a law of this name."""
-    return guess(forward.found_before(("runs", name)), law)
+    """`guess` from the search's own solutions with a law of this name."""
+    return guess(forward.warm_start(("runs", name)), law)

@@ -1,4 +1,4 @@
-"""Where on the undeformed skin the markers sit: what they met had been pushed aside already.
+"""Where on the undeformed skin the markers sit: the skin that they touched had been displaced before.
 
 Registration takes the point of the scanned surface that lies straight behind a marker. A marker at the rim of
 a patch meets skin that the middle of the patch has moved outward by then, by a tenth of a millimetre in soft

@@ -1,4 +1,4 @@
-"""Where a search starts from: the solutions that the same search has found before.
+"""Warm starts: a search starts from the solutions that the same search has found before.
 
 A search of parameters (fem.mismatch.selection.refinement) solves the same model again and again for
 parameters that differ little; the solutions of one belong to it alone. A call without a search's warm
@@ -16,5 +16,5 @@ class WarmStarts:
     found: dict[object, tuple[Any, ...]] = field(default_factory=dict)
 
     def copy(self) -> "WarmStarts":
-        """For another search that goes on from here by itself."""
+        """A copy for another search that continues from here on its own."""
         return WarmStarts(dict(self.found))

@@ -1,4 +1,4 @@
-"""The proof: what a model foretells of recordings that its fit did not see."""
+"""Cross-validation: how well a model predicts recordings that its fit did not use."""
 
 from collections.abc import Sequence
 
@@ -16,16 +16,17 @@ def held_out(
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
 ) -> HeldOut | None:
-    """Each recording in turn left out of both fits, and foretold; None where there is but one.
+    """Each recording in turn left out of both fits, and predicted; None where there is only one.
 
-    What is left of the markers' motion over the response, root mean square: as forces follow displacements in
-    proportion, the normalised force residual. `noise_rms`: what the sensors' noise alone would leave.
+    Residual of the markers' motion over the response, root mean square: as forces are proportional to
+    displacements, the normalised force residual. `noise_rms`: the same by the sensors' noise alone.
     """
     count = len(recorded)
     if count < 2:
         return None
     lost = [
-        sum(_left(products, columns, k, count) for k in range(count)) for products, columns in (before, after)
+        sum(_residual_squares(products, columns, k, count) for k in range(count))
+        for products, columns in (before, after)
     ]
     whole = sum(_size(forward, one) for one in recorded)
     noise = sum(
@@ -51,10 +52,10 @@ def predictive(products: GramMatrix, columns: Sequence[int]) -> float | None:
     )
 
 
-def _left(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> float:
-    """Sum of squares, mm2, left of recording k by the fit to the others."""
+def _residual_squares(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> float:
+    """Residual sum of squares, mm2, of recording k in the fit to the others."""
     others = products.fit(columns, keep=[j for j in range(count) if j != k])
-    return float((products.beyond(k, others) ** 2).sum())
+    return float((products.marker_residual(k, others) ** 2).sum())
 
 
 def _size(forward: ForwardModel, one: GraspEquations) -> float:

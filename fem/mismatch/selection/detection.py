@@ -1,19 +1,19 @@
-"""Is there a mismatch at all: a few statistics, and how they come out where there is none.
+"""Detection: is there a mismatch at all, by a few statistics and their distribution on null cases.
 
-Gain (ln evidence) of the best single effect over the flesh's softness (Ground.softness), beyond what that
-effect gains on nine of ten sound recordings; of the best pair over softness squared; and what the plain model
-leaves per number. So gains grow on sound recordings, and some effects are sooner seen there than others.
-Each is held against the same statistic of sound recordings of other fruits
-(fem.mismatch.selection.null_reference, made by a solver of its own), on a scale x on which those are about
-normal (asinh of gains, ln of shares). The bank has few fruits and several recordings of each, which are
-alike; with a fruit's own departure b and a recording's w,
+Statistics: gain (ln evidence) of the best single effect over the compliance ratio of flesh to gel
+(ForwardModel.compliance_ratio), less the effect's null quantile (what it gains on nine of ten null
+recordings); gain of the best pair over the ratio squared; and the plain model's chi-square per number. So
+they are scaled as gains grow on null recordings. Each is compared with the same statistic of null recordings
+of other fruits (fem.mismatch.selection.null_reference, by a solver of its own), on a scale x on which those
+are about normal (asinh of gains, ln of shares). The reference set has few fruits and several correlated
+recordings of each; with a fruit's own deviation b and a recording's w,
 
     x = m + b + w,      z = (x - m) / sd(x of another fruit),      sd^2 = B (1 + 1/F) + W (1 + 1/n)
 
 m: mean over F fruits, B and W: variances between and within fruits (one-way random effects: Searle, Casella
-and McCulloch 1992, Variance Components, chapter 3), n recordings. The greatest z is held against the bank's
-own greatest in the same way, so that many looks do not add up to a false alarm; its place in Student's
-distribution with F - 1 degrees of freedom is the p-value.
+and McCulloch 1992, Variance Components, chapter 3), n recordings. The greatest z is compared with the
+reference set's own greatest in the same way, so that several statistics do not add up to a false alarm; its
+tail probability in Student's distribution with F - 1 degrees of freedom is the p-value.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -27,8 +27,8 @@ from fem.mismatch.selection.null_reference import STATISTICS, null_reference
 
 def best_beyond_quantile(gains: Iterable[tuple[str, float]], compliance_ratio: float) -> float:
     """The first statistic, from what every kind of signature gains."""
-    usual = null_reference().quantiles
-    return max((gain / compliance_ratio - usual.get(kind, 0.0) for kind, gain in gains), default=0.0)
+    null_quantiles = null_reference().quantiles
+    return max((gain / compliance_ratio - null_quantiles.get(kind, 0.0) for kind, gain in gains), default=0.0)
 
 
 def null_gain(kind: str, compliance_ratio: float) -> float:
@@ -42,18 +42,18 @@ def null_gain_in_full(effects: Iterable[Sequence[str]], compliance_ratio: float)
     It holds all that the effect's signatures have, each by itself: a signature that leaves something out may
     gain on sound recordings what the whole does not.
     """
-    usual = null_reference().quantiles
-    own = [[usual[kind] for kind in kinds if kind in usual] for kinds in effects]
+    null_quantiles = null_reference().quantiles
+    own = [[null_quantiles[kind] for kind in kinds if kind in null_quantiles] for kinds in effects]
     return compliance_ratio * max(min(values, default=0.0) for values in own)
 
 
 def p_values(statistics: Mapping[str, float]) -> tuple[float, dict[str, float]]:
     """The one p-value, and each statistic's own."""
     known = null_reference()
-    return p_values_beside(statistics, known.statistics, known.fruits)
+    return p_values_against(statistics, known.statistics, known.fruits)
 
 
-def p_values_beside(
+def p_values_against(
     statistics: Mapping[str, float], bank: Float[np.ndarray, "n 3"], fruits: Int[np.ndarray, " n"]
 ) -> tuple[float, dict[str, float]]:
     """The same beside any bank: a row per recording, columns as in STATISTICS, and whose it is."""
@@ -61,8 +61,8 @@ def p_values_beside(
     mean, spread, freedom = _of_another_fruit(known, fruits)
     z = (_scaled(np.array([[statistics[name] for name in STATISTICS]]))[0] - mean) / spread
     most = ((known - mean) / spread).max(axis=1, keepdims=True)
-    usual, of_usual, _ = _of_another_fruit(most, fruits)
-    p = float(student.sf((z.max() - usual[0]) / of_usual[0], freedom))
+    null_quantiles, sd_greatest, _ = _of_another_fruit(most, fruits)
+    p = float(student.sf((z.max() - null_quantiles[0]) / sd_greatest[0], freedom))
     each = student.sf(z, freedom)
     return p, dict(zip(STATISTICS, each.tolist(), strict=True))
 
@@ -84,6 +84,6 @@ def _of_another_fruit(
     return means.mean(axis=0), spread, count - 1
 
 
-def of_sound(name: str, share: float = 0.5) -> float:
+def null_statistic(name: str, share: float = 0.5) -> float:
     """What a share of the bank's recordings stay below in one statistic."""
     return float(np.quantile(null_reference().statistics[:, STATISTICS.index(name)], share))

@@ -1,23 +1,23 @@
-"""What else is at work beside an effect that has been refitted: all other signatures about its model."""
+"""Forward selection: which other signature adds most to an effect that has been refitted."""
 
 from dataclasses import replace
 
-from fem.mismatch.evidence.discrepancy_prior import beside
+from fem.mismatch.evidence.discrepancy_prior import retained_columns
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound, violates_sign_constraint
 
 
-def added(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
-    """Every signature of other effects with its amount there, and how much it adds in ln evidence.
+def added_gains(linear: LinearRound, known: Refit) -> list[tuple[float, LinearFit]]:
+    """Signatures of other effects, linearised about the refitted model: ln evidence added, and the fit.
 
-    Greatest first, none that makes no sense. The refitted effect's own parameters are free to move along
-    their slopes.
+    Greatest first, without those that violate a sign constraint. The refitted effect's own parameters stay
+    free along their slopes.
     """
     mine = {effect.spec.name for effect in known.effects}
-    others = [one for one in linear.shown if one.effect.spec.name not in mine]
+    others = [one for one in linear.linear_fits if one.effect.spec.name not in mine]
     columns = [j for one in others for j in one.columns]
     slopes = [known.products.columns[j] for j in known.slopes]
-    plain = beside(known.effects, linear.products.columns, linear.nuisances)
+    plain = retained_columns(known.effects, linear.products.columns, linear.nuisances)
     products, chosen = linear.products.about(known.forward, known.response, [*plain, *columns], slopes)
     place = dict(zip([*plain, *columns], chosen, strict=False))
     free = [*(place[j] for j in plain), *chosen[len(chosen) - len(slopes) :]]

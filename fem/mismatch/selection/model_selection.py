@@ -1,8 +1,8 @@
-"""Which explanation: the linear round's short list refitted in full, and what to call it.
+"""Model selection: the short list of the screening refitted with full models, and the verdict.
 
-Probabilities are those of the refitted explanations and of none, by evidence divided by TEMPERATURE: models
-of two effects are alike in their faults too. Explanations whose probability is within EQUAL_PROBABILITY of
-the best cannot be told apart. Two effects at once must earn it. Thresholds: fem.mismatch.thresholds.
+Probabilities are those of the refitted hypotheses and of none, by evidence divided by TEMPERATURE: models of
+different effects share errors. Hypotheses whose probability is within EQUAL_PROBABILITY of the best cannot
+be told apart. Two effects at once must add enough. Thresholds: fem.mismatch.thresholds.
 """
 
 from collections.abc import Sequence
@@ -14,8 +14,8 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.detection import null_gain, null_gain_in_full, of_sound
-from fem.mismatch.selection.forward_selection import added
+from fem.mismatch.selection.detection import null_gain, null_gain_in_full, null_statistic
+from fem.mismatch.selection.forward_selection import added_gains
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import OfPad
@@ -47,7 +47,7 @@ class Hypothesis:
     name: str
     gain: float
     probability: float
-    shown: tuple[LinearFit, ...]
+    linear_fits: tuple[LinearFit, ...]
     refit: Refit | None
 
 
@@ -64,21 +64,21 @@ class ModelSelection:
 
 
 @dataclass(frozen=True)
-class _Tried:
+class _Candidate:
     name: str
     gain: float
-    shown: tuple[LinearFit, ...] = ()
+    linear_fits: tuple[LinearFit, ...] = ()
     refit: Refit | None = None
     failed: str = ""
 
     @property
     def always_refitted(self) -> bool:
-        return any(one.effect.spec.always_refitted for one in self.shown)
+        return any(one.effect.spec.always_refitted for one in self.linear_fits)
 
 
 @dataclass(frozen=True, kw_only=True)
 class NullCase:
-    """What sound recordings of this size and flesh show (fem.mismatch.selection.null_reference).
+    """What null recordings of this size and flesh show (fem.mismatch.selection.null_reference).
 
     `chi2`, `most_chi2`: what the plain model leaves of them usually, and of all but a few;
     `compliance_ratio`: of this flesh (fem.mismatch.model.forward_model).
@@ -88,85 +88,91 @@ class NullCase:
     most_chi2: float
     compliance_ratio: float
 
-    def beyond(self, one: LinearFit, gain: float | None = None) -> float:
-        """What a signature gains, alone or beside others, beyond what it does even there most of the time."""
+    def excess_gain(self, one: LinearFit, gain: float | None = None) -> float:
+        """A signature's gain (or the given one) less its null quantile."""
         return (one.gain if gain is None else gain) - null_gain(one.kind, self.compliance_ratio)
 
     def in_full(self, effects: Sequence[Effect]) -> float:
-        """What a refitted effect gains even there, or the more usual of two."""
+        """Null quantile of a refitted effect's gain; of two effects the greater."""
         return null_gain_in_full([effect.spec.kinds for effect in effects], self.compliance_ratio)
 
     @property
     def least(self) -> float:
-        """What the best effect gains beyond its usual on all but a few: less names nothing."""
-        return self.compliance_ratio * max(of_sound("best single", MOST_NULLS), 0.0)
+        """MOST_NULLS quantile of the best effect's excess gain on null cases: less selects nothing."""
+        return self.compliance_ratio * max(null_statistic("best single", MOST_NULLS), 0.0)
 
 
-def named(forward: ForwardModel, linear: LinearRound, *, detected: bool, sound: NullCase) -> ModelSelection:
-    """Refits the best singles and pairs; where nothing was detected none is the first."""
+def select_model(
+    forward: ForwardModel, linear: LinearRound, *, detected: bool, null_case: NullCase
+) -> ModelSelection:
+    """Ranking and verdict after refitting the best single effects and pairs; none first if nothing was
+    detected.
+    """
     best: dict[str, LinearFit] = {}
-    for one in sorted(linear.shown, key=sound.beyond, reverse=True):
+    for one in sorted(linear.linear_fits, key=null_case.excess_gain, reverse=True):
         best.setdefault(one.effect.spec.name, one)
-    found = [_Tried(name, sound.beyond(one), (one,)) for name, one in best.items()]
-    polished, failed = None, list[_Tried]()
+    found = [_Candidate(name, null_case.excess_gain(one), (one,)) for name, one in best.items()]
+    polished, failed = None, list[_Candidate]()
     if detected:
-        found = _singles(forward, linear, found, sound)
+        found = _refitted_singles(forward, linear, found, null_case)
         if found and found[0].refit is not None:
             # first: a second effect must not stand for what more rounds would still gain
-            found[0] = polished = _polished(forward, linear, found[0], found[0].refit, sound)
+            found[0] = polished = _polished(forward, linear, found[0], found[0].refit, null_case)
         if found and found[0].refit is not None:
-            pairs = _pairs(forward, linear, found[0], found[0].refit, sound)
+            pairs = _pairs(forward, linear, found[0], found[0].refit, null_case)
             found += [one for one in pairs if one.refit is not None]
             failed = [one for one in pairs if one.refit is None]
-    none = 0.0 if detected else max([sound.least, *(one.gain for one in found)]) + NOT_DETECTED_GAIN
-    found = sorted([*found, _Tried(NONE, none)], key=lambda one: -one.gain)
+    none = 0.0 if detected else max([null_case.least, *(one.gain for one in found)]) + NOT_DETECTED_GAIN
+    found = sorted([*found, _Candidate(NONE, none)], key=lambda one: -one.gain)
     if found[0].refit is not None and found[0] is not polished:
-        found[0] = _polished(forward, linear, found[0], found[0].refit, sound)
+        found[0] = _polished(forward, linear, found[0], found[0].refit, null_case)
     weight = np.exp((np.array([one.gain for one in found]) - found[0].gain) / TEMPERATURE)
     weight /= weight.sum()
     ranking = tuple(
-        Hypothesis(name=one.name, gain=one.gain, probability=float(p), shown=one.shown, refit=one.refit)
+        Hypothesis(
+            name=one.name, gain=one.gain, probability=float(p), linear_fits=one.linear_fits, refit=one.refit
+        )
         for one, p in zip(found, weight, strict=True)
     )
-    verdict = _verdict(linear, ranking, sound) if detected else NONE
+    verdict = _verdict(linear, ranking, null_case) if detected else NONE
     without = {one.name: one.failed for one in (*found, *failed) if one.failed and one.refit is None}
     return ModelSelection(ranking=ranking, verdict=verdict, without=without)
 
 
-def _singles(
-    forward: ForwardModel, linear: LinearRound, found: Sequence[_Tried], sound: NullCase
-) -> list[_Tried]:
-    """The hopeful ones refitted, best first; the best of all is always one of them where it can be."""
+def _refitted_singles(
+    forward: ForwardModel, linear: LinearRound, found: Sequence[_Candidate], null_case: NullCase
+) -> list[_Candidate]:
+    """Promising candidates refitted, best first; the best of all is refitted wherever it can be."""
     most = max((one.gain for one in found), default=0.0)
     best, tried = 0.0, []
     for number, one in enumerate(found):
-        enough = best > ENOUGH_GAIN * (linear.null.chi2 - sound.chi2) / 2
+        enough = best > ENOUGH_GAIN * (linear.null.chi2 - null_case.chi2) / 2
         hopeful = number < MOST_SINGLES and one.gain > (NEAR_EQUAL if enough else REFIT_SHARE) * most
-        again = _refitted(forward, linear, one, best, sound) if hopeful or one.always_refitted else one
+        again = _refitted(forward, linear, one, best, null_case) if hopeful or one.always_refitted else one
         tried.append(again)
         best = max(best, again.gain if again.refit is not None else 0.0)
     for _ in found:
         tried.sort(key=lambda one: -one.gain)
         if tried[0].refit is not None:
             break
-        again = _refitted(forward, linear, tried[0], best, sound)
+        again = _refitted(forward, linear, tried[0], best, null_case)
         tried[0] = again if again.refit is not None else replace(again, gain=min(again.gain, 0.0))
     return tried
 
 
 def _refitted(
-    forward: ForwardModel, linear: LinearRound, one: _Tried, best: float, sound: NullCase
-) -> _Tried:
-    """On each pad that may be meant, the best of them; as it was where its model cannot be computed."""
+    forward: ForwardModel, linear: LinearRound, one: _Candidate, best: float, null_case: NullCase
+) -> _Candidate:
+    """The best refit over the pads in question; unchanged where no model can be computed."""
     found, failed = [], ""
-    for shown in _pads_that_may_be([(own.gain, own) for own in linear.shown], *one.shown):
+    for linear_fit in _pads_that_may_be([(own.gain, own) for own in linear.linear_fits], *one.linear_fits):
         try:
-            again = refit(forward, linear, (shown,), beat=best)
+            again = refit(forward, linear, (linear_fit,), beat=best)
         except FemFailure as failure:
             failed = failure.detail
             continue
-        gain = _gain(linear, again, sound)
-        found.append(replace(one, gain=gain, shown=(shown,), refit=again))
+        gain = _gain(linear, again, null_case)
+        found.append(replace(one, gain=gain, linear_fits=(linear_fit,), refit=again))
         best = max(best, gain)
     return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
 
@@ -190,10 +196,10 @@ def _pads_that_may_be(gains: Sequence[tuple[float, LinearFit]], one: LinearFit) 
     ]
 
 
-def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
-    """ln evidence over that of the plain model, beyond what is usual on sound recordings."""
-    beside = sum(
-        effect.beside(again.forward, own, variant)
+def _gain(linear: LinearRound, again: Refit, null_case: NullCase) -> float:
+    """ln evidence over that of the plain model, less the null quantile."""
+    auxiliary_log_likelihood = sum(
+        effect.auxiliary_log_likelihood(again.forward, own, variant)
         for effect, own, variant in zip(again.effects, again.parameters, again.variants, strict=True)
         if isinstance(effect, AuxiliaryLikelihood)
     )
@@ -201,26 +207,26 @@ def _gain(linear: LinearRound, again: Refit, sound: NullCase) -> float:
     direct = sum(
         effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
     )
-    return moved + min(beside, max(moved, 0.0)) + direct - sound.in_full(again.effects)
+    return moved + min(auxiliary_log_likelihood, max(moved, 0.0)) + direct - null_case.in_full(again.effects)
 
 
 def _pairs(
-    forward: ForwardModel, linear: LinearRound, best: _Tried, single: Refit, sound: NullCase
-) -> list[_Tried]:
+    forward: ForwardModel, linear: LinearRound, best: _Candidate, single: Refit, null_case: NullCase
+) -> list[_Candidate]:
     """Pairs of the best single with what adds most to it, refitted, that earn their place; and those of which
     no model could be computed, without a refit.
     """
     found = []
-    least = max(PAIR_GAIN, sound.least)
-    if single.fit.chi2 <= sound.most_chi2:
-        least = max(least, PAIR_PLAIN_GAIN * sound.compliance_ratio)
+    least = max(PAIR_GAIN, null_case.least)
+    if single.fit.chi2 <= null_case.most_chi2:
+        least = max(least, PAIR_PLAIN_GAIN * null_case.compliance_ratio)
     if any(spec.strain_power for effect in single.effects for spec in effect.spec.searched):
         least = max(least, PAIR_SHARE * best.gain)
-    may_leave = sound.most_chi2 + PAIR_LEFT * (single.fit.chi2 - sound.chi2)
-    gains = added(linear, single)
+    may_leave = null_case.most_chi2 + PAIR_LEFT * (single.fit.chi2 - null_case.chi2)
+    gains = added_gains(linear, single)
     best_of: dict[str, tuple[float, LinearFit]] = {}
     for gain, other in sorted(
-        ((sound.beyond(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
+        ((null_case.excess_gain(other, gain), other) for gain, other in gains), key=lambda g: -g[0]
     ):
         best_of.setdefault(other.effect.spec.name, (gain, other))
     for gain, other in list(best_of.values())[:MOST_PAIRS]:
@@ -228,46 +234,48 @@ def _pairs(
             continue
         tried, failed = [], ""
         for second in _pads_that_may_be(gains, other):
-            both = (*best.shown, second)
+            both = (*best.linear_fits, second)
             try:
                 again = refit(forward, linear, both, starts=[*single.parameters, None], near=single.forward)
             except FemFailure as failure:
                 failed = failure.detail
                 continue
             if not again.at_an_end[-1]:
-                tried.append((_gain(linear, again, sound), again, both))
+                tried.append((_gain(linear, again, null_case), again, both))
         if not tried:
             if failed:
-                found.append(_Tried(f"{best.name}+{other.effect.spec.name}", -np.inf, failed=failed))
+                found.append(_Candidate(f"{best.name}+{other.effect.spec.name}", -np.inf, failed=failed))
             continue
         gained, again, both = max(tried, key=lambda pair: pair[0])
         if gained > best.gain + least and again.fit.chi2 < may_leave:
-            found.append(_Tried(again.name, gained, both, again))
+            found.append(_Candidate(again.name, gained, both, again))
     return found
 
 
 def _polished(
-    forward: ForwardModel, linear: LinearRound, one: _Tried, first: Refit, sound: NullCase
-) -> _Tried:
+    forward: ForwardModel, linear: LinearRound, one: _Candidate, first: Refit, null_case: NullCase
+) -> _Candidate:
     """The refit carried on for as long as it gains."""
     try:
-        again = refit(forward, linear, one.shown, known=first)
+        again = refit(forward, linear, one.linear_fits, known=first)
     except FemFailure:
         return one
     if again.log_evidence <= first.log_evidence:
         return replace(one, refit=replace(first, last_gain=again.last_gain))
     if again.at_an_end[-1] and not first.at_an_end[-1]:
         return one
-    return replace(one, gain=_gain(linear, again, sound), refit=again)
+    return replace(one, gain=_gain(linear, again, null_case), refit=again)
 
 
-def _verdict(linear: LinearRound, ranking: Sequence[Hypothesis], sound: NullCase) -> str | tuple[str, ...]:
+def _verdict(
+    linear: LinearRound, ranking: Sequence[Hypothesis], null_case: NullCase
+) -> str | tuple[str, ...]:
     """The name of the one likely effect, or all that cannot be told apart, or "unknown"."""
     first = next((one for one in ranking if one.name != NONE), None)
-    if first is None or first.refit is None or first.gain <= sound.least:
+    if first is None or first.refit is None or first.gain <= null_case.least:
         return UNKNOWN
-    before, after = linear.null.chi2 - sound.chi2, first.refit.fit.chi2 - sound.chi2
-    if after > max(UNKNOWN_LEFT * before, UNKNOWN_EXCESS * sound.chi2):
+    before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
+    if after > max(UNKNOWN_LEFT * before, UNKNOWN_EXCESS * null_case.chi2):
         return UNKNOWN
     alike = tuple(
         one.name

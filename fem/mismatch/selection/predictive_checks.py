@@ -1,8 +1,7 @@
-"""Numbers of each recording that a model must give back, foretold from the other recordings.
+"""Posterior predictive checks: numbers of each recording, predicted from the other recordings.
 
-How the approach bends with the load, how it goes on in the hold, the work that does not come back: none of
-them is what the fit makes small (posterior predictive checks: Gelman et al. 2013, Bayesian Data Analysis,
-chapter 6).
+Curvature of the approach with load, creep in the hold, work lost in the cycle: none of them is minimised by
+the fit (Gelman et al. 2013, Bayesian Data Analysis, chapter 6).
 """
 
 from collections.abc import Sequence
@@ -22,7 +21,7 @@ UNITS = {"approach at half the load": "1", "creep in the hold": "mm", "loop area
 def checks(
     traces: Sequence[GraspTrace], grasps: Sequence[GraspResponse], *, rng: np.random.Generator
 ) -> tuple[Check, ...]:
-    """Measured, and foretold by both models; sd from the markers' noise."""
+    """Each number measured, and predicted by both models; sd from the markers' noise."""
     found = []
     for trace, recording in zip(traces, grasps, strict=True):
         noise = _noise_mm(recording) * rng.standard_normal((COPIES, len(trace.time_s)))

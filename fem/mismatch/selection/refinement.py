@@ -16,7 +16,7 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
-from fem.mismatch.evidence.discrepancy_prior import beside, trades_with_modulus
+from fem.mismatch.evidence.discrepancy_prior import retained_columns, trades_with_modulus
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -38,7 +38,7 @@ SAME_E = 0.01
 TRUST = 10.0
 """Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wide of what
 other recordings can say and narrow enough that slopes hold."""
-MOST_ALONE = 12
+MOST_SINGLE_RESPONSES = 12
 """Responses of single effects kept: a round of differences of two effects asks for fewer. Set by hand."""
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
@@ -71,14 +71,15 @@ class Refit:
     last_gain: float
 
     @property
-    def settled(self) -> bool:
+    def converged(self) -> bool:
         """Whether the search reached its tolerance."""
         return self.last_gain < LAST_ROUND_GAIN
 
     def near(self) -> GramMatrix:
         """The linearised model with its slopes trusted for TRUST standard deviations only.
 
-        Of what a recording alone has seen the others would else foretell anything.
+        Otherwise directions that a single recording determines would make predictions of the others
+        arbitrary.
         """
         other = copy(self.products)
         other.columns = list(other.columns)
@@ -96,7 +97,7 @@ class Refit:
 def refit(
     forward: ForwardModel,
     linear: LinearRound,
-    shown: Sequence[LinearFit],
+    linear_fits: Sequence[LinearFit],
     *,
     known: Refit | None = None,
     starts: Sequence[dict[str, float] | None] = (),
@@ -108,15 +109,16 @@ def refit(
     Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
 
     `known`: a first refit of the same, to be carried on for as long as it gains. `starts`: parameters to
-    start from where they are known, `near` the ground that they were found on; else the amounts say. `beat`:
-    what another explanation gains; one that cannot come near it is not followed to its end.
+    start from where they are known, `near`: the forward model with which they were found; else from the
+    linear amounts. `beat`: what another explanation gains; one that cannot come near it is not followed to
+    its end.
     """
-    specs = [spec for one in shown for spec in one.effect.spec.searched]
+    specs = [spec for one in linear_fits for spec in one.effect.spec.searched]
     if known is not None:
         starts, near = known.parameters, known.forward
-    search = _Search(forward if near is None else near, linear, tuple(shown), specs)
-    now, _ = search.followed(search.begun(forward, starts or [None] * len(shown)))
-    direct = sum(one.direct for one in shown)
+    search = _Search(forward if near is None else near, linear, tuple(linear_fits), specs)
+    now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
+    direct = sum(one.direct for one in linear_fits)
     gained = float("inf")
     for _ in range(ROUNDS if known is None else POLISH):
         if now.fit.log_evidence - linear.null.log_evidence + direct < BEATEN_SHARE * beat:
@@ -142,7 +144,7 @@ def refit(
             break
     parameters, first = [], 0
     values = search.plain(now.at)
-    for one in shown:
+    for one in linear_fits:
         names = [spec.name for spec in one.effect.spec.searched]
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
         first += len(names)
@@ -151,8 +153,8 @@ def refit(
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
-        effects=tuple(one.effect for one in shown),
-        variants=tuple(one.signature.variant for one in shown),
+        effects=tuple(one.effect for one in linear_fits),
+        variants=tuple(one.signature.variant for one in linear_fits),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
@@ -189,14 +191,14 @@ class _Search:
         self,
         forward: ForwardModel,
         linear: LinearRound,
-        shown: tuple[LinearFit, ...],
+        linear_fits: tuple[LinearFit, ...],
         specs: Sequence[ParameterSpec],
     ) -> None:
-        found_before = forward.warm_starts or WarmStarts()
-        self.forward = replace(forward, warm_starts=found_before.copy())
-        self.linear, self.shown = linear, shown
-        effects = [one.effect for one in shown]
-        self.nuisances = beside(effects, linear.products.columns, linear.nuisances)
+        warm_start = forward.warm_starts or WarmStarts()
+        self.forward = replace(forward, warm_starts=warm_start.copy())
+        self.linear, self.linear_fits = linear, linear_fits
+        effects = [one.effect for one in linear_fits]
+        self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
@@ -207,14 +209,14 @@ class _Search:
                 if isinstance(one.effect, SeenDirectly)
                 else spec.spread
             )
-            for one in shown
+            for one in linear_fits
             for spec in one.effect.spec.searched
         ]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        self.alone: dict[tuple[str, Variant, tuple[float, ...], float], Response] = {}
+        self.single_responses: dict[tuple[str, Variant, tuple[float, ...], float], Response] = {}
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
@@ -231,7 +233,7 @@ class _Search:
         share, before = 1.0, None
         while True:
             values: list[float] = []
-            for one, start in zip(self.shown, starts, strict=True):
+            for one, start in zip(self.linear_fits, starts, strict=True):
                 own = (
                     one.effect.start(forward, one.signature, share * one.amounts) if start is None else start
                 )
@@ -245,7 +247,7 @@ class _Search:
                     raise
                 before = values
         first = 0
-        for one, start in zip(self.shown, starts, strict=True):
+        for one, start in zip(self.linear_fits, starts, strict=True):
             end = first + len(one.effect.spec.searched)
             if start is None and isinstance(one.effect, StartsElsewhere):
                 other = one.effect.other_start(forward, one.signature.variant)
@@ -269,30 +271,30 @@ class _Search:
         """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
         ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
-        first = np.cumsum([0, *(len(one.effect.spec.searched) for one in self.shown)])
+        first = np.cumsum([0, *(len(one.effect.spec.searched) for one in self.linear_fits)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
         return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
-        """The effects' departures from the plain model, added up."""
+        """The responses of the effects, their changes of the plain model added up."""
         values, found, first = self.plain(at), [], 0
-        for one in self.shown:
+        for one in self.linear_fits:
             names = [spec.name for spec in one.effect.spec.searched]
             own = dict(zip(names, values[first : first + len(names)], strict=True))
-            found.append(self._alone(one, own))
+            found.append(self._single_response(one, own))
             first += len(names)
-        return found[0] if len(found) == 1 else _together(self.forward, found)
+        return found[0] if len(found) == 1 else _superposed(self.forward, found)
 
-    def _alone(self, one: LinearFit, own: dict[str, float]) -> Response:
+    def _single_response(self, one: LinearFit, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
         key = (one.effect.spec.name, one.signature.variant, tuple(own.values()), self.forward.compliance)
-        if key not in self.alone:
-            if len(self.alone) >= MOST_ALONE:
-                del self.alone[next(iter(self.alone))]
-            self.alone[key] = one.effect.respond(self.forward, own, one.signature.variant)
-        return self.alone[key]
+        if key not in self.single_responses:
+            if len(self.single_responses) >= MOST_SINGLE_RESPONSES:
+                del self.single_responses[next(iter(self.single_responses))]
+            self.single_responses[key] = one.effect.respond(self.forward, own, one.signature.variant)
+        return self.single_responses[key]
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
@@ -379,8 +381,8 @@ def _slope(forward: ForwardModel, here: Response, ahead: Response, step: float) 
     return fields
 
 
-def _together(forward: ForwardModel, responses: Sequence[Response]) -> Response:
-    """Small departures add."""
+def _superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
+    """One response with the changes of all: small changes add up."""
     unit, shift, balance, rest = [], [], [], []
     for k, recording in enumerate(forward.base.grasps):
         plain = recording.tracks.unit_displacement

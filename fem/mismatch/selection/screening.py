@@ -1,4 +1,4 @@
-"""The linear round: every effect's best signature, and every pair of them, by evidence."""
+"""Screening: every effect's best signature, and every pair of them, by linear Gaussian evidence."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ from fem.parallel_map import parallel_map
 
 @dataclass(frozen=True, kw_only=True)
 class LinearFit:
-    """One signature of one effect among the columns of a case, and how well it does alone.
+    """One signature of one effect among the columns of a case, fitted with the nuisances.
 
-    `gain`: ln evidence over that of the nuisances alone, with what is said `beside` the motion,
-    of which `direct` counts whatever the motion says (fem.mismatch.effect).
+    `gain`: ln evidence over that of the nuisances, `auxiliary_log_likelihood` (fem.mismatch.effect) included,
+    of which `direct` counts whatever the motion says.
     """
 
     effect: Effect
@@ -30,7 +30,7 @@ class LinearFit:
     columns: tuple[int, ...]
     amounts: Float[np.ndarray, " k"]
     gain: float
-    beside: float
+    auxiliary_log_likelihood: float
     chi2_drop: float
     direct: float = 0.0
 
@@ -51,7 +51,7 @@ class LinearRound:
     products: GramMatrix
     nuisances: tuple[int, ...]
     null: Fit
-    shown: tuple[LinearFit, ...]
+    linear_fits: tuple[LinearFit, ...]
     best: tuple[LinearFit, ...]
     pairs: tuple[tuple[float, LinearFit, LinearFit], ...]
     without: dict[str, str]
@@ -90,21 +90,30 @@ def screened(
     products = GramMatrix(forward, recorded, columns)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
-    shown = tuple(_shown(forward, products, own, null, *one) for one in found)
+    linear_fits = tuple(_linear_fit(forward, products, own, null, *one) for one in found)
     best: dict[str, LinearFit] = {}
-    for one in sorted(shown, key=lambda s: -s.gain):
+    for one in sorted(linear_fits, key=lambda s: -s.gain):
         best.setdefault(one.effect.spec.name, one)
     pairs = []
     for a, b in combinations(best.values(), 2):
         both = (*a.columns, *b.columns)
         fit = products.fit([*own, *both])
         if not violates_sign_constraint(products, both, fit.amounts[-len(both) :]):
-            pairs.append((fit.log_evidence - null.log_evidence + a.beside + b.beside, a, b))
+            pairs.append(
+                (
+                    fit.log_evidence
+                    - null.log_evidence
+                    + a.auxiliary_log_likelihood
+                    + b.auxiliary_log_likelihood,
+                    a,
+                    b,
+                )
+            )
     return LinearRound(
         products=products,
         nuisances=own,
         null=null,
-        shown=shown,
+        linear_fits=linear_fits,
         best=tuple(best.values()),
         pairs=tuple(sorted(pairs, key=lambda pair: -pair[0])),
         without=without,
@@ -118,7 +127,7 @@ def _signatures(forward: ForwardModel, effect: Effect) -> Sequence[Signature] | 
         return failure
 
 
-def _shown(
+def _linear_fit(
     forward: ForwardModel,
     products: GramMatrix,
     own: tuple[int, ...],
@@ -127,23 +136,26 @@ def _shown(
     signature: Signature,
     columns: tuple[int, ...],
 ) -> LinearFit:
+    """One signature fitted beside the nuisances; it gains nothing with an amount of the wrong sign."""
     fit = products.fit([*own, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence
-    beside = 0.0
+    auxiliary_log_likelihood = 0.0
     if isinstance(effect, AuxiliaryLikelihood):
-        said = effect.beside(forward, effect.start(forward, signature, amounts), signature.variant)
-        beside = min(said, max(moved, 0.0))
+        said = effect.auxiliary_log_likelihood(
+            forward, effect.start(forward, signature, amounts), signature.variant
+        )
+        auxiliary_log_likelihood = min(said, max(moved, 0.0))
     direct = effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
-    gain = moved + beside + direct
+    gain = moved + auxiliary_log_likelihood + direct
     return LinearFit(
         effect=effect,
         signature=signature,
         columns=columns,
         amounts=amounts,
         gain=min(gain, 0.0) if wrong else gain,
-        beside=beside + direct,
+        auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
     )

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import AirNoise
+from fem.indentation.trace_noise import NoContactNoise
 
 #: frames in the air from which their own noise is taken
 FEWEST = 20
@@ -30,7 +30,7 @@ def first_touch(trace: IndenterTrace) -> int:
     return touch
 
 
-def air_noise(trace: IndenterTrace, touch: int) -> AirNoise:
+def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
     """White and coloured noise of the frames before `touch`, less a straight line through them.
 
     With fewer than twenty of them, white noise from the third differences of the whole trace, in which a
@@ -41,15 +41,15 @@ def air_noise(trace: IndenterTrace, touch: int) -> AirNoise:
     calm = max(touch - 1, 0)
     if calm < FEWEST:
         white = max(_rough_N(trace.force_N), least)
-        return AirNoise(white_N=white, coloured_N=0.0, fade=0.0, frames=len(trace.force_N) // 4)
+        return NoContactNoise(white_N=white, coloured_N=0.0, fade=0.0, frames=len(trace.force_N) // 4)
     time, force = trace.time_s[:calm], trace.force_N[:calm]
     left = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
     c0, c1, c2 = (float(left[: calm - k] @ left[k:]) / (calm - 2) for k in range(3))
     if c0 <= least**2 or c1 < 2 / np.sqrt(calm) * c0:
-        return AirNoise(white_N=max(np.sqrt(c0), least), coloured_N=0.0, fade=0.0, frames=calm - 2)
+        return NoContactNoise(white_N=max(np.sqrt(c0), least), coloured_N=0.0, fade=0.0, frames=calm - 2)
     fade = float(np.clip(c2 / c1, c1 / c0, 0.95))
     coloured = min(c1 / fade, 0.95 * c0)
-    return AirNoise(
+    return NoContactNoise(
         white_N=max(np.sqrt(c0 - coloured), least), coloured_N=np.sqrt(coloured), fade=fade, frames=calm - 2
     )
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.mismatch.model.quadratic_surrogate import NEAR, anchored
+from fem.mismatch.model.quadratic_surrogate import NEAR, quadratic_surrogate
 
 
 class Search:
@@ -12,10 +12,10 @@ class Search:
     def __init__(self) -> None:
         self.found: dict[object, tuple] = {}
 
-    def found_before(self, key):
+    def warm_start(self, key):
         return self.found.get(key, ())
 
-    def keep_found(self, key, found):
+    def store_warm_start(self, key, found):
         self.found[key] = found
 
 
@@ -32,7 +32,9 @@ def curved(calls: list[np.ndarray], bend: float = 0.7):
 
 def asked(search, theta, calls, **options) -> float:
     first_order, exact = curved(calls, **options)
-    return float(anchored(search, "pit", np.array(theta), first_order=first_order, exact=exact)[0][0][0])
+    return float(
+        quadratic_surrogate(search, "pit", np.array(theta), first_order=first_order, exact=exact)[0][0][0]
+    )
 
 
 def test_along_the_anchor_a_square_law_is_exact_without_another_solve():

@@ -15,7 +15,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mismatch import displacement_correction
-from fem.mismatch.displacement_correction import KnownEffect, departures
+from fem.mismatch.displacement_correction import KnownEffect, displacement_corrections
 from fem.mismatch.effects import skin, viscoelastic
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.signature_variant import ONE_WAY
@@ -101,9 +101,9 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
     history = creeping_grasp()
     model = grasp_model(history, solid_of(coarse_ball(), history))
     known = KnownEffect(effect=viscoelastic.EFFECT, parameters=lambda E: {"g": G, "tau_s": TAU_S})
-    (beyond,) = departures(case_of(history), [known])
+    (beyond,) = displacement_corrections(case_of(history), [known])
     without = estimate_modulus(history, model, budget=BUDGET).E_MPa
-    informed = estimate_modulus(history, replace(model, departure=beyond), budget=BUDGET).E_MPa
+    informed = estimate_modulus(history, replace(model, displacement_correction=beyond), budget=BUDGET).E_MPa
     assert without < 0.93 * E_MPA
     assert informed == pytest.approx(E_MPA, rel=0.02)
     assert not beyond[:AIR].any()
@@ -120,7 +120,7 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
         for pad, own in zip(history.pads, np.split(stiff, ends, axis=1), strict=True)
     )
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": Et_N_per_mm / E})
-    (beyond,) = departures(as_case(replace(history, pads=pads)), [known])
+    (beyond,) = displacement_corrections(as_case(replace(history, pads=pads)), [known])
     wanted = stiff - recording.tracks.unit_displacement
     assert np.abs(beyond - wanted).max() < 0.01 * np.abs(wanted).max()
 
@@ -129,12 +129,12 @@ def test_known_effects_whose_modulus_does_not_settle_say_so(monkeypatch):
     monkeypatch.setattr(displacement_correction, "STILL", -1.0)
     known = KnownEffect(effect=viscoelastic.EFFECT, parameters=lambda E: {"g": G, "tau_s": TAU_S})
     with pytest.raises(FemFailure, match="E with viscoelastic still changes") as failure:
-        departures(case_of(creeping_grasp()), [known])
+        displacement_corrections(case_of(creeping_grasp()), [known])
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 def test_known_effects_of_a_fruit_that_does_not_move_have_no_modulus():
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": 1.5 / E})
     with pytest.raises(FemFailure, match="do not move the fruit") as failure:
-        departures(as_case(long_pinch()), [known])
+        displacement_corrections(as_case(long_pinch()), [known])
     assert failure.value.problem is FemProblem.NO_MODULUS
