@@ -1,8 +1,9 @@
 """Whose results a folder holds: those of one batch are not replaced by another's.
 
 A folder of results belongs to the batch that its batch.json names. The same batch is known by its folder;
-where that was moved, copied or renamed, by its fruit: all of them are there, and a photo or a recording is
-one of before. Ids alone do not tell: many people number their fruit from 1 every day.
+where that was moved, copied or renamed, by its fruit: a photo or a recording is one of before, and all fruit
+are there, unless the results moved along inside it. Ids alone do not tell: many people number their fruit
+from 1 every day.
 """
 
 from collections.abc import Iterable, Mapping
@@ -55,7 +56,8 @@ def batch_folder(batch: Batch) -> str:
 def require_same_batch(results: Results, batch: BatchIdentity, option: str) -> None:
     """Raises BatchRefused where `results` holds those of another batch."""
     former = former_batch(results)
-    if former is None or not (why := _why_another(former, batch)):
+    inside = bool(batch.folder) and results.root.resolve().is_relative_to(batch.folder)
+    if former is None or not (why := _why_another(former, batch, inside=inside)):
         return
     where = f" in {printable(former.folder)}" if former.folder else ""
     sentence = (
@@ -75,16 +77,22 @@ def former_batch(results: Results) -> BatchIdentity | None:
     return _identity(folder if isinstance(folder, str) else "", settings, inputs, outcomes)
 
 
-def _why_another(former: BatchIdentity, batch: BatchIdentity) -> str:
-    """Why the two are not the same batch; empty where they are."""
+def _why_another(former: BatchIdentity, batch: BatchIdentity, *, inside: bool) -> str:
+    """Why the two are not the same batch; empty where they are.
+
+    `inside`: whether the results lie in the batch's own folder. They were moved or copied with it then, and
+    it may have lost fruit since; those of an earlier version, which name no folder, are taken for its own.
+    """
     measured = bool(former.measured & batch.measured) or not former.measured
-    if former.folder == batch.folder:
+    if former.folder == batch.folder or (inside and not former.folder):
         if measured or (former.label == batch.label and former.fruit & batch.fruit):
             return ""
         return "the same folder now holds other fruit, with other photos and recordings"
-    if gone := former.fruit - batch.fruit:
-        return f"this one is in another folder, and lacks {_listed(gone)}"
-    return "" if measured else "this one is in another folder, with other photos and recordings"
+    apart = "this one is in another folder, and" if former.folder else "this one"
+    gone = former.fruit - batch.fruit
+    if gone and not (inside and measured):
+        return f"{apart} lacks {_listed(gone)}"
+    return "" if measured else f"{apart} has other photos and recordings"
 
 
 def _identity(

@@ -22,7 +22,7 @@ from pipeline.batch.provenance import input_hashes, write_provenance
 from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.run_summary import cause, decimals
 from pipeline.batch.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
-from pipeline.batch.same_recording import copies_doubted
+from pipeline.batch.same_recording import copies_doubted, with_copies
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.results_lock import alone, is_held
@@ -193,10 +193,13 @@ def _status(told: Sequence[FruitRecord], finding: ReferenceFinding | None) -> in
 def _keep_what_is_told(
     measured: Sequence[FruitRecord], told: Sequence[FruitRecord], results: Results
 ) -> None:
-    """Every record.json says what the reference bodies make of its fruit, beside what was measured."""
+    """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
+    fruit have too, beside what was measured.
+    """
     for record, one in zip(measured, told, strict=True):
-        if record.reference != one.reference:
-            write_record(results.fruit(record.fruit_id).record, as_measured(record, one))
+        kept = with_copies(as_measured(record, one), one.copied)
+        if kept != record:
+            write_record(results.fruit(record.fruit_id).record, kept)
 
 
 def _begun(results: Results, fruits: Sequence[FruitResults]) -> None:

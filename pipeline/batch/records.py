@@ -177,6 +177,9 @@ class FruitRecord(_Record):
     not by what is `forced`."""
     forced: tuple[str, ...] = ()
     """Of the doubts, those on numbers that no fruit has, in spite of which `--force` graded it."""
+    copied: tuple[str, ...] = ()
+    """Of the doubts, those on recordings that other fruit of the batch have too; set once the whole batch is
+    graded, `modulus` stays as measured."""
     strangers: dict[str, bool] = {}
     """Other fruit that recordings of this one name, and whether the batch had them then: what is used, and
     what is doubted, depends on it."""

@@ -33,7 +33,8 @@ def in_two_fruit(source: str, others: Iterable[str]) -> str:
 
 def copies_doubted(records: Sequence[FruitRecord], folder: BatchFolder) -> list[FruitRecord]:
     """The records, E in doubt where another fruit's has the same displacements and forces in a recording that
-    is used; nobody can say whose it is, and moduli of one lot differ by E_OF_ANOTHER_FRUIT.
+    is used; nobody can say whose it is, and moduli of one lot differ by E_OF_ANOTHER_FRUIT. What an earlier
+    run said of copies is replaced.
     """
     holders: Mapping[str, list[tuple[str, str]]] = defaultdict(list)
     for record in records:
@@ -52,11 +53,22 @@ def _doubted(
         others = [one for one in holders.get(grasp.digest, ()) if one[0] != record.fruit_id]
         if others:
             said.append(in_two_fruit(grasp.grasp, (_file(folder, *one) for one in others)))
+    told = with_copies(record, said)
     if not said or record.modulus is None:
-        return record
+        return told
     modulus = _widened(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used))
-    doubts, warnings = (*said, *record.doubts), (*said, *record.warnings)
-    return record.model_copy(update={"modulus": modulus, "doubts": doubts, "warnings": warnings})
+    return told.model_copy(update={"modulus": modulus})
+
+
+def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:
+    """The record with these doubts on copies for those that an earlier run had; its modulus is left."""
+    if tuple(said) == record.copied:
+        return record
+    doubts, warnings = (
+        (*said, *(one for one in before if one not in record.copied))
+        for before in (record.doubts, record.warnings)
+    )
+    return record.model_copy(update={"copied": tuple(said), "doubts": doubts, "warnings": warnings})
 
 
 def _file(folder: BatchFolder, fruit_id: str, grasp: str) -> str:

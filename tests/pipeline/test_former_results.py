@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from pipeline.batch import grading as grading
+from pipeline.batch.layout import write_whole
 from pipeline.batch.problem import BatchRefused
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.diagnosis.explaining import ExplainOutputs, explain
@@ -71,7 +72,7 @@ def test_results_of_another_batch_are_not_replaced(grade, tmp_path, ids):
         f"{out}: holds the results of another batch in {tmp_path / 'monday'} "
         "(fruit 01, 02, 03 and 2 more): this one is in another folder, "
     )
-    why = "with other photos and recordings" if ids == IDS else "and lacks fruit 01, 02, 03 and 2 more"
+    why = "and has other photos and recordings" if ids == IDS else "and lacks fruit 01, 02, 03 and 2 more"
     assert f"{why}. They are not replaced; choose another folder with --out, or move this one away" in said
     assert contents(out) == before
 
@@ -109,6 +110,46 @@ def test_a_batch_in_its_own_folder_may_gain_lose_and_replace_fruit(grade, tmp_pa
     shutil.copytree(tmp_path / "again", monday, dirs_exist_ok=True)
     assert grade(monday, None) == 0
     assert ranked(monday / "results") == set(IDS)
+
+
+def test_a_batch_whose_results_moved_inside_it_may_lose_fruit(grade, tmp_path):
+    monday = make_batch(tmp_path / "monday", "Monday")
+    grade(monday, None)
+    moved = tmp_path / "copy"
+    shutil.copytree(monday, moved)
+    (moved / "fruits.csv").write_text("fruit_id\n02\n03\n")
+    assert grade(moved, None) == 0
+    assert ranked(moved / "results") == {"02", "03"}
+    assert ranked(monday / "results") == set(IDS)
+
+
+def of_an_earlier_version(out):
+    """Results whose batch.json does not say of which folder they are."""
+    said = json.loads((out / "batch.json").read_text())
+    del said["batch"]
+    write_whole(out / "batch.json", json.dumps(said))
+
+
+def test_results_of_an_earlier_version_inside_a_batch_are_its_own(grade, tmp_path):
+    monday = make_batch(tmp_path / "monday", "Monday")
+    grade(monday, None)
+    of_an_earlier_version(monday / "results")
+    (monday / "fruits.csv").write_text("fruit_id\n02\n03\n")
+    for name in ("02", "03"):
+        (monday / "fruits" / name / "grasps" / "grasp-1.h5").write_text("recorded anew")
+        (monday / "fruits" / name / "photos" / "0.jpg").write_text("photographed anew")
+    assert grade(monday, None) == 0
+
+
+def test_results_of_an_earlier_version_elsewhere_are_known_by_their_fruit(grade, tmp_path):
+    out = tmp_path / "out"
+    monday = make_batch(tmp_path / "monday", "Monday")
+    grade(monday, out)
+    of_an_earlier_version(out)
+    with pytest.raises(BatchRefused) as refused:
+        grade(make_batch(tmp_path / "tuesday", "Tuesday"), out)
+    assert "another batch (fruit 01, 02, 03 and 2 more): this one has other photos" in str(refused.value)
+    assert grade(monday, out) == 0
 
 
 def test_a_folder_used_again_for_another_lot_does_not_replace_the_first_lots_results(grade, tmp_path):

@@ -1,7 +1,9 @@
 """What a run says and keeps of fruit whose numbers cannot be, or whose modulus does not count."""
 
 import csv
+import html
 import json
+import math
 
 import pytest
 from rich.console import Console
@@ -10,7 +12,7 @@ from pipeline.batch import grading as grading
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.problem import BatchRefused
-from pipeline.batch.records import FruitRecord, Given, ModulusRecord, read_record, write_record
+from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, read_record, write_record
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
@@ -112,6 +114,36 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
     assert held(batch, "A")[1].warnings == ("a pit", "w")
     assert json.loads(provenance.read_text())["force"] is False
     assert "--force" not in (batch / "results" / "report.html").read_text()
+
+
+def test_a_recording_of_two_fruit_is_doubted_in_table_page_and_record_while_both_have_it(batch, run):
+    run()
+
+    def recorded(**digests):
+        for name, digest in digests.items():
+            found = held(batch, name)[1]
+            grasps = (GraspRecord(grasp="grasp-1", digest=digest),)
+            path = batch / "results" / "fruits" / name / "record.json"
+            write_record(path, found.model_copy(update={"grasps": grasps}))
+
+    recorded(A="same", B="same")
+    status, worked, rows = run()
+    assert (status, worked) == (4, "")
+    said = "grasp-1: holds the same displacements and forces as fruits/{}/grasps/grasp-1: at least one"
+    page = html.unescape((batch / "results" / "report.html").read_text())
+    for name, other in ("AB", "BA"):
+        kept = held(batch, name)[1]
+        assert kept.doubts[0].startswith(said.format(other))
+        assert kept.warnings[0] == kept.doubts[0]
+        assert kept.modulus.E_sd_MPa == 0.02  # as measured
+        assert rows[name]["doubts"].startswith(kept.doubts[0])
+        assert float(rows[name]["E_sd_MPa"]) == pytest.approx(math.hypot(0.02, 0.35 * 0.5), rel=1e-3)
+        assert kept.doubts[0] in page
+    assert run()[2] == rows  # said once, however often it is run
+    recorded(B="its own")
+    _, _, rows = run()
+    assert (held(batch, "A")[1].doubts, held(batch, "B")[1].doubts) == ((), ("a pit",))
+    assert (rows["A"]["doubts"], float(rows["A"]["E_sd_MPa"])) == ("", 0.02)
 
 
 CLASSES = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.9\n[[grading.classes]]\nname = "firm"\n'
