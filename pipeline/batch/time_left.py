@@ -25,10 +25,15 @@ class TimeLeft:
         self._ended = 0
 
     def stage(self, fruit_id: str, stage: str) -> None:
-        """A fruit begins a stage; the one before it is finished."""
+        """A fruit begins a stage, and the one before it is finished; or says how far it is in its stage
+        ("contact: grasp-1, frame 20 of 80"), which is nothing new.
+        """
+        stage = stage.partition(":")[0]
         if fruit_id not in self._running:
             self._waiting -= 1
         begun = self._running.setdefault(fruit_id, {})
+        if stage in begun:
+            return
         self._close(begun, self._finished)
         begun[stage] = self._clock()
 

@@ -142,7 +142,7 @@ def _placed(
             try:
                 if path.is_dir():
                     field = "fruit_id in grasp.toml"
-                    kept = kept_recording(path, task.results.cache, log.report)
+                    kept = kept_recording(path, task.results.cache, log.progress)
                     log.warnings += kept.notes
                     path = kept.path
                 grasp = place_grasp(

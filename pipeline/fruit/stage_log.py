@@ -24,19 +24,27 @@ class FruitFacts:
 
 @dataclass
 class StageLog:
-    """Facts, warnings and times so far; `report` is told when a stage begins."""
+    """Facts, warnings and times so far; `report` is told when a stage, the `current` one, begins, and how far
+    it is: its name, a colon, and a line.
+    """
 
     report: Callable[[str], None]
     facts: FruitFacts = field(default_factory=FruitFacts)
     warnings: list[str] = field(default_factory=list)
     seconds: dict[str, float] = field(default_factory=dict)
+    current: str = ""
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Says that a stage begins, and keeps how long it took."""
         self.report(name)
+        self.current = name
         started = time.perf_counter()
         try:
             yield
         finally:
             self.seconds[name] = round(time.perf_counter() - started, 2)
+
+    def progress(self, line: str) -> None:
+        """Says how far the present stage is."""
+        self.report(f"{self.current}: {line}")

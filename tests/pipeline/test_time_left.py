@@ -9,6 +9,7 @@ from rich.console import Console
 
 from pipeline.batch.progress import BatchProgress
 from pipeline.batch.time_left import TimeLeft
+from pipeline.fruit.stage_log import StageLog
 
 STAGES = {"mesh": 22.0, "flesh": 4.0, "modulus": 10.0, "picture": 1.0}
 WHOLE_S = sum(STAGES.values())
@@ -83,6 +84,29 @@ def test_a_fruit_refused_at_once_does_not_make_the_others_look_short():
     at = dict(found)
     assert at[1.0 + WHOLE_S] == pytest.approx(8 * WHOLE_S)  # the first whole fruit has ended
     assert at[2.0 + WHOLE_S] == pytest.approx(7 * WHOLE_S)  # and then a refused one
+
+
+def test_how_far_a_stage_is_makes_no_stage_of_its_own():
+    """What one fruit says of its frames is no work that the next, with others, has before it."""
+    clock = Clock()
+    left = TimeLeft(total=4, jobs=1, clock=clock)
+    for fruit, frames in enumerate((77, 84, 91)):
+        left.stage(str(fruit), "contact")
+        for done in (0, frames):
+            left.stage(str(fruit), f"contact: grasp-1: left, frame {done} of {frames}")
+            clock.now_s += 10
+        left.stage(str(fruit), "modulus")
+        clock.now_s += 5
+        left.done(str(fruit), whole=True)
+        assert left.seconds() == pytest.approx((3 - fruit) * 25)
+
+
+def test_the_frames_of_a_raw_grasp_are_told_as_progress_of_their_stage():
+    told = []
+    log = StageLog(told.append)
+    with log.stage("contact"):
+        log.progress("grasp-1: left, frame 1 of 4")
+    assert told == ["contact", "contact: grasp-1: left, frame 1 of 4"]
 
 
 def test_nothing_is_said_before_a_fruit_has_ended_and_nothing_is_left_at_the_end():
