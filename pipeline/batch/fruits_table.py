@@ -147,12 +147,15 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
 
 
 def _torn_number(names: list[str], cells: list[str]) -> str:
-    """What to write, where a decimal comma has torn a number into two cells; empty where none can have."""
-    for name, whole, part in zip(names, cells, cells[1:], strict=False):
-        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part):
-            pointed = f"{whole.strip()}.{part.strip()}"
-            return f"if {name} has a decimal comma, write {pointed} for {whole.strip()},{part.strip()}"
-    return ""
+    """What to write, where a decimal comma has torn one of the numbers into two cells; empty where none can
+    have. Cells after it have moved by one, so that each is a number that may be torn.
+    """
+    torn = [
+        f"{whole.strip()}.{part.strip()} for {whole.strip()},{part.strip()}"
+        for name, whole, part in zip(names, cells, cells[1:], strict=False)
+        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part)
+    ]
+    return f"if a number has a decimal comma, write {' or '.join(torn)}" if torn else ""
 
 
 def _decimal_commas(text: str, separator: str) -> str:

@@ -23,7 +23,7 @@ from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.diagnosis.confirmed_effects import ConfirmedEffect
 from recon.cameras.coin import Coin, coin_named
 from recon.pit.priors import LEAST_POISSON_RATIO
-from recon.plain_file import NotReadable, not_plain, printable, read_text, toml_of
+from recon.plain_file import NotReadable, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure
 from tactile.io.decimal_number import meant
 
@@ -236,7 +236,7 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
         text = read_text(path, most_bytes=MOST_BYTES)
         return model.model_validate(toml_of(text))
     except NotReadable as error:
-        fault = _decimal_comma(text, str(error)) or f"{error}{_mend(path, text)}"
+        fault = _decimal_comma(text, str(error)) or f"{error}{_mend(str(error))}"
         raise BatchRefused([Problem(str(path), f"{fault}.")]) from None
     except ValidationError as error:
         said = dict.fromkeys(_sentence(e, model) for e in error.errors())
@@ -257,11 +257,11 @@ def _decimal_comma(text: str, fault: str) -> str:
     return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
 
 
-def _mend(path: Path, text: str) -> str:
-    """What to do about a file whose bytes are no text, or whose `text` is no TOML."""
-    if not_plain(path):
-        return ""
-    return "; correct it there" if text else "; save it again as UTF-8 text"
+def _mend(fault: str) -> str:
+    """What to do about a file whose bytes are no text, or whose text is no TOML."""
+    if "TOML" in fault:
+        return "; correct it there"
+    return "; save it again as UTF-8 text" if "text" in fault else ""
 
 
 def _sentence(error: Any, model: type[BaseModel]) -> str:

@@ -5,7 +5,7 @@ import os
 import pytest
 
 from pipeline.batch.problem import BatchRefused
-from pipeline.batch.settings import read_settings
+from pipeline.batch.settings import MOST_BYTES, read_settings
 
 
 def refusals(tmp_path, text):
@@ -99,6 +99,9 @@ def test_only_a_text_in_another_encoding_is_told_to_be_saved_as_utf_8(tmp_path):
     assert line.endswith("(at line 1, column 17); correct it there.")
     (tmp_path / "batch.toml").write_bytes('category = "plum"\nlot = "Müller"\n'.encode("latin-1"))
     with pytest.raises(BatchRefused, match=r"line 2\); save it again as UTF-8 text"):
+        read_settings(tmp_path / "batch.toml")
+    (tmp_path / "batch.toml").write_text('category = "plum"\n' + "#" * MOST_BYTES)
+    with pytest.raises(BatchRefused, match=r"larger than 1 MB, the most that is read\.$"):
         read_settings(tmp_path / "batch.toml")
 
 

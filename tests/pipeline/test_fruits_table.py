@@ -118,8 +118,10 @@ def test_heights_that_are_no_length_are_refused(tmp_path, height):
         ("fruit_id;notes\nA;late, 3,4 days\n", "semicolons; save it with commas."),
         (
             "fruit_id,height_mm,mass_g\nA,57,8,120\n",
-            "line 2 has more cells than the header; if height_mm has a decimal comma, write 57.8 for 57,8.",
+            "line 2 has more cells than the header; if a number has a decimal comma, write 57.8 for 57,8 or "
+            "8.120 for 8,120.",
         ),
+        ("fruit_id,height_mm,mass_g\nA,,120,5\n", "if a number has a decimal comma, write 120.5 for 120,5."),
         ("fruit_id,notes\nA,late,hard\n", "put a text that holds commas in quotation marks."),
     ],
 )
