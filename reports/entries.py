@@ -106,6 +106,8 @@ class FruitEntry:
     """Beyond the doubts."""
     doubts: tuple[str, ...] = ()
     """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
+    forced: tuple[str, ...] = ()
+    """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
     photo_jpeg: bytes | None = None
     mesh_png: bytes | None = None
     has_pit: bool = False

@@ -40,7 +40,7 @@ Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
-_DECIMAL_COMMA = re.compile(r"=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
+_DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
 """A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
 
 

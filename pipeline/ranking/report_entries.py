@@ -130,6 +130,7 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         shore_oo=record.given.shore_oo,
         warnings=tuple(one for one in record.warnings if one not in record.doubts),
         doubts=record.doubts,
+        forced=record.forced,
         photo_jpeg=files.photo.read_bytes() if mesh and files.photo.is_file() else None,
         mesh_png=files.picture.read_bytes() if mesh and files.picture.is_file() else None,
         has_pit=record.pit is not None,

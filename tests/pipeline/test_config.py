@@ -95,8 +95,9 @@ def test_a_decimal_comma_is_called_one(tmp_path, text, says):
 
 
 def test_only_a_text_in_another_encoding_is_told_to_be_saved_as_utf_8(tmp_path):
-    (line,) = refusals(tmp_path, 'category = "plum\nlot = "0,45"\n')
-    assert line.endswith("(at line 1, column 17); correct it there.")
+    for text, column in (('category = "plum\nlot = "0,45"\n', 17), ('lot = "E=0,45\n', 14)):
+        (line,) = refusals(tmp_path, text)
+        assert line.endswith(f"(at line 1, column {column}); correct it there.")
     (tmp_path / "batch.toml").write_bytes('category = "plum"\nlot = "Müller"\n'.encode("latin-1"))
     with pytest.raises(BatchRefused, match=r"line 2\); save it again as UTF-8 text"):
         read_settings(tmp_path / "batch.toml")

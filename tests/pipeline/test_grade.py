@@ -105,6 +105,8 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
             assert one.endswith("Graded all the same (--force).")
             assert said in rows[name]["doubts"]
     assert "mass_g of all 2 fruit is 0.09" in page
+    assert "(--force). Its error bar is wider" not in page
+    assert page.count("a pit Its error bar is wider") == 1
     provenance = batch / "results" / "batch.json"
     assert json.loads(provenance.read_text())["force"] is True
     assert run(ALL_IN_KG, IN_KPA, force=True)[2] == rows  # said once, however often it is run
