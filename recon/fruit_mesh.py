@@ -134,7 +134,7 @@ def reconstruct(
 def _reconstructed(
     photos: Sequence[Photo],
     poses: Poses,
-    pairs: Sequence[tuple[UInt8[np.ndarray, "h w 3"], Camera]],
+    pairs: Sequence[tuple[UInt8[np.ndarray, "_ _ 3"], Camera]],
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions,

@@ -73,7 +73,7 @@ class Scale:
 
 def scale_without_mat(
     vertices: Float[np.ndarray, "n 3"],
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     *,
     height_mm: float,

@@ -16,7 +16,7 @@ class CubedSphere:
     """
 
     directions: Float[np.ndarray, "n 3"]
-    faces: tuple[Int[np.ndarray, "a b"], ...]
+    faces: tuple[Int[np.ndarray, "_ _"], ...]
 
     def triangles(self) -> Int[np.ndarray, "m 3"]:
         """Two triangles per grid cell, outward."""

@@ -89,7 +89,7 @@ def window_sensor(mi: Any, view: Viewpoint, window: tuple[int, int, int, int]) -
     return part
 
 
-def layers_of(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "h w 3"]]:
+def layers_of(layers: Float[np.ndarray, "h w c"]) -> list[Float[np.ndarray, "_ _ 3"]]:
     """A rendered picture's channels in contiguous groups of three: colour, albedo, normal."""
     return [np.ascontiguousarray(layers[..., c : c + 3]) for c in range(0, layers.shape[2], 3)]
 

@@ -114,8 +114,8 @@ def _of_force_noise(
     pads, frames, markers = alone.influence.shape[:3]
     felt = alone.influence.reshape(pads * frames, -1) @ model.compliance
     felt = felt.reshape(pads, frames, markers, 3)
-    alike = variance_inflation(tracks.lag1) * moved_sd**2
-    return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, alike, optimize=True))
+    variance_N2 = variance_inflation(tracks.lag1) * moved_sd**2
+    return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, variance_N2, optimize=True))
 
 
 def _above_noise(force_N: Float[np.ndarray, "t n 3"], sd_N: float) -> Float[np.ndarray, "t n 3"]:

@@ -71,11 +71,11 @@ def detect(
         freedom = len(gap) - fit.jacobian.shape[1]
         far = 3 * float(chi2.sf(found[0] / (1 + 3 * np.sqrt(2 / no_contact.frames)), freedom))
         whole = min(whole, max(far, 1e-300))
-    odds = float(np.exp(-max(log_odds, 0.0)))
+    inverse_odds = float(np.exp(-max(log_odds, 0.0)))
     names = ("chi-square", "stretch", "lag-1", "evidence")
     return Detection(
-        p_value=min(1.0, 2 * min(whole, max(odds, 1e-300))),
-        statistics=dict(zip(names, [*each.tolist(), odds], strict=True)),
+        p_value=min(1.0, 2 * min(whole, max(inverse_odds, 1e-300))),
+        statistics=dict(zip(names, [*each.tolist(), inverse_odds], strict=True)),
         whitened=gap,
     )
 

@@ -28,7 +28,7 @@ ITERATIONS = 40
 """Steps of Newton's method under one load at most; hopeless ones are given up before. Set by hand."""
 SMALLEST_SHARE = 1 / 64
 """The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
-ALIKE = 0.9
+SIMILAR = 0.9
 """Cosine between two loads from which on one's departure from the linear answer foretells the other's."""
 
 
@@ -103,7 +103,7 @@ class FiniteStrainSolid:
         linear = self.solid.displacement(nodal_force_over_E)
         found: list[_Loaded] = []
         for k, load in enumerate(nodal_force_over_E):
-            last = found[-1] if found and _alike(nodal_force_over_E[k - 1], load) else None
+            last = found[-1] if found and _similar(nodal_force_over_E[k - 1], load) else None
             if start is not None:
                 first = start[k]
             else:
@@ -192,10 +192,10 @@ def finite_displacement(
     return FiniteStrainSolid(solid=solid, law=law).displacement(nodal_force_over_E, start=start)
 
 
-def _alike(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:
+def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:
     """Whether two loads act alike, though not equally strong."""
     sizes = float(np.linalg.norm(before)) * float(np.linalg.norm(now))
-    return float((before * now).sum()) > ALIKE * sizes
+    return float((before * now).sum()) > SIMILAR * sizes
 
 
 def _predicted(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:

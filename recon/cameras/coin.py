@@ -85,7 +85,7 @@ def coin_named(name: str) -> Coin:
 
 
 def coin_scale(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     coin: Coin,
     *,

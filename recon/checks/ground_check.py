@@ -81,7 +81,7 @@ class RimEvidence:
 
 
 def rim_evidence(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -123,9 +123,9 @@ def _evidence(
         step = _steps(profiles, mine)
         mean, sd = _edge_of(log_odds, step, offsets, reach)
         out["offset"][mine], out["sd"][mine] = mean, sd
-        beside = (offsets >= 2) & (offsets <= 6)
+        adjacent = (offsets >= 2) & (offsets <= 6)
         within = (offsets <= -2) & (offsets >= -6)
-        out["dim"][mine] = ((dim > lit) & (log_odds < 0) & ok)[:, beside].mean(1)
+        out["dim"][mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
         out["through"][mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
     joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
@@ -153,7 +153,7 @@ def _turn(pixel: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
 
 
 def _densities(
-    profiles: Profiles, mine: Bool[np.ndarray, " k"], offsets: Float[np.ndarray, " o"]
+    profiles: Profiles, mine: Bool[np.ndarray, " p"], offsets: Float[np.ndarray, " o"]
 ) -> tuple[
     Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"]
 ]:
@@ -202,7 +202,7 @@ def _densities(
     return lit, dim, skin(colours), np.clip(separable / MOST_EVIDENCE, 0, 1)
 
 
-def _steps(profiles: Profiles, mine: Bool[np.ndarray, " k"]) -> Float[np.ndarray, "k o"]:
+def _steps(profiles: Profiles, mine: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "k o"]:
     """Evidence of an edge at each offset: how far what the ground leaves unexplained jumps there.
 
     A high step is blurred over several pixels; only where it is steepest does it count in full.
@@ -235,7 +235,7 @@ def _edge_of(
     return mean, sd
 
 
-def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, " *n"]:
+def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*#n 3"]) -> Float[np.ndarray, " *n"]:
     """Student's t density in three dimensions, DEGREES_OF_FREEDOM = 5: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
     at its top for unit scales. recon.silhouettes.mask has one and two dimensions, in single precision for
     whole windows.

@@ -129,7 +129,7 @@ def _held(
 
 
 def rim_doubts(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     vertices: Float[np.ndarray, "n 3"],
 ) -> tuple[str, ...]:

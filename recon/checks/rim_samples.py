@@ -49,7 +49,7 @@ class Rim:
 
 
 def rims_of(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -118,8 +118,8 @@ def visible_ground(
 
 
 def _gains(
-    pairs: Sequence[tuple[UInt8[np.ndarray, "h w 3"], Camera]],
-    outside: Sequence[Float[np.ndarray, "h w"]],
+    pairs: Sequence[tuple[UInt8[np.ndarray, "_ _ 3"], Camera]],
+    outside: Sequence[Float[np.ndarray, "_ _"]],
     vertices: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "v 3"]:
     """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
@@ -161,19 +161,19 @@ def _visible(
 
 
 def _rim(
-    sight: RimView,
+    view: RimView,
     vertices: Float[np.ndarray, "n 3"],
     normals: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
 ) -> Rim:
     """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
-    camera = sight.camera
+    camera = view.camera
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     i, j = edges[edges[:, 0] < edges[:, 1]].T
     a, b, t = rim_crossings(vertices, normals, i, j, camera.place)
     points = (1 - t)[:, None] * vertices[a] + t[:, None] * vertices[b]
     pixel = camera.project(points)
-    outer = np.abs(interpolated(sight.outside_px, pixel)) < 1.6
+    outer = np.abs(interpolated(view.outside_px, pixel)) < 1.6
     inside = ((pixel > 2) & (pixel < [camera.width_px - 3, camera.height_px - 3])).all(1)
     keep = np.flatnonzero(outer & inside)
     turn = np.arctan2(*(pixel[keep] - pixel[keep].mean(0)).T) if len(keep) else np.zeros(0)

@@ -34,11 +34,11 @@ class FruitModel:
 
     def log_odds(
         self,
-        images: Sequence[UInt8[np.ndarray, "h w 3"]],
+        images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
         corners_px: Sequence[tuple[int, int]],
         sizes_px: Sequence[tuple[int, int]],
         shrinks: Sequence[int],
-    ) -> list[Float[np.ndarray, "h w"]]:
+    ) -> list[Float[np.ndarray, "_ _"]]:
         """Log odds of fruit over windows of BGR photos: first pixel (column, row), shrunk (columns, rows).
 
         The model sees the square round a window, which beyond the photo goes on as its edge. Raises

@@ -118,7 +118,7 @@ class _Hull:
 
 
 def find_fruit(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     *,
     low_mm: Float[np.ndarray, "3"],
@@ -196,7 +196,7 @@ def find_fruit(
 
 def _cut_block(
     scene: SegmentationScene, block: Block
-) -> tuple[list[CutPhoto], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+) -> tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Views, odds and masks, with the block and everything under it as what may be fruit."""
     column = block.with_column(reach=2)
     covered = []
@@ -214,7 +214,7 @@ def _cut_block(
 
 def _cut_hull(
     scene: SegmentationScene, mesh: _Hull, cover: Cover, centre_mm: Float[np.ndarray, "3"], side_px: int
-) -> tuple[list[CutPhoto], list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+) -> tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """The same with a hull, grown, and a foot under it."""
     size = float(np.ptp(mesh.vertices, axis=0).max())
     turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -256,7 +256,7 @@ def _of_mask(mask: Bool[np.ndarray, "h w"], view: CutPhoto) -> Silhouette:
 
 
 def _refined(
-    views: list[CutPhoto], log_odds: list[Float[np.ndarray, "h w"]], mesh: _Hull, step: Round
+    views: list[CutPhoto], log_odds: list[Float[np.ndarray, "_ _"]], mesh: _Hull, step: Round
 ) -> tuple[list[Silhouette], float]:
     """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
     drawings = [outline_of(drawn(mesh.vertices, mesh.faces, v.window, v.camera)) for v in views]

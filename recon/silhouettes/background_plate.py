@@ -56,7 +56,7 @@ class GroundViews:
 
 
 def ground_views(
-    images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[Camera], *, half_width_mm: float
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], *, half_width_mm: float
 ) -> GroundViews:
     """At most MOST_VIEWS photos, evenly chosen, brought to the plane. Cameras have no distortion."""
     chosen = np.unique(np.linspace(0, len(images) - 1, min(MOST_VIEWS, len(images))).round().astype(int))
@@ -82,7 +82,7 @@ def ground_views(
 
 
 def background_plate(
-    views: GroundViews, covered: Sequence[Bool[np.ndarray, "h w"]] | None = None
+    views: GroundViews, covered: Sequence[Bool[np.ndarray, "_ _"]] | None = None
 ) -> BackgroundPlate:
     """Median (and spread) over the views of every cell's colour, each view brought to the others' exposure.
 

@@ -39,7 +39,7 @@ class Block:
 
 
 def carve(
-    masks: Sequence[Bool[np.ndarray, "h w"]],
+    masks: Sequence[Bool[np.ndarray, "_ _"]],
     windows: Sequence[Window],
     cameras: Sequence[Camera],
     *,

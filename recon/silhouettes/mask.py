@@ -43,9 +43,12 @@ SPREAD_OF_QUANTILES = 2.07
 
 @dataclass(frozen=True)
 class Window:
-    """The part of a photo around the fruit: whole-resolution pixels from `corner_px` (column, row) on."""
+    """The part of a photo around the fruit: whole-resolution pixels from `corner_px` (column, row) on.
 
-    image: UInt8[np.ndarray, "h w 3"]
+    `image` has no channel where only its size counts.
+    """
+
+    image: UInt8[np.ndarray, "h w _"]
     corner_px: tuple[int, int]
     shrink: int
 

@@ -66,8 +66,8 @@ def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
 
 def snapped(
     outlines: Sequence[Outline],
-    log_odds: Sequence[Float[np.ndarray, "h w"]],
-    colours: Sequence[Float[np.ndarray, "h w 3"]],
+    log_odds: Sequence[Float[np.ndarray, "_ _"]],
+    colours: Sequence[Float[np.ndarray, "_ _ 3"]],
     *,
     reach_px: float,
     most_log_odds: float,

@@ -72,7 +72,7 @@ class SegmentationScene:
     that is asked, if any.
     """
 
-    images: Sequence[UInt8[np.ndarray, "h w 3"]]
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]]
     cameras: Sequence[Camera]
     low_mm: Float[np.ndarray, "3"]
     high_mm: Float[np.ndarray, "3"]
@@ -85,7 +85,7 @@ class SegmentationScene:
         half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
         return ground_views(self.images, self.cameras, half_width_mm=half_width)
 
-    def background(self, covered: Sequence[Bool[np.ndarray, "h w"]] | None) -> BackgroundPlate:
+    def background(self, covered: Sequence[Bool[np.ndarray, "_ _"]] | None) -> BackgroundPlate:
         """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
         return background_plate(self.ground, covered)
 
@@ -102,7 +102,7 @@ class SegmentationScene:
             views.append(CutPhoto(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
         return views
 
-    def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "h w"]]:
+    def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
         """What the fruit model adds to the log odds in each window."""
         sizes = [w.small_size_px for w in windows.values()]
         if self.model is None or not windows:
@@ -142,17 +142,17 @@ def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Bl
     try:
         return _carved(masks, views, scene, agreement)
     except ReconFailure:
-        alike = _alike(views, log_odds, known, scene.low_mm, scene.high_mm)
-        return _carved([m | a for m, a in zip(masks, alike, strict=True)], views, scene, agreement)
+        similar = _similar_to_fruit(views, log_odds, known, scene.low_mm, scene.high_mm)
+        return _carved([m | a for m, a in zip(masks, similar, strict=True)], views, scene, agreement)
 
 
-def _alike(
+def _similar_to_fruit(
     views: list[CutPhoto],
-    log_odds: list[Float[np.ndarray, "h w"]],
-    known: list[Bool[np.ndarray, "h w"]],
+    log_odds: list[Float[np.ndarray, "_ _"]],
+    known: list[Bool[np.ndarray, "_ _"]],
     low: Float[np.ndarray, "3"],
     high: Float[np.ndarray, "3"],
-) -> list[Bool[np.ndarray, "h w"]]:
+) -> list[Bool[np.ndarray, "_ _"]]:
     """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
 
     They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
@@ -177,7 +177,7 @@ def _alike(
 
 
 def _carved(
-    masks: list[Bool[np.ndarray, "h w"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
+    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
 ) -> Block:
     """The coarse fruit that the masks agree on, or the failure that there is none."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
@@ -210,7 +210,7 @@ def learned_log_odds(
     bounds: Sequence[Bounds],
     background: BackgroundPlate,
     centre_mm: Float[np.ndarray, "3"],
-) -> tuple[list[Float[np.ndarray, "h w"]], list[Bool[np.ndarray, "h w"]]]:
+) -> tuple[list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
     The fruit's colours are learned on what is surely fruit, half from this view and half from all, the

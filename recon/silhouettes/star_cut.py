@@ -30,10 +30,10 @@ BEYOND_PX, FEWEST_RADII = 6.0, 8
 
 
 def star_cuts(
-    log_odds: Sequence[Float[np.ndarray, "h w"]],
-    colours: Sequence[Float[np.ndarray, "h w 3"]],
+    log_odds: Sequence[Float[np.ndarray, "_ _"]],
+    colours: Sequence[Float[np.ndarray, "_ _ 3"]],
     centres: Sequence[Float[np.ndarray, "2"]],
-) -> list[Bool[np.ndarray, "h w"]]:
+) -> list[Bool[np.ndarray, "_ _"]]:
     """Of each picture the region star-shaped about its centre (column, row) that parts the odds best.
 
     Along each of RAYS rays the contour lies at one radius r; its gain is the sum of the odds inside r less

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.hull import sampled
@@ -55,7 +55,7 @@ class Patches:
         return Patches(self.points[rows], self.normals[rows], self.curvature[rows])
 
 
-def grey_views(images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[Camera]) -> list[GreyView]:
+def grey_views(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera]) -> list[GreyView]:
     """Photos as the patches are compared in: grey, slightly blurred."""
     return [
         GreyView(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)
@@ -63,7 +63,7 @@ def grey_views(images: Sequence[UInt8[np.ndarray, "h w 3"]], cameras: Sequence[C
     ]
 
 
-def views_facing(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, " n"]:
+def views_facing(patches: Patches, views: Sequence[GreyView]) -> Int[np.ndarray, " n"]:
     """How many views each patch faces well enough to be compared in."""
     cosine = np.stack([facing(patches.points, patches.normals, v.camera.place) for v in views])
     return np.asarray((cosine > FACING).sum(axis=0))

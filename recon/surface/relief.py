@@ -59,7 +59,7 @@ class Relief:
 def relief(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
-    images: Sequence[UInt8[np.ndarray, "h w 3"]],
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
     cameras: Sequence[Camera],
     *,
     support: Float[np.ndarray, " n"],

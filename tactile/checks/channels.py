@@ -28,7 +28,7 @@ once in 1e5 frames."""
 FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
 """So does one that carries less than this share of its neighbours' median where that is half the peak, and
 beyond so many standard deviations of noise; within sound contacts no marker there has less than 0.6."""
-ALIKE = 0.3
+SIMILAR = 0.3
 """Correlation with neighbours below which a field's markers are in chance order, and none is called faint;
 sound fields have 0.93 and more (benchmarks/field_spreads.py)."""
 NOISE = (0.057, 0.27)
@@ -129,8 +129,8 @@ def dead_markers(one: Pressing) -> tuple[Bool[np.ndarray, " n"], str]:
         asked = around[1:] & lively[:, None]
         same = repeats & asked
         frozen = (same.sum(axis=0) >= FROZEN_FRAMES) & (same.sum(axis=0) >= FROZEN_SHARE * asked.sum(axis=0))
-        alike = like_neighbours(one, values)
-        faint = _faint(one, values) if alike is not None and alike > ALIKE else np.zeros_like(dead)
+        similar = like_neighbours(one, values)
+        faint = _faint(one, values) if similar is not None and similar > SIMILAR else np.zeros_like(dead)
         if frozen.any():
             zero = not np.any(values[1:][same & frozen])
             words.append(("zero" if zero else "frozen", name))
@@ -181,10 +181,10 @@ def _whole_frames(one: Pressing) -> list[Finding]:
     of_fields = (one.pad.displacement_mm, one.pad.force_N), (one.felt_sd_mm, one.force_sd_N)
     for name, values, noise in zip(FIELDS, *of_fields, strict=True):
         zero = np.asarray((values == 0).all(axis=(1, 2)))
-        beside = np.zeros_like(zero)
+        adjacent = np.zeros_like(zero)
         pressed = np.asarray(one.pressed.any(axis=1))
-        beside[1:-1] = pressed[:-2] | pressed[2:]
-        lost = np.asarray(zero & beside) if not zero.all() else np.zeros_like(zero)
+        adjacent[1:-1] = pressed[:-2] | pressed[2:]
+        lost = np.asarray(zero & adjacent) if not zero.all() else np.zeros_like(zero)
         if noise > 0 and lost.any():
             found.append(
                 Finding(

@@ -26,7 +26,7 @@ HEAVIEST = 5
 """Frames of the greatest pressing, whose mean the checks look at: it has a little over half of one frame's
 noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
 all five are near it."""
-FRAMES_ALIKE = 1.5
+FRAMES_SIMILAR = 1.5
 """Variance of a mean over the heaviest frames, over that of independent noise: frames that follow each other
 share some (a correlation of 0.3 in samples/sensor_noise.py makes 1.3 for two, 1.6 for five)."""
 LEAST_OVER_NOISE = 3.0
@@ -121,7 +121,7 @@ def _beyond(values: Float[np.ndarray, "t n 3"], sd: float) -> Bool[np.ndarray, "
 
 def mean_sd(sd: float, frames: int) -> float:
     """Standard deviation of a value's mean over some of the heaviest frames."""
-    return sd / float(np.sqrt(frames / FRAMES_ALIKE))
+    return sd / float(np.sqrt(frames / FRAMES_SIMILAR))
 
 
 def heaviest(one: Pressing) -> Int[np.ndarray, " h"]:

@@ -112,10 +112,10 @@ def dropped_steps(time_s: Float[np.ndarray, " t"]) -> int:
     """
     step = np.diff(time_s)
     before, here, after = step[:-2], step[1:-1], step[2:]
-    alike = np.abs(after - before) <= SAME_STEP * before
+    similar = np.abs(after - before) <= SAME_STEP * before
     times = here / ((before + after) / 2)
     whole = np.abs(times - np.rint(times)) <= SAME_STEP * times
-    return int((alike & whole & (np.rint(times) >= 2) & (np.rint(times) <= MOST_LOST + 1)).sum())
+    return int((similar & whole & (np.rint(times) >= 2) & (np.rint(times) <= MOST_LOST + 1)).sum())
 
 
 def _dropped(recording: Recording) -> list[Finding]:

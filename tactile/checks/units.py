@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-ALIKE = 0.12
+SIMILAR = 0.12
 """Natural logarithm within which a factor counts as a unit's: gains of sound recordings spread by 0.05."""
 FORCE = {
     101.97: "grams",
@@ -33,7 +33,7 @@ def unit_like(factor: float, units: Mapping[float, str]) -> str | None:
         return None
     apart = {name: abs(float(np.log(factor / times))) for times, name in units.items()}
     name = min(apart, key=lambda one: apart[one])
-    return name if apart[name] < ALIKE else None
+    return name if apart[name] < SIMILAR else None
 
 
 def times_said(factor: float) -> str:

@@ -19,7 +19,7 @@ from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed
 from tactile.gel.spring_force import SpringForce
-from tactile.gel.stereo import sight, triangulated
+from tactile.gel.stereo import ray_information, triangulated
 from tactile.gel_camera import on_face
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
@@ -120,7 +120,9 @@ class GelReader:
             )
         else:
             self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
-            _, information = sight(self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2])
+            _, information = ray_information(
+                self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2]
+            )
         self.grid: GelGrid = gel_grid(layer, self.rest_mm)
         self.observed: Float[np.ndarray, "d u"] | None = None
         self._border: Float[np.ndarray, "n e"] | None = None

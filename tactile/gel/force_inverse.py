@@ -283,7 +283,7 @@ class InvertedForce:
 def most_likely_hyperparameters(
     grid: GelGrid,
     information_per_mm2: Float[np.ndarray, "n 3 3"],
-    frames_mm: Sequence[Float[np.ndarray, "n 3"]],
+    frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
     *,
     observed: Float[np.ndarray, "3*n u"] | None = None,
     start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,

@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 PLACING = 0.15
 """With it 94 % of the forces of a press rendered for two cameras lie within two standard deviations, and of
 those that it was not chosen on 96 % with shading, 99 % with dots alone (`benchmarks/gel_images.py`)."""
-NEIGHBOURS, BESIDE = 8, 1.45
+NEIGHBOURS, ADJACENT = 8, 1.45
 """Neighbours at most, and how many spacings away (across a square's corner: 1.41)."""
 
 
@@ -25,7 +25,7 @@ class ForcePlacing:
     def __init__(self, rest_mm: Float[np.ndarray, "n 3"]) -> None:
         tree = cKDTree(rest_mm)
         spacing = float(np.median(np.asarray(tree.query(rest_mm, k=2)[0])[:, 1]))
-        _, found = tree.query(rest_mm, k=NEIGHBOURS + 1, distance_upper_bound=BESIDE * spacing)
+        _, found = tree.query(rest_mm, k=NEIGHBOURS + 1, distance_upper_bound=ADJACENT * spacing)
         near, own = np.asarray(found), np.arange(len(rest_mm))[:, None]
         self._near: Int[np.ndarray, "n k"] = np.where(near < len(rest_mm), near, own)
 

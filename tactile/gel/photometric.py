@@ -200,7 +200,7 @@ def _filled(
 
 
 def _integrated(
-    gradient: Float[np.ndarray, "a b 2"], eigen: Float[np.ndarray, "a b"]
+    gradient: Float[np.ndarray, "a b 2"], eigen: Float[np.ndarray, "c d"]
 ) -> Float[np.ndarray, "a b"]:
     """The surface, zero at the border, whose steps from block to block are nearest to `gradient`."""
     down = (gradient[1:, :, 0] + gradient[:-1, :, 0]) / 2

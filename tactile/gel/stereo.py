@@ -13,7 +13,7 @@ from tactile.gel_camera import rays
 from tactile.sensors import GelCamera
 
 
-def sight(
+def ray_information(
     camera: GelCamera,
     pixels: Float[np.ndarray, "n 2"],
     *,
@@ -39,7 +39,7 @@ def triangulated(
     total = np.zeros((int(seen.sum()), 3, 3))
     right = np.zeros((int(seen.sum()), 3))
     for camera, px in zip(cameras, pixels, strict=True):
-        centre, information = sight(camera, px[seen], noise_px=noise_px)
+        centre, information = ray_information(camera, px[seen], noise_px=noise_px)
         total += information
         right += information @ centre
     points, precision = np.full((len(seen), 3), np.nan), np.zeros((len(seen), 3, 3))

@@ -148,11 +148,11 @@ def _pad(
     second = None
     if described.kind == "markers-stereo":
         other = folder / table.file_name("second_frames", default=f"{name}-b")
-        beside = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
-        untouched = _reference_path(beside)
+        adjacent = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
+        untouched = _reference_path(adjacent)
         if not untouched.is_file():
             raise unusable(
-                f"{beside.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
+                f"{adjacent.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
             )
         second = RawCamera(reference=read_picture(untouched), pictures=pictures_in(other))
         if second.pictures.numbers != pictures.numbers:

@@ -15,7 +15,7 @@ FLOOR = 0.3
 """Contrast below this share of the marker's own peak does not weigh: it is shade, not marker."""
 CENTRE_STEPS = 6
 """Of moving a window onto its own centroid, at most; SETTLED_PX mostly ends them before."""
-SETTLED_PX = 0.01
+STATIONARY_PX = 0.01
 """px of a step below which a centre is found: a third of a frame's noise of 0.03 px (docs/validation.md, Gel
 frames)."""
 LEAST_CONTRAST = 0.08
@@ -91,7 +91,7 @@ def centred(shown: Float[np.ndarray, "h w"], start_px: Float[np.ndarray, "n 2"],
         shift = np.stack([weight @ across / total, weight @ down / total], axis=1) - away
         centre[moving], peak[moving] = here + shift, top
         mass[moving] = np.where(taper > 0, window, 0.0).sum(axis=1)
-        moving = moving[np.abs(shift).max(axis=1) > SETTLED_PX]
+        moving = moving[np.abs(shift).max(axis=1) > STATIONARY_PX]
     return Blobs(centre_px=centre, peak=peak, mass=mass)
 
 
@@ -101,12 +101,12 @@ def markers_of(shown: Float[np.ndarray, "h w"], look: MarkerLook) -> Blobs:
     if not len(found.peak):
         return found
     usual_peak, usual_mass = np.median(found.peak), np.median(found.mass)
-    alike = (
+    similar = (
         (found.peak > usual_peak / UNLIKE)
         & (found.mass > usual_mass / UNLIKE)
         & (found.mass < usual_mass * UNLIKE)
     )
-    found = found.of(alike & inside(found.centre_px, shown.shape, look.radius_px))
+    found = found.of(similar & inside(found.centre_px, shown.shape, look.radius_px))
     return found.of(_alone(found))
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Bool
 from tactile.io.frame_checks import Watch, refuse_saturated
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.reference_places import Places, places_of
-from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, reference_of, settled
+from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places, reference_of
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -41,7 +41,7 @@ def tracked_markers(
             )
         if progress is not None:
             progress(pad.name, t + 1, count)
-    position, quality = settled(reference, rows)
+    position, quality = labelled_places(reference, rows)
     notes = []
     unknown = len(rest_px) - len(places.kept)
     if unknown:

@@ -125,10 +125,10 @@ def track(
     count = len(reference.lattice.rest_px)
     if not rows:
         return np.zeros((0, count, 2)), np.zeros((0, count))
-    return settled(reference, rows)
+    return labelled_places(reference, rows)
 
 
-def settled(
+def labelled_places(
     reference: ReferenceMarkers, rows: Sequence[FrameMarkers]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
     """Positions and quality of all frames followed so far, names set right by hindsight."""

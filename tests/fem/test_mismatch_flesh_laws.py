@@ -150,11 +150,11 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
     firm = forward_of()
     soft = replace(firm, compliance=1.5 * firm.compliance)
     plain = firm.base.grasps[0].tracks.unit_displacement
-    alike = {
+    design_effect = {
         spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.spec.searched
     }
     more = module.EFFECT.respond(firm, parameters, ONE_WAY).unit[0] - plain
-    found = module.EFFECT.respond(soft, alike, ONE_WAY).unit[0] - plain
+    found = module.EFFECT.respond(soft, design_effect, ONE_WAY).unit[0] - plain
     other = module.EFFECT.respond(soft, parameters, ONE_WAY).unit[0] - plain
     size = np.linalg.norm(more)
     assert np.linalg.norm(found - more) < 2e-3 * size

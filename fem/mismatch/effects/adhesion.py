@@ -150,8 +150,8 @@ def pulled(history: PadHistory, motion: PadMotion) -> Pull:
     touched = history.episode >= 0
     ever = np.asarray(touched.any(axis=0))
     normal = motion.pose[:, :3, 2]
-    force = _beside_those_apart(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
-    stretch = _beside_those_apart(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
+    force = _near_those_apart(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
+    stretch = _near_those_apart(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
     pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
     since = np.maximum.accumulate(touched, axis=0)
     later = pulls & since & ~touched
@@ -163,7 +163,7 @@ def pulled(history: PadHistory, motion: PadMotion) -> Pull:
     )
 
 
-def _beside_those_apart(
+def _near_those_apart(
     values: Float[np.ndarray, "t n"], ever: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, "t n"]:
     """Less what markers that never touch show in the same frame; nothing where there are too few."""

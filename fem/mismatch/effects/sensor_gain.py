@@ -24,7 +24,7 @@ from fem.mismatch.signature_variant import OfPad, Variant, pad_of
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
 """Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""
-MOST_BESIDE = 20.0
+MOST_AUXILIARY = 20.0
 """What a gel's maker says never outweighs more ln evidence of the markers than this."""
 
 SPEC = EffectSpec(
@@ -92,7 +92,7 @@ class SensorGain:
         gained = np.array([np.log(parameters["gain"]) if pad == pad_of(variant) else 0.0 for pad, _ in known])
         weight = np.linalg.inv(GEL_SD**2 * np.eye(len(z)) + COMMON_GEL_SD**2)
         found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
-        return float(np.clip(found, -MOST_BESIDE, MOST_BESIDE))
+        return float(np.clip(found, -MOST_AUXILIARY, MOST_AUXILIARY))
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The forces of that pad divided by the gain."""

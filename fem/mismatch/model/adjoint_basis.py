@@ -104,7 +104,7 @@ def _grasp_basis(
         recording,
         compliance=compliance,
         gel_scale_sd=budget.gel_scale_sd,
-        alike=1.0,
+        design_effect=1.0,
     )
     shapes, share = _polynomials(recording), recording.shares[:, 0]
     basis_functions = share[:, None, None] * shapes[:, None]

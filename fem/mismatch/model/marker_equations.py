@@ -59,14 +59,19 @@ class MarkerEquations:
 
     @classmethod
     def of(
-        cls, recording: GraspResponse, *, compliance: float, gel_scale_sd: float, alike: float = DESIGN_EFFECT
+        cls,
+        recording: GraspResponse,
+        *,
+        compliance: float,
+        gel_scale_sd: float,
+        design_effect: float = DESIGN_EFFECT,
     ) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
 
-        `alike`: how many numbers count as one; 1 where what is left is held against noise itself.
+        `design_effect`: how many numbers count as one; 1 where what is left is held against noise itself.
         """
         tracks = recording.tracks
-        weight = marker_weight(tracks) / (MARKER_VARIANCE_INFLATION * alike)
+        weight = marker_weight(tracks) / (MARKER_VARIANCE_INFLATION * design_effect)
         noise_N = recording.force_sd_N * float(np.sqrt(variance_inflation(tracks.lag1).mean()))
         felt = compliance * noise_N * np.moveaxis(recording.response, 0, 2)
         free = recording.case.support == "free"

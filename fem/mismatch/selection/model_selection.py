@@ -277,9 +277,9 @@ def _verdict(
     before, after = linear.null.chi2 - null_case.chi2, first.refit.fit.chi2 - null_case.chi2
     if after > max(UNKNOWN_LEFT * before, UNKNOWN_EXCESS * null_case.chi2):
         return UNKNOWN
-    alike = tuple(
+    indistinguishable = tuple(
         one.name
         for one in ranking
         if one.name != NONE and one.probability >= EQUAL_PROBABILITY * first.probability and one.gain > 0
     )
-    return alike[0] if len(alike) == 1 else alike
+    return indistinguishable[0] if len(indistinguishable) == 1 else indistinguishable
