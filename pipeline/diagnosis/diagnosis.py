@@ -13,7 +13,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.result import Explanation
 from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.diagnosis.diagnosed_case import Case
-from pipeline.diagnosis.notes import notes_on, notes_on_verdict
+from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
@@ -140,7 +140,8 @@ def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace) -> Dia
             rng=np.random.default_rng(TRACE_SEED),
         )
     deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
-    notes = dict.fromkeys([*found.notes, *case.notes, *([] if case.thickness_mm else [deep])])
+    thin = [] if case.thickness_mm else [deep]
+    notes = dict.fromkeys([*found.notes, *notes_on_trace(case), *case.notes, *thin])
     thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),

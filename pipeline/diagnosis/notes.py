@@ -75,13 +75,22 @@ def require_one_fruit(case: Case) -> None:
         first = first or (path.name, named)
 
 
-def _require_own(case: Case, path: Path, recording: Recording) -> None:
-    """Raises BatchRefused where a recording names another fruit of the batch."""
+def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
+    """What puts in doubt that a recording is of the case's fruit; raises BatchRefused where it names another
+    fruit of the batch.
+    """
     said = recording.fruit_id, recording.category
     try:
-        owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
+        found = owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
     except TactileFailure as failure:
         raise BatchRefused([Problem(str(path), failure.detail)]) from None
+    return [f"{path.name}: {one.sentence}." for one in found]
+
+
+def notes_on_trace(case: Case) -> list[str]:
+    """Whose a bare indenter's trace may be, where the case is a batch's fruit."""
+    files = case.task.folder.grasp_files() if case.batch is not None else ()
+    return [note for path in files for note in _require_own(case, path, read_recording(path))]
 
 
 def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:

@@ -420,3 +420,22 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
     (folder / "second.h5").unlink()
     ball(folder / "press.h5", TRAVEL, indenter="flat")
     assert "only the trace of a ball" in drupe("explain", folder).one_line()
+
+
+def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(
+    drupe, batch, monkeypatch, tmp_path
+):
+    """As of a grasp: its fruit's E would be in doubt."""
+    grasps = batch / "fruits" / "N01" / "grasps"
+    for path in grasps.iterdir():
+        path.unlink()
+    ball(grasps / "press.h5", TRAVEL)
+    monkeypatch.setattr(
+        pipeline.diagnosis.diagnosis,
+        "explain_trace",
+        lambda *_, **__: fake_explanation(maps=None, traces=(), cells=()),
+    )
+    ran = drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json")
+    assert ran.status == 0, ran.err
+    said = 'press.h5: attribute fruit_id: found "slab", expected "N01", and fruits.csv has no "slab"'
+    assert any(note.startswith(said) for note in json.loads((tmp_path / "a.json").read_text())["notes"])
