@@ -99,7 +99,7 @@ def run_fruits(
     ):
         empty = _made(folder / "empty")
         waiting = [
-            (_Running(fruit_id, folder / f"diary-{i}", f"{PROCESS} {i}"), task)
+            (_Running(fruit_id, folder / f"log-{i}", f"{PROCESS} {i}"), task)
             for i, (fruit_id, task) in enumerate(tasks)
         ][::-1]
         pending: dict[Any, _Running] = {}
@@ -130,7 +130,7 @@ def _started(work: Callable[[Any, Report], Any], one: "_Running", task: Any, fol
     """The future of a fruit's process, which is running."""
     run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
     with _deaf_to_ctrl_c():
-        return run(os.getpid(), folder, one.diary, pickle.dumps((work, task)))
+        return run(os.getpid(), folder, one.log, pickle.dumps((work, task)))
 
 
 def _kill(one: "_Running") -> None:
@@ -156,17 +156,17 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 
 @dataclass
 class _Running:
-    """A fruit's process by its name, and how much of its diary has been told."""
+    """A fruit's process by its name, and how much of its log has been told."""
 
     fruit_id: str
-    diary: Path
+    log: Path
     process: str
     told: int = 0
     since_s: float | None = None
 
     def news(self) -> list[str]:
         """The stages begun since the last call."""
-        lines = self.diary.read_text().split("\n")[:-1] if self.diary.exists() else []
+        lines = self.log.read_text().split("\n")[:-1] if self.log.exists() else []
         stages = lines[self.told :]
         self.told += len(stages)
         return stages
@@ -234,13 +234,13 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
-def _fruit(parent: int, folder: Path, diary: Path, packed: bytes) -> Any:
+def _fruit(parent: int, folder: Path, log: Path, packed: bytes) -> Any:
     """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
     _begin(parent, folder)
     work, task = pickle.loads(packed)
 
     def report(line: str) -> None:
-        with suppress(OSError), diary.open("a") as file:  # a full disk costs the line, not the fruit
+        with suppress(OSError), log.open("a") as file:  # a full disk costs the line, not the fruit
             file.write(f"{line}\n")
 
     return work(task, report)

@@ -106,13 +106,13 @@ def _explained(
 ) -> ExplainEntry:
     require_one_fruit(case)
     started, since_s = now(), time.monotonic()
-    diary = StageLog(report)
-    found = finding(case, diary, jobs=jobs)
+    log = StageLog(report)
+    found = finding(case, log, jobs=jobs)
     explanation = found.explanation
     done = applied(case, explanation, now=started) if wanted.apply else ""
     made = now()
     seconds = {
-        **diary.seconds,
+        **log.seconds,
         **{f"explanation, {stage}": round(took, 2) for stage, took in (explanation.seconds or {}).items()},
         IN_ALL: round(time.monotonic() - since_s, 2),
     }
