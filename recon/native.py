@@ -21,7 +21,14 @@ def open3d() -> ModuleType:
 
 
 def missing_library(name: str, error: Exception) -> ReconFailure:
-    """The failure that says what could not be loaded and which packages bring it."""
+    """The failure that says what could not be loaded and which packages bring it.
+
+    Raises KeyboardInterrupt where that came while the library was loaded: native libraries make it an
+    ImportError of their own ("initialization failed").
+    """
+    for reason in (error.__cause__, error.__context__):
+        if isinstance(reason, KeyboardInterrupt):
+            raise reason
     return ReconFailure(
         ReconProblem.MISSING_LIBRARY,
         f"{name} cannot be loaded ({error}); install it with pip, and the system libraries that it loads "
