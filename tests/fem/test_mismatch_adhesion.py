@@ -22,7 +22,7 @@ from fem.mismatch.effects import adhesion, sensor_drift, slip
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import plain_forward_model
-from fem.mismatch.selection.model_selection import ModelSelection, NullCase, named
+from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
 from fem.mismatch.selection.screening import screened
 
 REACH_MM = 0.15
@@ -73,7 +73,7 @@ def chosen(forward: ForwardModel) -> ModelSelection:
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, effects)
     sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    return named(forward, linear, detected=True, sound=sound)
+    return select_model(forward, linear, detected=True, null_case=sound)
 
 
 def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
@@ -86,7 +86,7 @@ def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
     # the forces hold the pull: the response is the plain model's
     for unit, recording in zip(best.response.unit, sticky.base.grasps, strict=True):
         np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)
-    assert best.settled
+    assert best.converged
 
 
 def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
@@ -113,5 +113,5 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     others = [sensor_drift.EFFECT, slip.EFFECT]
     with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
-    assert [one.gain for one in with_it.shown] == [one.gain for one in without.shown]
+    assert [one.gain for one in with_it.linear_fits] == [one.gain for one in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
