@@ -30,7 +30,7 @@ def motion(travel_mm: list[float], *, pause_s: float = 0.1, shear_mm: list[float
     return Motion(
         time_s=np.arange(count) * pause_s,
         travel_mm=np.array(travel_mm),
-        shear_mm=np.array(shear_mm or [0.0] * count),
+        shear_mm=np.array(shear_mm or [0.0] * count, dtype=float),
         recorded=np.ones(count, dtype=bool),
     )
 

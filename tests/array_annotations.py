@@ -1,0 +1,30 @@
+"""The checker of tests/conftest.py: beartype on the rooms' array annotations, and on no others.
+
+Types that are not arrays are mypy's matter; tests may hand in simpler objects in their place.
+"""
+
+from collections.abc import Callable
+from typing import Any, TypeVar, get_args
+
+from beartype import BeartypeConf, beartype
+from jaxtyping import AbstractArray
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def check(function: F) -> F:
+    """The function with its arguments and result held against their dtypes and shapes."""
+    hints = function.__annotations__
+    function.__annotations__ = {name: hint if has_array(hint) else Any for name, hint in hints.items()}
+    return beartype(conf=BeartypeConf(is_pep484_tower=True))(function)
+
+
+def has_array(hint: object) -> bool:
+    """Whether a hint is of an array, or of a container of arrays.
+
+    >>> import numpy as np; from jaxtyping import Float
+    >>> has_array(list[Float[np.ndarray, "n 3"]] | None), has_array(int)
+    (True, False)
+    """
+    is_array = isinstance(hint, type) and issubclass(hint, AbstractArray)
+    return is_array or any(has_array(part) for part in get_args(hint))

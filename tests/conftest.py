@@ -1,0 +1,26 @@
+"""Array shapes and dtypes that functions declare are checked while tests run.
+
+The hook holds for what this process imports; workers that tests start as processes of their own are not
+checked.
+"""
+
+from pathlib import Path
+
+from jaxtyping import install_import_hook
+
+ROOT = Path(__file__).parents[1]
+CHECKED = ("fem/elements", "fem/mesh", "reports", "tactile")
+"""Folders whose modules are checked. The others' annotations are being mended, folder by folder."""
+
+
+def modules_with_arrays() -> list[str]:
+    """Names of the modules in CHECKED that import jaxtyping."""
+    paths = [path for folder in CHECKED for path in sorted((ROOT / folder).rglob("*.py"))]
+    return [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in paths
+        if "from jaxtyping import" in path.read_text(encoding="utf-8")
+    ]
+
+
+install_import_hook(modules_with_arrays(), "array_annotations.check")
