@@ -29,7 +29,7 @@ from fem.elements.assembly import Stiffness, assemble, unit_lame_constants
 from fem.estimation.modulus import ELEMENTS_SD, LEAST_SD
 from fem.fem_failure import FemFailure
 from fem.mesh.closest_point import closest_on_triangles
-from fem.mesh.flesh_mesh import MeshSettings, refined_where, tetrahedralise
+from fem.mesh.flesh_mesh import FleshMesh, refined_where, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mesh.tetrahedra import signed_volumes_mm3
 from fem.solid.discretisation_error import discretisation_error
@@ -123,12 +123,12 @@ def cases(folder: Path | None) -> dict[str, Callable[[], Case]]:
     return found
 
 
-def load_on(mesh: MeshSettings, case: Case) -> np.ndarray:
+def load_on(mesh: FleshMesh, case: Case) -> np.ndarray:
     """The case's forces on this mesh's nodes."""
     return locate(mesh, case.at_mm).point_load(case.force_N[None])
 
 
-def solved(mesh: MeshSettings, case: Case, nu: float, parts: Stiffness) -> tuple[float, float, np.ndarray]:
+def solved(mesh: FleshMesh, case: Case, nu: float, parts: Stiffness) -> tuple[float, float, np.ndarray]:
     """Energy, the share of it that the mesh is said to withhold, and each element's part of that."""
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=nu, support=case.support, parts=parts)
     load = load_on(mesh, case)
@@ -137,7 +137,7 @@ def solved(mesh: MeshSettings, case: Case, nu: float, parts: Stiffness) -> tuple
     return float((load * moved).sum()), float(error.energy_share[0]), error.per_element[0]
 
 
-def t4_energy(mesh: MeshSettings, case: Case, nu: float) -> float:
+def t4_energy(mesh: FleshMesh, case: Case, nu: float) -> float:
     """The same energy with linear tetrahedra on the corners alone."""
     corner, tets = np.unique(mesh.tets[:, :4], return_inverse=True)
     nodes, tets = mesh.nodes_mm[corner], tets.reshape(-1, 4)
@@ -172,7 +172,7 @@ def t4_energy(mesh: MeshSettings, case: Case, nu: float) -> float:
     return float(right @ factorise(reduced(matrix, motions)).solve(right[:, None])[:, 0])
 
 
-def adapted(mesh: MeshSettings, case: Case, *, dofs: int) -> tuple[np.ndarray, int]:
+def adapted(mesh: FleshMesh, case: Case, *, dofs: int) -> tuple[np.ndarray, int]:
     """Energy and estimate for both nu on meshes cut again and again where elements hold the error."""
     found = []
     while True:

@@ -23,7 +23,7 @@ from fem.estimation.unit_response import marker_tracks
 from fem.grasp_history import GraspHistory
 
 FEWEST_NO_CONTACT_FRAMES, MOST_NO_CONTACT_FRAMES = 5, 24
-"""Frames before the first touch: fewer hardly tell a variance, more than MOST_AIR_FRAMES cost solutions and
+"""Frames before the first touch: fewer hardly tell a variance, more than MOST_NO_CONTACT_FRAMES cost solutions and
 tell it little better. Set by hand."""
 LARGEST_SHARE = 0.5
 """Beyond this share of noise in the information the correction would be a guess: the fit stays as it is."""
@@ -68,7 +68,7 @@ def force_noise(
     """What the air before the first touch tells of the noise in the forces.
 
     Frames in the air follow each other as they were recorded, over and over. None where there are fewer than
-    FEWEST_AIR_FRAMES before the first touch, or where they carry no noise (a deadband).
+    FEWEST_NO_CONTACT_FRAMES before the first touch, or where they carry no noise (a deadband).
     """
     first = int(np.argmax(loaded))
     no_contact = np.arange(max(0, first - 1 - MOST_NO_CONTACT_FRAMES), max(0, first - 1))

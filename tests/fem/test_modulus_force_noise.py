@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
-from fem.estimation.force_noise import FEWEST_AIR_FRAMES, force_noise, noise_in_fit
+from fem.estimation.force_noise import FEWEST_NO_CONTACT_FRAMES, force_noise, noise_in_fit
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.grasp_history import GraspHistory, PadHistory
@@ -94,7 +94,7 @@ def in_the_air(frames, force_N):
     return GraspHistory(time_s=np.arange(frames + 1.0), phase=("air",) * frames + ("load",), pads=(pad,))
 
 
-@pytest.mark.parametrize(("frames", "force_N"), [(FEWEST_AIR_FRAMES, 1.0), (20, 0.0)])
+@pytest.mark.parametrize(("frames", "force_N"), [(FEWEST_NO_CONTACT_FRAMES, 1.0), (20, 0.0)])
 def test_too_little_air_or_air_behind_a_deadband_tells_nothing(noisy, frames, force_N):
     """The frame just before the first touch is not counted as air."""
     history = in_the_air(frames, force_N)
