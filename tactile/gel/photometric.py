@@ -141,6 +141,7 @@ class PhotometricDepth:
 
 
 def _powers(change: Float[np.ndarray, "... 3"]) -> Float[np.ndarray, "... k"]:
+    """Monomials of a colour change up to DEGREE in red, green and blue, the constant left out."""
     red, green, blue = (
         np.cumprod([np.ones_like(channel), *[channel] * DEGREE], axis=0)
         for channel in np.moveaxis(np.asarray(change), -1, 0)

@@ -84,6 +84,7 @@ def _npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def _from_csv(path: Path) -> dict[str, np.ndarray]:
+    """The table's columns as arrays by frame and marker. Raises TactileFailure where rows are missing."""
     columns = read_columns(path)
     missing = [
         n for n in ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED) if n not in columns
@@ -118,6 +119,7 @@ def _field(
 
 
 def _checked(path: Path, name: str, values: np.ndarray, shape: tuple[int | None, ...]) -> np.ndarray:
+    """The array, if its shape fits and its numbers are finite and not too large; else a TactileFailure."""
     fits = values.ndim == len(shape) and all(
         (have > 0 if want is None else have == want) for have, want in zip(values.shape, shape, strict=True)
     )

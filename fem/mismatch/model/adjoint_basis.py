@@ -99,6 +99,7 @@ class AdjointBasis:
 def _grasp_basis(
     base: Baseline, recording: GraspResponse, points: FleshStrain, compliance: float
 ) -> GraspBasis:
+    """One recording's basis functions, their whitening, and their adjoint solutions: one solve for each."""
     budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
