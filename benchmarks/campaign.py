@@ -34,11 +34,11 @@ import numpy as np
 from campaign_inputs import Broken, cases
 from campaign_sound import write_sound
 
-from pipeline.batch.checking import check
 from pipeline.batch.opening import survey
-from pipeline.batch.problem import BatchRefused
 from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.problem import BatchRefused
 from pipeline.recordings.conversion import ConvertRequest, convert
+from pipeline.run.checking import check
 from recon.cameras.photos import read_photo
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh

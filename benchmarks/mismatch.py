@@ -25,10 +25,10 @@ from mismatch_summary import summary, table
 from fem.fem_failure import FemFailure
 from pipeline.batch.cache import code_version
 from pipeline.batch.outcome import FruitEnded
-from pipeline.batch.problem import BatchRefused
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import finding
 from pipeline.fruit.stage_log import StageLog
+from pipeline.problem import BatchRefused
 from recon.recon_failure import ReconFailure
 from tactile.tactile_failure import TactileFailure
 

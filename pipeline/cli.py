@@ -17,7 +17,6 @@ from typing import Annotated, Any
 import typer
 
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.problem import BatchRefused
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.convert import convert
@@ -28,6 +27,7 @@ from pipeline.commands.sample import sample
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused
 from recon.plain_file import printable
 
 app = typer.Typer(

@@ -23,8 +23,8 @@ from fem.estimation.unit_response import marker_tracks
 from fem.grasp_history import GraspHistory
 
 FEWEST_NO_CONTACT_FRAMES, MOST_NO_CONTACT_FRAMES = 5, 24
-"""Frames before the first touch: fewer hardly tell a variance, more than MOST_NO_CONTACT_FRAMES cost solutions and
-tell it little better. Set by hand."""
+"""Frames before the first touch: fewer hardly tell a variance, more than MOST_NO_CONTACT_FRAMES cost
+solutions and tell it little better. Set by hand."""
 LARGEST_SHARE = 0.5
 """Beyond this share of noise in the information the correction would be a guess: the fit stays as it is."""
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant

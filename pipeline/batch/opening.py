@@ -10,13 +10,13 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
+from pipeline.batch.control_chart import chart_path, read_chart
 from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.plausible import grading_doubts, kind_of, table_doubts
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
-from pipeline.ranking.control_chart import chart_path, read_chart
-from pipeline.ranking.reference_body import CATEGORY, reference_prior
+from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
 from recon.cameras.mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import NotWritten
+from pipeline.problem import BatchRefused, Problem
 
 
 def write_sample(

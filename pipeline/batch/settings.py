@@ -19,8 +19,8 @@ from pydantic import (
 )
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
-from pipeline.batch.problem import BatchRefused, Problem
-from pipeline.diagnosis.confirmed_effects import ConfirmedEffect
+from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.problem import BatchRefused, Problem
 from recon.cameras.coin import Coin, coin_named
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, printable, read_text, toml_of

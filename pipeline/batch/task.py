@@ -4,12 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.batch.cache import ROOMS, stage_key
+from pipeline.batch.confirmed_effects import effects_on, keyed
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
 from pipeline.batch.records import Given
+from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
-from pipeline.diagnosis.confirmed_effects import effects_on, keyed
-from pipeline.ranking.reference_body import CATEGORY, reference_prior
 from recon.cameras.mat import Mat
 from recon.pit.priors import PitBody, PitPrior
 

@@ -35,9 +35,9 @@ def calibrate(
     press cannot be used, 130 interrupted.
     """
     with elsewhere():
-        from pipeline.batch.progress import StageLines
         from pipeline.recordings.calibration import Presses
         from pipeline.recordings.calibration import calibrate as calibrate_sensor
+        from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 
     presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)

@@ -18,7 +18,7 @@ def check(batch: BatchArgument) -> None:
     """
     require_libraries()
     with elsewhere():
-        from pipeline.batch.checking import check as check_batch
+        from pipeline.run.checking import check as check_batch
     with said_when_interrupted(""):
         found = check_batch(batch)
     for one in found:

@@ -46,9 +46,9 @@ def convert(
     interrupted.
     """
     with elsewhere():
-        from pipeline.batch.progress import StageLines
         from pipeline.recordings.conversion import ConvertRequest
         from pipeline.recordings.conversion import convert as convert_source
+        from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 
     wanted = ConvertRequest(

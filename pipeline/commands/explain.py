@@ -73,10 +73,10 @@ def explain(
     require_libraries()
     with elsewhere():
         load(*LOADED_LATE)
-        from pipeline.batch.progress import StageLines
         from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
         from pipeline.diagnosis.explaining import explain as explain_case
         from pipeline.diagnosis.terminal_summary import print_explanation
+        from pipeline.run.progress import StageLines
 
     console = Console(stderr=True)
     try:

@@ -35,8 +35,8 @@ def grade(
     """
     require_libraries()
     with elsewhere():
-        from pipeline.batch.grading import grade as grade_batch
-        from pipeline.batch.run_summary import print_summary
+        from pipeline.ranking.run_summary import print_summary
+        from pipeline.run.grading import grade as grade_batch
 
     try:
         status, entry = grade_batch(

@@ -2,7 +2,7 @@
 
 import os
 
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem
 from pipeline.system_libraries import missing_libraries
 
 

@@ -6,8 +6,8 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.commands.endings import said_when_interrupted
+from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
 
 

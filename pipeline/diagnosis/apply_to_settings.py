@@ -10,9 +10,9 @@ from pydantic import ValidationError
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import Scope
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Parameter
+from pipeline.batch.confirmed_effects import ConfirmedEffect, Value
 from pipeline.batch.layout import write_whole
 from pipeline.batch.settings import Settings
-from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, Value
 from pipeline.diagnosis.diagnosed_case import Case
 
 HEADER = re.compile(r"[ \t]*\[")

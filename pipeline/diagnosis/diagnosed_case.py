@@ -8,13 +8,13 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
-from pipeline.batch.checking import implausible_fruit
 from pipeline.batch.layout import CaseFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, as_named, open_batch
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.batch.records import Given
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.problem import BatchRefused, Problem
+from pipeline.run.checking import implausible_fruit
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
 

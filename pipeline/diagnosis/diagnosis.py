@@ -11,13 +11,13 @@ from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.result import Explanation
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.stage_log import StageLog
+from pipeline.problem import BatchRefused, Problem
 from tactile.io.recording import IndenterPad, read_recording
 from tactile.tactile_failure import TactileFailure
 

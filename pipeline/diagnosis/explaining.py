@@ -10,13 +10,19 @@ from pathlib import Path
 
 from fem.fem_failure import FemFailure
 from pipeline.batch.cache import file_hash
-from pipeline.batch.former_results import former_batch, identity, require_same_batch
-from pipeline.batch.grading import read_files
 from pipeline.batch.layout import CaseFolder, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.batch.provenance import input_hashes, versions
+from pipeline.batch.write_guard import (
+    batch_trees,
+    require_file_apart,
+    require_free,
+    require_new_or_ours,
+    require_results_apart,
+    require_temporary_apart,
+    require_work_apart,
+)
 from pipeline.diagnosis.apply_to_settings import applied
 from pipeline.diagnosis.diagnosed_case import Case, open_case
 from pipeline.diagnosis.diagnosis import finding
@@ -26,16 +32,10 @@ from pipeline.files.manifest import MANIFEST, MOST_BYTES, json_in
 from pipeline.files.results_lock import alone, is_held
 from pipeline.files.scratch import scratch, temporary_files_in
 from pipeline.files.whole_file import put
-from pipeline.files.write_guard import (
-    batch_trees,
-    require_file_apart,
-    require_free,
-    require_new_or_ours,
-    require_results_apart,
-    require_temporary_apart,
-    require_work_apart,
-)
 from pipeline.fruit.stage_log import StageLog
+from pipeline.problem import BatchRefused, Problem
+from pipeline.run.former_results import former_batch, identity, require_same_batch
+from pipeline.run.grading import read_files
 from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import ExplainEntry

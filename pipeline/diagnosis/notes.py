@@ -8,11 +8,11 @@ import numpy as np
 
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import Explanation
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.fruit.grasped import GraspedFruit, owner_of
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
+from pipeline.problem import BatchRefused, Problem
 from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
 from tactile.tactile_failure import TactileFailure

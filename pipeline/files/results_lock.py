@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem
 
 LOCK = ".lock"
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.problem import BatchRefused, Problem
 
 PREFIX = "drupe-run-"
 _LOCK = ".lock"

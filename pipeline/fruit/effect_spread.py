@@ -7,8 +7,8 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect_spec import Entry
+from pipeline.batch.confirmed_effects import ConfirmedEffect, faults
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, faults
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_effects import in_the_model
 from pipeline.fruit.grasped import GraspedFruit

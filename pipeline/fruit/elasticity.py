@@ -21,9 +21,9 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import keyed
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.kept_models import packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history

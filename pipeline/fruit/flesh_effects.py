@@ -14,7 +14,7 @@ from fem.mismatch.displacement_correction import KnownEffect, displacement_corre
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Entry
 from fem.mismatch.mismatch_case import MismatchCase
-from pipeline.diagnosis.confirmed_effects import ConfirmedEffect
+from pipeline.batch.confirmed_effects import ConfirmedEffect
 
 MECHANICS: dict[str, Effect] = {one.spec.name: one for one in EFFECTS if one.spec.enters is Entry.RESPONSE}
 """Effects that change how flesh or contact answers a force; the others are taken into account before there is

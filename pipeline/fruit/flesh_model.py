@@ -9,11 +9,11 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effect_spec import Correction
 from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.confirmed_effects import pit_found
+from pipeline.batch.reference_body import NAME as REFERENCE
 from pipeline.batch.settings import Settings
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import pit_found
 from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape
-from pipeline.ranking.reference_body import NAME as REFERENCE
 from recon.pit.priors import PitPrior
 
 

@@ -8,11 +8,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.confirmed_effects import PitFound, pit_found
 from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import MeshRecord, PitRecord, StanceRecord
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import PitFound, pit_found
 from pipeline.fruit.photographed import photographed
 from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.placement import embed_pit, place_pit, require_closed

@@ -12,18 +12,18 @@ from jaxtyping import Float
 from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
+from pipeline.batch.confirmed_effects import faults
 from pipeline.batch.layout import in_order, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord, GraspRecord
-from pipeline.batch.same_recording import refuse_copy
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import faults
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
 from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks, stranger
+from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.plain_file import printable
 from recon.surface.coverage import SEEN_BY

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from threadpoolctl import threadpool_limits
 
 from fem.fem_failure import FemFailure
+from pipeline.batch.confirmed_effects import in_words
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
 from pipeline.batch.records import FruitRecord, GraspRecord, write_record
 from pipeline.batch.task import FruitTask
-from pipeline.diagnosis.confirmed_effects import in_words
 from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import fruit_modulus, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used

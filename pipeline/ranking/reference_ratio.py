@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import chi2 as chi_square
 
+from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import DOUBTED
 from pipeline.fruit.input_doubts import Doubt
-from pipeline.ranking.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from reports.tables import safe_cell
 
 WITHIN_SD = 2.0

@@ -6,14 +6,14 @@ from datetime import datetime
 
 import numpy as np
 
+from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord
-from pipeline.batch.run_summary import decimals
-from pipeline.ranking.control_chart import ControlChart, history_of
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
+from pipeline.ranking.run_summary import decimals
 from reports.entries import (
     OR,
     BatchEntry,

@@ -8,10 +8,10 @@ from typing import Literal
 
 import h5py
 
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
-from pipeline.files.write_guard import require_file_apart, require_new_or_ours
+from pipeline.problem import BatchRefused, Problem
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
 from tactile.from_frames import recording_of

@@ -7,10 +7,10 @@ import pytest
 from fake_explanation import GAIN, VISCOELASTIC, candidate, fake_explanation
 
 from fem.mismatch.result import HeldOut
-from pipeline.batch.problem import BatchRefused
+from pipeline.batch.confirmed_effects import effects_on, faults, keyed
 from pipeline.batch.settings import read_settings
 from pipeline.diagnosis.apply_to_settings import confirmed_effects, why_not, with_effects
-from pipeline.diagnosis.confirmed_effects import effects_on, faults, keyed
+from pipeline.problem import BatchRefused
 from tactile.correction import GainFault
 
 TEXT = """# a batch of our own

@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 import pipeline.recordings.calibration
-from pipeline.batch.problem import BatchRefused
 from pipeline.cli import app
+from pipeline.problem import BatchRefused
 from pipeline.recordings.calibration import Presses, _scaled, as_toml, calibrate
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.gel.photometric import PhotometricDepth

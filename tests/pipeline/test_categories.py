@@ -8,13 +8,13 @@ import pytest
 import trimesh
 from rich.console import Console
 
-from pipeline.batch.grading import grade
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.task import fruit_task
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.fruit.fruit_shape import embedded_pit, fruit_shape
+from pipeline.problem import BatchRefused
+from pipeline.run.grading import grade
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from recon.triangle_mesh import volume_mm3

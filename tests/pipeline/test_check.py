@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from pipeline.batch import checking as checking
-from pipeline.batch.checking import check, implausible_fruit
 from pipeline.batch.opening import open_batch
 from pipeline.cli import app
+from pipeline.run import checking as checking
+from pipeline.run.checking import check, implausible_fruit
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.settings import MOST_BYTES, read_settings
+from pipeline.problem import BatchRefused
 
 
 def refusals(tmp_path, text):

@@ -11,9 +11,9 @@ from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import SPECS
+from pipeline.batch.confirmed_effects import ConfirmedEffect, PitFound, pit_found
 from pipeline.batch.layout import FruitResults
 from pipeline.batch.settings import PitSettings, Settings
-from pipeline.diagnosis.confirmed_effects import ConfirmedEffect, PitFound, pit_found
 from pipeline.fruit.effect_spread import _shifted
 from pipeline.fruit.flesh_effects import (
     MECHANICS,

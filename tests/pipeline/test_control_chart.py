@@ -6,10 +6,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from pipeline.batch.layout import BatchFolder, Results
-from pipeline.batch.opening import open_batch
-from pipeline.batch.problem import BatchRefused
-from pipeline.ranking.control_chart import (
+from pipeline.batch.control_chart import (
     HEADER,
     ControlChart,
     Point,
@@ -21,6 +18,9 @@ from pipeline.ranking.control_chart import (
     require_chart_place,
     update_chart,
 )
+from pipeline.batch.layout import BatchFolder, Results
+from pipeline.batch.opening import open_batch
+from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import BodyFound, Ratio, ReferenceFinding, drift, own_points
 from reports.charts_batch import control_chart
 from reports.entries import RatioPoint, ReferenceBodyEntry

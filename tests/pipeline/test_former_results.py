@@ -8,11 +8,11 @@ import shutil
 import pytest
 from rich.console import Console
 
-from pipeline.batch import grading as grading
 from pipeline.batch.layout import write_whole
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 from pipeline.diagnosis.explaining import ExplainOutputs, explain
+from pipeline.problem import BatchRefused
+from pipeline.run import grading as grading
 
 IDS = ("01", "02", "03", "04", "05")
 

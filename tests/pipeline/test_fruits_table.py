@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from pipeline.batch.fruits_table import read_fruits
-from pipeline.batch.problem import BatchRefused
+from pipeline.problem import BatchRefused
 
 
 def table(tmp_path, text):

@@ -8,11 +8,11 @@ import math
 import pytest
 from rich.console import Console
 
-from pipeline.batch import grading as grading
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, read_record, write_record
+from pipeline.problem import BatchRefused
+from pipeline.run import grading as grading
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 

@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.batch.checking import check
 from pipeline.batch.layout import BatchFolder, FruitFolder, FruitResults, write_whole
 from pipeline.batch.provenance import input_hashes
 from pipeline.files.manifest import MANIFEST
 from pipeline.files.whole_file import put
+from pipeline.run.checking import check
 
 
 def test_hidden_files_and_folders_are_neither_photos_nor_recordings(tmp_path):

@@ -14,14 +14,14 @@ from types import SimpleNamespace
 import pytest
 
 from pipeline import cli
-from pipeline.batch import grading, runner
 from pipeline.batch.layout import write_whole
-from pipeline.batch.memory import free_memory_MiB, jobs_that_fit
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.problem import BatchRefused
 from pipeline.files.results_lock import alone, is_held
 from pipeline.files.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
+from pipeline.problem import BatchRefused
+from pipeline.run import grading, runner
+from pipeline.run.memory import free_memory_MiB, jobs_that_fit
 
 
 @pytest.mark.parametrize(

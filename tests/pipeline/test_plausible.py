@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pipeline.batch import grading as grading
-from pipeline.batch.checking import check, implausible_fruit
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.settings import Grading, GradingClass
+from pipeline.problem import BatchRefused
+from pipeline.run import grading as grading
+from pipeline.run.checking import check, implausible_fruit
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh

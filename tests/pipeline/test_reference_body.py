@@ -2,12 +2,12 @@
 
 import pytest
 
-from pipeline.batch.checking import check, implausible_fruit
 from pipeline.batch.fruits_table import read_fruits
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.task import fruit_task
+from pipeline.problem import BatchRefused
+from pipeline.run.checking import check, implausible_fruit
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 

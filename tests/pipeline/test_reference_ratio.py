@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from pipeline.batch.grading import _status
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.problem import BatchRefused
 from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord
-from pipeline.batch.run_summary import print_summary
+from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,
     against_references,
@@ -24,6 +22,8 @@ from pipeline.ranking.reference_ratio import (
     corrected_modulus,
 )
 from pipeline.ranking.report_entries import batch_entry
+from pipeline.ranking.run_summary import print_summary
+from pipeline.run.grading import _status
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 from reports.page import report_html

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from pipeline.batch.runner import Died, Finished, Progressed, TimedOut, run_fruits
+from pipeline.run.runner import Died, Finished, Progressed, TimedOut, run_fruits
 
 
 def work(task, report):
@@ -77,7 +77,7 @@ PARENT = """
 import sys
 sys.path.insert(0, {tests!r})
 from test_runner import {work}
-from pipeline.batch.runner import run_fruits
+from pipeline.run.runner import run_fruits
 if __name__ == "__main__":
     for event in run_fruits({work}, [("a", {mark!r})], jobs=1, time_limit_s=600):
         pass

@@ -26,7 +26,7 @@ import sys
 def work(task, report):
     return sys.path
 if __name__ == "__main__":
-    from pipeline.batch.runner import run_fruits
+    from pipeline.run.runner import run_fruits
     print(*sys.path, sep="|")
     (event,) = run_fruits(work, [("a", None)], jobs=1, time_limit_s=100)
     print(*event.result, sep="|")

@@ -6,7 +6,7 @@ from datetime import UTC, datetime
 import pytest
 from rich.console import Console
 
-from pipeline.batch.run_summary import MOST_CHARACTERS, print_summary
+from pipeline.ranking.run_summary import MOST_CHARACTERS, print_summary
 from reports.entries import BatchEntry, FruitEntry
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)

@@ -7,9 +7,9 @@ import random
 import pytest
 from rich.console import Console
 
-from pipeline.batch.progress import BatchProgress
-from pipeline.batch.time_left import TimeLeft
 from pipeline.fruit.stage_log import StageLog
+from pipeline.run.progress import BatchProgress
+from pipeline.run.time_left import TimeLeft
 
 STAGES = {"mesh": 22.0, "flesh": 4.0, "modulus": 10.0, "picture": 1.0}
 WHOLE_S = sum(STAGES.values())

@@ -13,16 +13,16 @@ from typer.testing import CliRunner
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from raw_folder import write_raw
 
-from pipeline.batch.grading import _kept
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, write_record
-from pipeline.batch.same_recording import copies_doubted
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
+from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
+from pipeline.run.grading import _kept
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem

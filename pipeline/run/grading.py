@@ -10,27 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.checking import implausible_batch, implausible_fruit
-from pipeline.batch.former_results import batch_folder, identity, require_same_batch
-from pipeline.batch.layout import FruitResults, Results, write_whole
-from pipeline.batch.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
-from pipeline.batch.opening import Batch, open_batch, own_files
-from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.problem import BatchRefused, Problem
-from pipeline.batch.progress import BatchProgress
-from pipeline.batch.provenance import input_hashes, write_provenance
-from pipeline.batch.records import FruitRecord, read_record, write_record
-from pipeline.batch.run_summary import cause, decimals
-from pipeline.batch.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
-from pipeline.batch.same_recording import copies_doubted, with_copies
-from pipeline.batch.task import FruitTask, fruit_task
-from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
-from pipeline.files.results_lock import alone, is_held
-from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.files.write_guard import require_free, require_results_apart, require_temporary_apart
-from pipeline.fruit.recording_owner import named_row
-from pipeline.fruit.stages import grade_fruit
-from pipeline.ranking.control_chart import (
+from pipeline.batch.control_chart import (
     ControlChart,
     chart_path,
     read_chart,
@@ -38,6 +18,20 @@ from pipeline.ranking.control_chart import (
     update_chart,
     with_points,
 )
+from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.opening import Batch, open_batch, own_files
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.provenance import input_hashes, write_provenance
+from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
+from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
+from pipeline.files.results_lock import alone, is_held
+from pipeline.files.whole_file import NotWritten, sweep
+from pipeline.fruit.recording_owner import named_row
+from pipeline.fruit.same_recording import copies_doubted, with_copies
+from pipeline.fruit.stages import grade_fruit
+from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.reference_ratio import (
     ReferenceFinding,
     against_references,
@@ -46,6 +40,12 @@ from pipeline.ranking.reference_ratio import (
     own_points,
 )
 from pipeline.ranking.report_entries import batch_entry
+from pipeline.ranking.run_summary import cause, decimals
+from pipeline.run.checking import implausible_batch, implausible_fruit
+from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
+from pipeline.run.progress import BatchProgress
+from pipeline.run.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv

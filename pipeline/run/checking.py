@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from pipeline.batch.confirmed_effects import effects_on, faults, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, survey
@@ -19,13 +20,12 @@ from pipeline.batch.plausible import (
     row_doubts,
     table_doubts,
 )
-from pipeline.batch.problem import Problem
-from pipeline.batch.same_recording import in_two_fruit, refuse_copy
-from pipeline.diagnosis.confirmed_effects import effects_on, faults, pit_found
+from pipeline.batch.reference_body import category_of
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.recording_owner import Owner, owner_findings
-from pipeline.ranking.reference_body import category_of
+from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
+from pipeline.problem import Problem
 from recon.cameras.photos import SUFFIXES, read_photo, require_enough
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.plain_file import named_in_utf8, not_plain

@@ -8,7 +8,7 @@ from typing import Self
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from pipeline.batch.time_left import TimeLeft
+from pipeline.run.time_left import TimeLeft
 
 
 class BatchProgress:

@@ -21,9 +21,9 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.batch.layout import BatchFolder, Results
-from pipeline.batch.problem import BatchRefused, Problem
+from pipeline.batch.write_guard import batch_trees, require_file_apart
 from pipeline.files.whole_file import put
-from pipeline.files.write_guard import batch_trees, require_file_apart
+from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import NotReadable, read_text
 from tactile.io.decimal_number import decimal_number, meant
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, FruitResults, Results
-from pipeline.batch.problem import BatchRefused, Problem
 from pipeline.files.manifest import was_ours
+from pipeline.problem import BatchRefused, Problem
 from recon.plain_file import not_plain
 
 Place = tuple[int, int]
