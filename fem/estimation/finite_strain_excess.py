@@ -1,11 +1,11 @@
 """What large deformation adds to a recording: the markers' displacement beyond the linear answer.
 
 A fruit of modulus E under forces f moves its markers by U(f / E), of which linear flesh has c(f) / E. With
-departure(E) = E U(f / E) - c(f), the linear estimator holds for U as well, c + departure standing where c
-stood. The departure is small, and quadratic and cubic in the forces to leading order; so it is computed in a
-few frames and foretold for the others by the kernel  k(t, s) = a^2 + a^3,  a(t, s) = f_t . c_s  the work of
+correction(E) = E U(f / E) - c(f), the linear estimator holds for U as well, with c + correction in the place
+of c. The correction is small, and quadratic and cubic in the forces to leading order; so it is computed in a
+few frames and predicted for the others by the kernel  k(t, s) = a^2 + a^3,  a(t, s) = f_t . c_s  the work of
 one frame's forces on another's displacement (scaled), which is exact for such maps where enough frames were
-computed. They are chosen greedily, each where the ones before foretell least (pivoted Cholesky; Schaback and
+computed. They are chosen greedily, each where the earlier ones predict least (pivoted Cholesky; Schaback and
 Wendland, "Kernel techniques", Acta Numerica 15, 2006, section 8).
 """
 
@@ -22,16 +22,16 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
 MOST_LEVELS = 12
-"""Frames computed at most: each is a nonlinear solution. Set by hand; UNFORETOLD ends the row before it."""
+"""Frames computed at most: each is a nonlinear solution. Set by hand; UNPREDICTED ends the row before it."""
 UNPREDICTED = 0.005
-"""Frames are computed until what is left to foretell is below this share of the largest departure."""
+"""Frames are computed until what is left to predict is below this share of the largest correction."""
 AGREED = 1e-3
 """Relative change of the modulus below which it is taken as found."""
 ROUNDS, REPETITIONS = 4, 40
 """Departures computed anew, and refits with each of them. A repetition keeps of the error the share that is
 not linear, a tenth or two, so that far fewer do where E settles at all."""
 TOLERANCE = 1e-5
-"""Forces out of balance, as a share of the load: a departure of a tenth is then exact to a few 1e-4 of it."""
+"""Forces out of balance, as a share of the load: a correction of a tenth is then exact to a few 1e-4 of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,8 +64,8 @@ class MarkerContact:
 class FiniteStrainCorrection:
     """E U(f / E) - c(f) at the markers in every frame, mm MPa, for E = `modulus_MPa`.
 
-    `computed`: the frames in which it was computed; in the others it is foretold, `unpredicted` being the
-    largest share of the largest departure that this may miss. `moved_mm`: nodal displacements there.
+    `computed`: the frames in which it was computed; in the others it is predicted, `unpredicted` being the
+    largest share of the largest correction that this may miss. `moved_mm`: nodal displacements there.
     """
 
     modulus_MPa: float
@@ -84,9 +84,9 @@ def finite_strain_correction(
     modulus_MPa: float,
     before: FiniteStrainCorrection | None = None,
 ) -> FiniteStrainCorrection:
-    """The departure in all frames, from the forces at the markers and their linear response to them.
+    """The correction in all frames, from the forces at the markers and their linear response to them.
 
-    Add it to `MarkerTracks.unit_displacement` (or take departure / E from the positions) and fit again.
+    Add it to `MarkerTracks.unit_displacement` (or take correction / E from the positions) and fit again.
     `before`, the same at another modulus, spares most of the search. Raises NOT_CONVERGED where a frame's
     forces cannot be borne by flesh of this modulus.
     """
@@ -123,10 +123,10 @@ def finite_modulus(
     modulus_MPa: float,
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
 ) -> tuple[float, FiniteStrainCorrection]:
-    """The modulus E for which a refit with c + departure(E) gives 1/E, from the linear one on.
+    """The modulus E for which a refit with c + correction(E) gives 1/E, from the linear one on.
 
     `refit` takes the markers' unit displacement and returns the compliance, 1/MPa. Between computations the
-    departure is taken to go like 1/E. Raises NOT_CONVERGED where ROUNDS of them do not settle E to AGREED.
+    correction is taken to go like 1/E. Raises NOT_CONVERGED where ROUNDS of them do not settle E to AGREED.
     """
     found = None
     for _ in range(ROUNDS):
@@ -149,7 +149,7 @@ def _repeated(
     unit_displacement: Float[np.ndarray, "t m 3"],
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
 ) -> float:
-    """E = 1 / refit(c + departure (E0 / E)), by repetition. Raises NOT_CONVERGED where E goes on changing."""
+    """E = 1 / refit(c + correction (E0 / E)), by repetition. Raises NOT_CONVERGED where E goes on changing."""
     modulus = found.modulus_MPa
     for _ in range(REPETITIONS):
         before = modulus

@@ -20,7 +20,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 def with_large_deformation(
     model: GraspModel, history: GraspHistory, solid: UnitModulusSolid, law: UnitLaw, *, scale_sd: float
 ) -> GraspModel:
-    """The model with its departure in every frame used, at the modulus that it then gives itself.
+    """The model with its correction in every frame used, at the modulus that it then gives itself.
 
     `solid` is the one the model was made from, `scale_sd` as in fem.estimation.compliance_fit. Raises
     FemFailure:

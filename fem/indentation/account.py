@@ -1,4 +1,4 @@
-"""All that is known of one trace: the answer, and the fits and foretold forces behind it."""
+"""All that is known of one trace: the answer, and the fits and predicted forces behind it."""
 
 from dataclasses import dataclass
 
@@ -30,7 +30,7 @@ DEEP = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: foretold forces."""
+    """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: predicted forces."""
 
     explanation: Explanation
     linear: TraceFit

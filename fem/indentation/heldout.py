@@ -38,7 +38,7 @@ class Prediction:
 
 
 def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
-    """What is foretold from the past: all from the start of unloading, else the second half of the hold.
+    """What is predicted from the past: all from the start of unloading, else the second half of the hold.
 
     Where the ball never stands still, the last third.
     """
@@ -56,7 +56,7 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
 def predict(
     linear: TraceFit, named: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
 ) -> tuple[Prediction, Prediction]:
-    """Both laws, refitted without the frames they foretell: the trace's end, and its blocks in turn."""
+    """Both laws, refitted without the frames they predict: the trace's end, and its blocks in turn."""
     block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
     ways = {"end": [future_frames(trace)], "blocks": [block, ~block]}
     return tuple(  # type: ignore[return-value]

@@ -29,7 +29,7 @@ ITERATIONS = 40
 SMALLEST_SHARE = 1 / 64
 """The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
 SIMILAR = 0.9
-"""Cosine between two loads from which on one's departure from the linear answer foretells the other's."""
+"""Cosine between two loads from which on one's difference from the linear answer predicts the other's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -199,6 +199,6 @@ def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) ->
 
 
 def _predicted(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
-    """The departure from the linear answer, which grows with the square of a load that keeps its shape."""
+    """The difference from the linear answer, which grows with the square of a load that keeps its shape."""
     size = float(np.linalg.norm(linear[k])) / float(np.linalg.norm(linear[k - 1]))
     return np.asarray((last.moved_mm - linear[k - 1]) * size**2 * (last.share == 1))
