@@ -4,10 +4,13 @@ The hook holds for what this process imports; workers that tests start as proces
 checked.
 """
 
+import sys
 from pathlib import Path
 
+import array_annotations  # noqa: F401 - the hook's checks, while their folder is on the path
 from jaxtyping import install_import_hook
 
+sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 ROOT = Path(__file__).parents[1]
 CHECKED = ("fem/elements", "fem/mesh", "reports", "tactile")
 """Folders whose modules are checked. The others' annotations are being mended, folder by folder."""

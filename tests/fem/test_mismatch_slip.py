@@ -37,7 +37,7 @@ def dragged(skin_mm: np.ndarray, mu: float) -> tuple[SimpleNamespace, np.ndarray
 
 def path_of(recording: SimpleNamespace, mu: float) -> np.ndarray:
     """With equations that leave every field as it is: the skin is where the plain model says."""
-    equations = SimpleNamespace(left=lambda field: field)
+    equations = SimpleNamespace(residual=lambda field: field)
     ratio = np.array([SPRING_RATIO])
     return slip_path(recording, equations, compliance=1.0, mu=mu, spring_ratio=ratio)[:, 0, 0]
 

@@ -1,6 +1,6 @@
 """Every module constant made of numbers says what it is: unit, and reason or measurement, beside it.
 
-    python tests/test_constants.py [ROOT]
+    python tests/house/test_constants.py [ROOT]
 
 prints how many there are in each room, how many have no words beside them, and which those are.
 """
@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 DIRECTIVE = re.compile(r"#\s*(noqa|fmt:|type:|ruff:|pragma|mypy:|isort:)")
 FEWEST_WORDS = 2
 SHARED = "These"

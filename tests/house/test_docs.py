@@ -12,7 +12,7 @@ from pipeline.batch.fruits_table import COLUMNS
 from pipeline.batch.settings import Settings
 from reports.tables import RANKING_COLUMNS
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted(
     path.relative_to(ROOT).as_posix()
     for path in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md"))
