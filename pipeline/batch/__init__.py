@@ -1,1 +1,1 @@
-"""A batch: layout, tables and settings, one process per fruit, kept results, records, provenance."""
+"""A batch on the disk: layout, tables and settings, confirmed effects, records, kept results, provenance."""
