@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.compliance_fit import fit_compliance
-from fem.estimation.finite_strain_excess import MarkerContact, finite_modulus
+from fem.estimation.finite_strain_correction import MarkerContact, finite_modulus
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import require_positive, tracks_compare

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 from pipeline.batch.control_chart import chart_path, read_chart
 from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder
-from pipeline.batch.plausible import grading_doubts, kind_of, table_doubts
+from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.problem import BatchRefused, Problem

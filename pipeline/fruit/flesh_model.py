@@ -13,7 +13,7 @@ from pipeline.batch.confirmed_effects import pit_found
 from pipeline.batch.reference_body import NAME as REFERENCE
 from pipeline.batch.settings import Settings
 from pipeline.batch.task import FruitTask
-from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape
+from pipeline.fruit.fruit_shape import FruitPit, FruitShape
 from recon.pit.priors import PitPrior
 
 
@@ -38,7 +38,7 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
     raise ValueError("a batch was opened without Poisson's ratio")
 
 
-def flesh_mesh(task: FruitTask, pit: EmbeddedPit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
+def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
     """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change.
 
     Solid where there is no pit.

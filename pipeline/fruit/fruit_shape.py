@@ -40,7 +40,7 @@ class FruitShape:
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmbeddedPit:
+class FruitPit:
     """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm.
 
     Without a pit there is a skin alone, and no record.
@@ -146,14 +146,14 @@ def _shape(
     )
 
 
-def embedded_pit(task: FruitTask, shape: FruitShape) -> EmbeddedPit:
+def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
     """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
     if task.folder.pit_ply.is_file():
         vertices, faces = read_mesh(task.folder.pit_ply)
         require_closed(vertices, faces, what="pit.ply")
         source = "pit.ply"
     elif task.settings.pit.none:
-        return EmbeddedPit(
+        return FruitPit(
             vertices=np.empty((0, 3)),
             faces=np.empty((0, 3), dtype=np.int64),
             skin=(shape.vertices, shape.faces),
@@ -172,7 +172,7 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> EmbeddedPit:
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
     skin, pit = embedded.skin, embedded.pit
     low, high = pit[0].min(axis=0), pit[0].max(axis=0)
-    return EmbeddedPit(
+    return FruitPit(
         vertices=pit[0],
         faces=pit[1],
         skin=skin,
@@ -187,7 +187,7 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> EmbeddedPit:
     )
 
 
-def write_meshes(results: FruitResults, shape: FruitShape, pit: EmbeddedPit) -> None:
+def write_meshes(results: FruitResults, shape: FruitShape, pit: FruitPit) -> None:
     """fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the mat's)."""
     for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
         if not len(part.faces):

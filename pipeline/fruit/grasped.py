@@ -18,7 +18,7 @@ from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord, GraspRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
-from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape, embedded_pit, fruit_shape, write_meshes
+from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
 from pipeline.fruit.raw_grasps import kept_recording
@@ -51,7 +51,7 @@ class GraspedFruit:
     """
 
     shape: FruitShape
-    pit: EmbeddedPit
+    pit: FruitPit
     placed: tuple[PlacedGrasp, ...]
     failed: tuple[GraspRecord, ...]
     mesh: FleshMesh
@@ -114,7 +114,7 @@ def grasped_fruit(task: FruitTask, log: StageLog) -> GraspedFruit:
     )
 
 
-def _pit_doubts(task: FruitTask, shape: FruitShape, pit: EmbeddedPit) -> list[Doubt]:
+def _pit_doubts(task: FruitTask, shape: FruitShape, pit: FruitPit) -> list[Doubt]:
     """Where the fruit's own pit is unlike its category's; raises FruitEnded where E would mean nothing."""
     if not task.folder.pit_ply.is_file():
         return []

@@ -5,7 +5,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from recon.pit.priors import known_categories
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -99,7 +99,9 @@ def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
 
 
 def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
-    return Finding(kind=kind, rank=Rank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT)
+    return Finding(
+        kind=kind, rank=FindingRank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT
+    )
 
 
 def _both_known(one: str, other: str) -> bool:

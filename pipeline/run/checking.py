@@ -12,7 +12,7 @@ from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, survey
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.plausible import (
+from pipeline.batch.plausible_numbers import (
     PlausibleRange,
     grading_doubts,
     kind_of,

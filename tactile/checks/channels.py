@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Field, Finding, FindingKind, Rank
+from tactile.checks.finding import Field, Finding, FindingKind, FindingRank
 from tactile.checks.pressing import (
     LOST_REFUSED,
     LOST_SAID,
@@ -102,7 +102,7 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                 found.append(
                     Finding(
                         kind=FindingKind.NOISE,
-                        rank=Rank.FIELD,
+                        rank=FindingRank.FIELD,
                         pads=(one.pad.name,),
                         field=name,
                         says=(
@@ -162,7 +162,7 @@ def _markers(one: Pressing) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.DEAD_MARKERS,
-            rank=Rank.FIELD,
+            rank=FindingRank.FIELD,
             pads=(one.pad.name,),
             says=(
                 f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
@@ -189,7 +189,7 @@ def _whole_frames(one: Pressing) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.ZERO_FRAMES,
-                    rank=Rank.FIELD,
+                    rank=FindingRank.FIELD,
                     pads=(one.pad.name,),
                     field=name,
                     says=(
@@ -206,7 +206,7 @@ def _whole_frames(one: Pressing) -> list[Finding]:
         found.append(
             Finding(
                 kind=FindingKind.COPIED_FRAMES,
-                rank=Rank.FIELD,
+                rank=FindingRank.FIELD,
                 pads=(one.pad.name,),
                 says=(
                     f"frames are duplicated: {int(copied.sum())} in the contact are copies of the one before "
@@ -231,7 +231,7 @@ def _values(one: Pressing) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.COARSE_STEPS,
-                    rank=Rank.FIELD,
+                    rank=FindingRank.FIELD,
                     pads=(one.pad.name,),
                     field=name,
                     says=(
@@ -249,7 +249,7 @@ def _values(one: Pressing) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.CLIPPED,
-                    rank=Rank.FIELD,
+                    rank=FindingRank.FIELD,
                     pads=(one.pad.name,),
                     field=name,
                     says=(

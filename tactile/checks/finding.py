@@ -8,7 +8,7 @@ from typing import Literal
 Field = Literal["displacement", "force"]
 
 
-class Rank(IntEnum):
+class FindingRank(IntEnum):
     """How near a finding is to the cause; of two that explain each other the lower stands first."""
 
     FIELD = 0
@@ -97,7 +97,7 @@ class Finding:
     """
 
     kind: FindingKind
-    rank: Rank
+    rank: FindingRank
     says: str
     pads: tuple[str, ...] = ()
     field: Field | None = None

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
@@ -156,7 +156,7 @@ def better_otherwise(
     }[kind]
     return Finding(
         kind=kind,
-        rank=Rank.FRUIT,
+        rank=FindingRank.FRUIT,
         says=f"{_where(prints)}, and the prints fit far better {what}",
         relative_sd=E_OF_A_TURN,
     )
@@ -179,7 +179,7 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
     real = width_mm - wider_mm
     return Finding(
         kind=FindingKind.WIDTH,
-        rank=Rank.FRUIT,
+        rank=FindingRank.FRUIT,
         says=(
             f"the fruit between the pads is {real:.1f} mm wide where they first touch, "
             f"its mesh {width_mm:.1f} mm ({width_mm / real:.3f} times): the recording is of another fruit, "
@@ -193,7 +193,7 @@ def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
 def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
     return Finding(
         kind=kind,
-        rank=Rank.FRUIT,
+        rank=FindingRank.FRUIT,
         says=(
             f"{what}: the mesh is turned, mirrored or of another fruit, "
             "or a pose is wrong (a pad moved in its mount, another day, the other pad)"

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.pressing import FEWEST_PRESSED, Pressing
 from tactile.checks.units import LENGTH, unit_like
 from tactile.io.recording import Recording
@@ -122,7 +122,7 @@ def _aperture(
     return [
         Finding(
             kind=FindingKind.APERTURE_UNIT if unit else FindingKind.APERTURE,
-            rank=Rank.MACHINE,
+            rank=FindingRank.MACHINE,
             detail=unit or "",
             says=(
                 f"{what}: the pads' poses close by {moved:.2f} mm, the aperture by {said:.2f} mm, "
@@ -162,4 +162,4 @@ def _wrong_way(poses: Sequence[Float[np.ndarray, "t 4 4"]], inward: Sequence[flo
 
 
 def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = (), detail: str = "") -> Finding:
-    return Finding(kind=kind, rank=Rank.MACHINE, says=says, pads=pads, detail=detail, refused=True)
+    return Finding(kind=kind, rank=FindingRank.MACHINE, says=says, pads=pads, detail=detail, refused=True)

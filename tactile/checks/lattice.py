@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, cKDTree
 
-from tactile.checks.finding import Finding, FindingKind, Rank, shared
+from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 from tactile.io.recording import marker_area_mm2
@@ -75,7 +75,7 @@ def _pad(one: Pressing) -> list[Finding]:
         found.append(
             Finding(
                 kind=FindingKind.MARKERS_ORDER,
-                rank=Rank.FIELD,
+                rank=FindingRank.FIELD,
                 pads=(one.pad.name,),
                 says=(
                     "markers are in another order (permuted) in rest_mm than in displacement and force: "
@@ -95,7 +95,7 @@ def _pad(one: Pressing) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.MARKERS_MISSING,
-                    rank=Rank.FIELD,
+                    rank=FindingRank.FIELD,
                     pads=(one.pad.name,),
                     says=(
                         f"marker grid has holes: {lost} of {lost + int(one.touched.sum())} places in the "
@@ -211,7 +211,7 @@ def _edge(one: Pressing, rest: Float[np.ndarray, "n 2"]) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.OVER_EDGE,
-            rank=Rank.FIELD,
+            rank=FindingRank.FIELD,
             pads=(one.pad.name,),
             says=(
                 "contact runs over the edge of its markers "
@@ -229,7 +229,7 @@ def _unit(one: Pressing, side_mm: float) -> Finding:
     unit = f", as if in {' or '.join(fits)}" if fits else ""
     return Finding(
         kind=FindingKind.MARKERS_UNIT,
-        rank=Rank.FIELD,
+        rank=FindingRank.FIELD,
         pads=(one.pad.name,),
         says=(
             f"rest_mm spans {side_mm:.3g} mm{unit}; "

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.checks.finding import Field, Finding, FindingKind, Rank, shared
+from tactile.checks.finding import Field, Finding, FindingKind, FindingRank, shared
 from tactile.checks.lattice import is_thinned
 from tactile.checks.pressing import Pressing, gives_way, heaviest
 from tactile.checks.relation import Relation, relation_of
@@ -266,7 +266,7 @@ def _gain_finding(
             says += f"; or only one of every {left_out} markers is in the arrays"
     return Finding(
         kind=kind,
-        rank=Rank.RELATION,
+        rank=FindingRank.RELATION,
         pads=names,
         says=says,
         detail=detail,
@@ -289,7 +289,7 @@ def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: 
     every = {2: "second", 3: "third", 4: "fourth"}[count]
     return Finding(
         kind=FindingKind.MARKERS_MISSING,
-        rank=Rank.RELATION,
+        rank=FindingRank.RELATION,
         pads=names,
         says=(
             f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} "
@@ -326,7 +326,7 @@ def _refused(
     """A finding of one pad that makes its recording unusable."""
     return Finding(
         kind=kind,
-        rank=Rank.RELATION,
+        rank=FindingRank.RELATION,
         pads=(one.pad.name,),
         says=says,
         field=field,

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.pressing import FEWEST_PRESSED, PRESSED_SD, QUIET_OVER, QUIET_SHARE, Pressing, clearer
 from tactile.contact import STARTS_IN_CONTACT
 from tactile.io.recording import Recording
@@ -126,7 +126,7 @@ def _dropped(recording: Recording) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.FRAMES_DROPPED,
-            rank=Rank.FIELD,
+            rank=FindingRank.FIELD,
             says=(
                 f"frames were dropped: {missing} of {steps} time steps are twice or more those beside them; "
                 "record slower, or look for what keeps the computer busy"
@@ -144,7 +144,7 @@ def _end(pressings: Sequence[Pressing]) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.ENDS_PRESSED,
-            rank=Rank.MACHINE,
+            rank=FindingRank.MACHINE,
             pads=tuple(one.pad.name for one in pressed),
             says=(
                 "recording ends while it is pressed (there is no unloading): E does not need one, but a late "
@@ -205,7 +205,7 @@ def _drift(pressings: Sequence[Pressing]) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.FORCE_DRIFT,
-                    rank=Rank.RELATION,
+                    rank=FindingRank.RELATION,
                     pads=(one.pad.name,),
                     says=(
                         f"force drifts: with nothing touching it differs by {change:+.2f} N after the grasp "
@@ -230,7 +230,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.STARTS_IN_CONTACT,
-                    rank=Rank.MACHINE,
+                    rank=FindingRank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
                         f"recording starts in contact ({100 * raw_u[0] / u:.0f} % of its peak in the first "
@@ -246,7 +246,7 @@ def _start(pressings: Sequence[Pressing]) -> list[Finding]:
             found.append(
                 Finding(
                     kind=FindingKind.NO_TARE,
-                    rank=Rank.MACHINE,
+                    rank=FindingRank.MACHINE,
                     pads=(one.pad.name,),
                     says=(
                         f"force has an offset of {rest_F:.2g} N in the contact's markers "
@@ -308,7 +308,7 @@ def _late(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.CLOCKS_APART,
-            rank=Rank.MACHINE,
+            rank=FindingRank.MACHINE,
             says=(
                 f"the gel's signals (displacement and force) are {late} against the jaws: "
                 f"at release the jaws stand {abs(apart):.2f} mm {'wider' if apart > 0 else 'closer'} than "
@@ -345,7 +345,7 @@ def _clock(recording: Recording) -> list[Finding]:
     return [
         Finding(
             kind=FindingKind.TIME_UNIT,
-            rank=Rank.MACHINE,
+            rank=FindingRank.MACHINE,
             says=(
                 f"time_s looks like {unit}: the jaws would close at {fastest:.2g} mm/s, "
                 f"expected {low:g} to {high:g}; E does not depend on it"
@@ -356,4 +356,4 @@ def _clock(recording: Recording) -> list[Finding]:
 
 
 def _refused(kind: FindingKind, says: str, *, pads: tuple[str, ...] = ()) -> Finding:
-    return Finding(kind=kind, rank=Rank.FIELD, says=says, pads=pads, refused=True)
+    return Finding(kind=kind, rank=FindingRank.FIELD, says=says, pads=pads, refused=True)

@@ -7,7 +7,7 @@ import pytest
 from fem_shapes import ball
 
 from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
-from fem.estimation.finite_strain_excess import (
+from fem.estimation.finite_strain_correction import (
     MarkerContact,
     _repeated,
     finite_modulus,

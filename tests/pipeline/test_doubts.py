@@ -21,7 +21,7 @@ from pipeline.fruit.input_doubts import (
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from samples.fruit import fruit_of_seed, scanned_mesh
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 
 
 @pytest.fixture(scope="module")
@@ -104,7 +104,7 @@ def grasp(number, *findings):
 def gain(relative_sd=0.2, pads=("left", "right")):
     return Finding(
         kind=FindingKind.GAIN,
-        rank=Rank.RELATION,
+        rank=FindingRank.RELATION,
         says="forces are 1.3 times",
         pads=pads,
         relative_sd=relative_sd,
@@ -112,7 +112,9 @@ def gain(relative_sd=0.2, pads=("left", "right")):
 
 
 def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
-    remark = Finding(kind=FindingKind.ENDS_PRESSED, rank=Rank.MACHINE, says="it ends pressed", remark=True)
+    remark = Finding(
+        kind=FindingKind.ENDS_PRESSED, rank=FindingRank.MACHINE, says="it ends pressed", remark=True
+    )
     one, two = grasp(1, remark), grasp(2, gain())
     assert remarks_of_grasps([one, two]) == ["grasp-1: it ends pressed."]
     (doubt,) = of_grasps([one, two])
@@ -133,7 +135,7 @@ def test_a_fault_that_all_recordings_have_is_not_made_less_by_more_of_them(count
 def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
     left, right = gain(0.3, ("left",)), gain(0.4, ("right",))
     assert relative_sd(of_grasps([grasp(1, left, right)])) == pytest.approx(0.5)
-    clock = Finding(kind=FindingKind.CLOCKS_APART, rank=Rank.MACHINE, says="late", relative_sd=0.4)
+    clock = Finding(kind=FindingKind.CLOCKS_APART, rank=FindingRank.MACHINE, says="late", relative_sd=0.4)
     assert relative_sd(of_grasps([grasp(1, gain(0.3), clock)])) == pytest.approx(0.5)
     assert relative_sd([]) == 0.0
     assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
@@ -148,7 +150,7 @@ def test_only_the_signs_that_a_cause_explains_are_left_out():
 
 @pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "frames-dropped", "ends-pressed"])
 def test_what_E_does_not_depend_on_explains_no_sign_of_its_modulus(kind):
-    harmless = Finding(kind=FindingKind(kind), rank=Rank.MACHINE, says="harmless")
+    harmless = Finding(kind=FindingKind(kind), rank=FindingRank.MACHINE, says="harmless")
     assert signs_explained(grasp(1, harmless)) == set()
 
 

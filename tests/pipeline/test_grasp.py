@@ -17,7 +17,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.fruit.placed_grasp import grasp_record, history, place_grasp, refusal
 from recon.surface.mesh_file import read_mesh
-from tactile.checks.finding import Finding, FindingKind, Rank
+from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.io.recording import read_recording, write_recording
 from tactile.tactile_failure import TactileFailure
 
@@ -103,7 +103,7 @@ def test_the_record_says_what_was_found_in_the_units_it_names(graded):
 
 def test_a_refusal_names_the_corrections_that_were_made_before():
     finding = Finding(
-        kind=FindingKind.GAIN, rank=Rank.RELATION, says="forces are 9.8 times too large", refused=True
+        kind=FindingKind.GAIN, rank=FindingRank.RELATION, says="forces are 9.8 times too large", refused=True
     )
     assert refusal([finding], corrected_for=0) == "forces are 9.8 times too large"
     assert "[[mismatch]] in batch.toml" in refusal([finding], corrected_for=1)

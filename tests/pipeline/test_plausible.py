@@ -7,7 +7,7 @@ from rich.console import Console
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.plausible import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
+from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
 from pipeline.run import grading as grading

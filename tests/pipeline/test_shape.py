@@ -6,7 +6,7 @@ import trimesh
 
 from pipeline.batch.layout import FruitResults
 from pipeline.batch.records import MeshRecord, PitRecord
-from pipeline.fruit.fruit_shape import EmbeddedPit, FruitShape, write_meshes
+from pipeline.fruit.fruit_shape import FruitPit, FruitShape, write_meshes
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import read_mesh
 
@@ -19,7 +19,7 @@ def pit():
         source="pit.ply", volume_mm3=1.0, centre_mm=(0, 0, 0), box_mm=BOX, thinnest_flesh_mm=1.0,
         flesh_volume_mm3=1.0,
     )  # fmt: skip
-    return EmbeddedPit(vertices=10 * DIRECTIONS, faces=FACES, skin=(30 * DIRECTIONS, FACES), record=record)
+    return FruitPit(vertices=10 * DIRECTIONS, faces=FACES, skin=(30 * DIRECTIONS, FACES), record=record)
 
 
 def shape(views):

@@ -15,7 +15,7 @@ from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.checks.channels import noise_findings
-from tactile.checks.finding import Finding, FindingKind, Rank, shared
+from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.checks.footprint import Footprint, better_otherwise
 from tactile.checks.gel_law import MOST_FOR_SLAB, displacement_of
 from tactile.checks.lattice import is_thinned, missing_sites
@@ -325,7 +325,9 @@ def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(sound):
 
 def test_findings_are_told_apart_by_kind_field_and_detail_and_not_by_words():
     def found(pad, kind=FindingKind.DELAY, field=None, detail="5", says="as it is"):
-        return Finding(kind=kind, rank=Rank.RELATION, says=says, pads=(pad,), field=field, detail=detail)
+        return Finding(
+            kind=kind, rank=FindingRank.RELATION, says=says, pads=(pad,), field=field, detail=detail
+        )
 
     (one,) = shared([found("left"), found("right", says="in other words")])
     assert one.sentence == "both pads' as it is"
