@@ -32,6 +32,7 @@ def require_results_apart(results: Results, batch: BatchFolder, inputs: Iterable
     for found in results.inputs_inside():
         name = found.relative_to(root)
         raise _refused(root, f"holds {name}, so it is no folder of results; {MOVE} with {option}.")
+    _require_outside(root, _fruit_of_others(root), f"{MOVE} with {option}.")
 
 
 def require_temporary_apart(place: Path, batch: BatchFolder) -> None:
@@ -110,6 +111,16 @@ def _trees(batch: BatchFolder) -> list[Path]:
         for place in (FruitFolder(path).photos, FruitFolder(path).photos_flipped, path / "grasps")
     ]
     return [fruits, *own, *(place for place in parts if place.is_dir())]
+
+
+def _fruit_of_others(target: Path) -> list[Path]:
+    """Of the folders that `target` is or lies in: those that hold the fruit of some batch."""
+    around = target.resolve()
+    return [
+        place
+        for place in (around, *around.parents)
+        if place.name == "fruits" and BatchFolder(place.parent).settings.is_file()
+    ]
 
 
 def _require_outside(target: Path, trees: Iterable[Path], advice: str) -> None:

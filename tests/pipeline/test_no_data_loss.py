@@ -71,6 +71,13 @@ def refused_untouched(drupe, root, *arguments):
     return said
 
 
+@pytest.mark.parametrize("place", ["fruits", "fruits/new", "fruits/new/results"])
+def test_results_are_not_put_among_the_fruit_of_another_batch(drupe, batch, tmp_path, place):
+    other = make_batch(tmp_path / "other")
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", other / place)
+    assert "fruits, which is read and never written into" in said
+
+
 @pytest.mark.parametrize("place", ["fruits", "fruits/N01/grasps", "fruits/N02/photos"])
 def test_no_temporary_files_are_made_among_the_fruit(drupe, batch, monkeypatch, place):
     monkeypatch.setattr("tempfile.tempdir", str(batch / place))
