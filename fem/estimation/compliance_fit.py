@@ -9,7 +9,8 @@ modulus. Unknown are s = 1/E, common to all; q(t), the fruit's rigid motion, six
 marker sits on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
 displacement d_i, with prior zero and a known spread. X_i makes the scanned surface's error cancel. It and
 g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left. Noise that is alike
-from frame to frame counts with the variance that it has in a mean over frames (modulus_noise).
+from frame to frame counts with the variance that it has in a mean over frames
+(fem.estimation.coloured_noise).
 """
 
 from dataclasses import dataclass

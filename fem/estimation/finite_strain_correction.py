@@ -28,11 +28,10 @@ UNPREDICTED = 0.005
 AGREED = 1e-3
 """Relative change of the modulus below which it is taken as found."""
 ROUNDS, REPETITIONS = 4, 40
-"""Departures computed anew, and refits with each of them. A repetition keeps of the error the share that is
+"""Corrections computed anew, and refits with each of them. A repetition keeps of the error the share that is
 not linear, a tenth or two, so that far fewer do where E settles at all."""
 TOLERANCE = 1e-5
-"""Forces out of balance, as a share of the load: a correction of a tenth is then exact to a few 1e-4 of
-it."""
+"""Forces out of balance, as a share of the load: a correction of a tenth is then exact to a few 1e-4."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,8 +149,7 @@ def _repeated(
     unit_displacement: Float[np.ndarray, "t m 3"],
     refit: Callable[[Float[np.ndarray, "t m 3"]], float],
 ) -> float:
-    """E = 1 / refit(c + correction (E0 / E)), by repetition. Raises NOT_CONVERGED where E goes on
-    changing."""
+    """E = 1 / refit(c + correction (E0 / E)), repeated. Raises NOT_CONVERGED where E goes on changing."""
     modulus = found.modulus_MPa
     for _ in range(REPETITIONS):
         before = modulus

@@ -84,10 +84,10 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     """The modulus that makes the fruit of `model` move under the measured forces as the markers moved.
 
     `model` is that of the same recording (fem.estimation.grasp_model). Least squares over all frames and
-    markers (modulus_fit) and the strain-energy ratio (modulus_energy), each marker compared with its own
-    first touch; against the scanned surface (modulus_absolute) where only one frame is loaded, or where
+    markers (compliance_fit) and the strain-energy ratio (energy_ratio), each marker compared with its own
+    first touch; against the scanned surface (absolute_modulus) where only one frame is loaded, or where
     noise makes the first-touch compliance uncertain by more than NOISY. The loaded frames are thinned
-    evenly where there are more than MOST_FRAMES of them (modulus_thinning). Raises FemFailure: no-load,
+    evenly where there are more than MOST_FRAMES of them (frame_thinning). Raises FemFailure: no-load,
     too-few-markers, no-modulus (forces and displacement contradict any elastic fruit).
     """
     loaded = loaded_frames(history)

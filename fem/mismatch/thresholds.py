@@ -16,8 +16,7 @@ DETECTION_P = 0.05
 fruits, 7 lie below (`benchmarks/mismatch_nulls.py`)."""
 
 MOST_SINGLES, MOST_PAIRS = 5, 2
-"""Explanations of the linear round that are refitted at most. Set by hand, to bound the
-time of a case."""
+"""Explanations of the linear round that are refitted at most. Set by hand, to bound the time of a case."""
 REFIT_SHARE = 0.15
 """Share of the best linear gain from which an effect is worth its nonlinear refit. Set by hand, wide: linear
 signatures miss most of what laws that bend gain."""

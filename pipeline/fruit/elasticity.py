@@ -2,6 +2,7 @@
 
 import hashlib
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -93,6 +94,22 @@ def modulus_record(
             size_prior_sd=float(pit.prior_sd[3]),
             moved=tuple(pit.moved.tolist()),
         ),
+    )
+
+
+def doubted_modulus(modulus: ModulusRecord, relative_sd: float, *, shared: bool) -> ModulusRecord:
+    """The same E with an error bar wider by `relative_sd`.
+
+    `shared`: all fruit of the batch have that error in common, so that it does not touch their order.
+    """
+    more = relative_sd * modulus.E_MPa
+    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
+    return modulus.model_copy(
+        update={
+            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
+            "common_sd_MPa": math.hypot(modulus.common_sd_MPa, more if shared else 0.0),
+            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
+        }
     )
 
 

@@ -1,13 +1,12 @@
 """One recording in two places: within a fruit it counts once, in two fruit one has the other's."""
 
-import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from pipeline.batch.layout import BatchFolder
-from pipeline.batch.records import FruitRecord, ModulusRecord
-from pipeline.fruit.elasticity import DOUBTED
+from pipeline.batch.records import FruitRecord
+from pipeline.fruit.elasticity import doubted_modulus
 from recon.plain_file import printable
 from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -56,7 +55,7 @@ def _doubted(
     told = with_copies(record, said)
     if not said or record.modulus is None:
         return told
-    modulus = _widened(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used))
+    modulus = doubted_modulus(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used), shared=False)
     return told.model_copy(update={"modulus": modulus})
 
 
@@ -76,15 +75,3 @@ def _file(folder: BatchFolder, fruit_id: str, grasp: str) -> str:
     files = folder.fruit(fruit_id).grasp_files()
     path = next((one for one in files if printable(one.stem) == grasp), Path(grasp))
     return f"fruits/{fruit_id}/grasps/{printable(path.name)}"
-
-
-def _widened(modulus: ModulusRecord, relative_sd: float) -> ModulusRecord:
-    """The same E with an error bar wider by `relative_sd`, which no other fruit shares."""
-    more = relative_sd * modulus.E_MPa
-    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
-    return modulus.model_copy(
-        update={
-            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
-            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
-        }
-    )

@@ -15,7 +15,7 @@ from scipy.stats import chi2 as chi_square
 
 from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
 from pipeline.batch.records import FruitRecord, GraspRecord, ModulusRecord, ReferenceRecord
-from pipeline.fruit.elasticity import DOUBTED
+from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.fruit.input_doubts import Doubt
 from reports.tables import safe_cell
 
@@ -283,7 +283,7 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
         changed["grasps"] = tuple(_scaled(grasp, ratio.ratio) for grasp in record.grasps)
     elif ratio.disagree or ratio.apart:
         doubt = _doubt(ratio, finding.bodies)
-        modulus = doubted_modulus(modulus, doubt.relative_sd)
+        modulus = doubted_modulus(modulus, doubt.relative_sd, shared=True)
         changed["doubts"] = (*record.doubts, doubt.sentence)
         changed["warnings"] = (doubt.sentence, *record.warnings)
     told = ReferenceRecord(
@@ -326,19 +326,6 @@ def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
             "E_sd_MPa": math.hypot(modulus.E_sd_MPa / ratio.ratio, of_ratio),
             "common_sd_MPa": math.hypot(modulus.common_sd_MPa / ratio.ratio, of_ratio),
             "parts_sd_MPa": parts | {PART: of_ratio},
-        }
-    )
-
-
-def doubted_modulus(modulus: ModulusRecord, relative_sd: float) -> ModulusRecord:
-    """The same E with an error bar wider by `relative_sd`, which all fruit of the batch share."""
-    more = relative_sd * modulus.E_MPa
-    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
-    return modulus.model_copy(
-        update={
-            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
-            "common_sd_MPa": math.hypot(modulus.common_sd_MPa, more),
-            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
         }
     )
 

@@ -1,7 +1,7 @@
 """Least squares over markers in all frames, with all that is each marker's or frame's own eliminated.
 
 Where a marker sits, its scale error and the fruit's rigid motion are unknown in every recording (fem.
-modulus_fit). With them eliminated, normal equations of fields phi consist of the products
+compliance_fit). With them eliminated, normal equations of fields phi consist of the products
 
     N_ij = phi_i . W phi_j,      W = V - V A (A' V A + L)^-1 A' V
 
