@@ -5,14 +5,11 @@ import pipeline.safe_start  # noqa: F401 - first of all: the current folder may 
 # isort: split
 import errno
 import os
-import signal
 import sys
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -27,6 +24,7 @@ from pipeline.commands.sample import sample
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.scratch import PREFIX
 from pipeline.files.whole_file import NotWritten
+from pipeline.interruption import SAID, ended_like_ctrl_c
 from pipeline.problem import BatchRefused
 from recon.plain_file import printable
 
@@ -68,36 +66,6 @@ for command in (grade, check, explain, convert, calibrate, mat, sample):
     app.command()(command)
 
 
-@contextmanager
-def _ended_like_ctrl_c() -> Iterator[list[int]]:
-    """Being told to end (SIGTERM, a terminal that is closed) is an interruption; a second time, the end.
-
-    Gives the list of the signals that came. A native library that is being imported just then turns the
-    interruption into an error of its own ("ImportError: initialization failed"): the list tells them apart.
-    """
-    came: list[int] = []
-
-    def interrupt(number: int, _frame: object) -> None:
-        came.append(number)
-        if number != signal.SIGINT:
-            signal.signal(number, signal.SIG_DFL)
-        raise KeyboardInterrupt
-
-    usual: dict[signal.Signals, Any] = {
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-        signal.SIGINT: signal.default_int_handler,
-    }
-    told = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
-    for number in told:
-        signal.signal(number, interrupt)
-    try:
-        yield came
-    finally:
-        for number in told:
-            signal.signal(number, usual[number])
-
-
 def _not_ours(error: Exception) -> str:
     """What a user can mend, as a sentence: a full disk, too little memory, or a place that is neither of the
     installation nor of drupe's own temporary files; empty for anything else, which is a fault of drupe.
@@ -121,10 +89,10 @@ def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     came: list[int] = []
     try:
-        with _ended_like_ctrl_c() as came:
+        with ended_like_ctrl_c() as came:
             app(prog_name="drupe")
     except KeyboardInterrupt:
-        sys.stderr.write("drupe: interrupted\n")
+        sys.stderr.write(SAID)
         sys.exit(INTERRUPTED)
     except NotWritten as fault:
         sys.stderr.write(f"drupe: {fault}\n")
@@ -135,7 +103,7 @@ def main() -> None:
         sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
         if came:
-            sys.stderr.write("drupe: interrupted\n")
+            sys.stderr.write(SAID)
             sys.exit(INTERRUPTED)
         if said := _not_ours(error):
             sys.stderr.write(f"drupe: {said}\n")

@@ -45,6 +45,8 @@ from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 
+from pipeline.interruption import ends_at_once  # noqa: E402
+
 
 def load(*libraries: str) -> None:
     """Imports what would be imported late, once the current folder is the caller's again."""
@@ -71,9 +73,12 @@ def _without_empty(path: str) -> str | None:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """Inside the block the current folder is the package's own; libraries are not looked for in it after."""
+    """Inside the block the current folder is the package's own; libraries are not looked for in it after.
+
+    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`).
+    """
     try:
-        with _elsewhere():
+        with ends_at_once(), _elsewhere():
             yield
     finally:
         path = library_path()

@@ -4,10 +4,13 @@ import signal
 import threading
 
 _before = signal.getsignal(signal.SIGTERM)
+_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
 
-import pycolmap  # noqa: E402  (it takes the signals over as it is imported)
-
-if threading.current_thread() is threading.main_thread():
-    signal.signal(signal.SIGTERM, _before if _before is not None else signal.SIG_DFL)
+try:
+    import pycolmap  # it takes SIGTERM over as it is imported: one that comes meanwhile waits
+finally:
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _before if _before is not None else signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, _mask)
 
 __all__ = ["pycolmap"]

@@ -1,0 +1,51 @@
+"""What ends a command while libraries are loaded, and while it works."""
+
+import subprocess
+import sys
+
+import pytest
+
+from pipeline.exit_status import INTERRUPTED
+
+LOADING = """
+import os, signal
+from pipeline.interruption import ended_like_ctrl_c, ends_at_once
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+with ended_like_ctrl_c(), ends_at_once():
+    try:
+        os.kill(os.getpid(), signal.{name})
+        print("loaded", flush=True)
+    except BaseException:
+        print("half a library is left behind", flush=True)
+print("works", flush=True)
+"""
+WORKING = """
+import os, signal
+from pipeline.interruption import ended_like_ctrl_c
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+with ended_like_ctrl_c() as came:
+    for _ in range(2):
+        try:
+            os.kill(os.getpid(), signal.{name})
+            print("goes on", flush=True)
+        except KeyboardInterrupt:
+            print("interrupted", came == [signal.{name}], flush=True)
+"""
+
+
+def _ended(script: str) -> tuple[int, str, str]:
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.mark.parametrize(("name", "said"), [("SIGINT", ""), ("SIGHUP", ""), ("SIGTERM", "loaded\n")])
+def test_an_interruption_while_libraries_load_ends_the_process_without_an_exception(name, said):
+    assert _ended(LOADING.format(name=name)) == (INTERRUPTED, said, "drupe: interrupted\n")
+
+
+@pytest.mark.parametrize(("name", "number"), [("SIGTERM", 15), ("SIGHUP", 1)])
+def test_a_second_signal_ends_the_work_at_once(name, number):
+    assert _ended(WORKING.format(name=name)) == (-number, "interrupted True\n", "")
