@@ -5,15 +5,15 @@ import io
 import json
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, overload
 
 import numpy as np
 
+from pipeline.batch.stage_record import StageRecord
 from pipeline.files.whole_file import put
 from recon.plain_file import not_plain
 
@@ -40,14 +40,15 @@ LIBRARIES = (
 
 
 HEADER = "__header__"
+"""Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
+
+Kept = TypeVar("Kept", bound=StageRecord)
 
 
-@dataclass(frozen=True)
-class Artifact:
-    """What a stage hands on: named arrays, and facts that JSON can hold."""
+class Artifact(StageRecord):
+    """Arrays by name, of a stage that has no record of its own."""
 
-    arrays: Mapping[str, np.ndarray] = field(default_factory=dict)
-    facts: Mapping[str, Any] = field(default_factory=dict)
+    arrays: dict[str, np.ndarray]
 
 
 def file_hash(path: Path) -> str:
@@ -96,24 +97,40 @@ def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
 
 
-def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) -> Artifact:
-    """The artifact of `stage`, from `folder` if it was made from the same key, else computed and kept."""
+@overload
+def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) -> Artifact: ...
+@overload
+def cached(
+    folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]
+) -> Kept: ...
+def cached(
+    folder: Path,
+    stage: str,
+    key: str,
+    compute: Callable[[], StageRecord],
+    *,
+    record: type[StageRecord] = Artifact,
+) -> StageRecord:
+    """What `stage` keeps, from `folder` if it was made from the same key, else computed and kept.
+
+    A file that does not validate as a `record` is computed anew, as is one that cannot be read.
+    """
     path = folder / f"{stage}.npz"
-    stored = _load(path, key)
+    stored = _load(path, key, record)
     if stored is not None:
         return stored
-    artifact = compute()
+    made = compute()
+    text, arrays = made.stored()
     buffer = io.BytesIO()
-    header = json.dumps({"key": key, "facts": artifact.facts})
-    named: dict[str, Any] = {HEADER: np.array(header), **artifact.arrays}
+    named: dict[str, Any] = {HEADER: np.array(json.dumps({"key": key, "record": text})), **arrays}
     np.savez(buffer, **named)
     put(path, buffer.getvalue())
-    return artifact
+    return made
 
 
-def _load(path: Path, key: str) -> Artifact | None:
-    """The stored artifact, or None where there is none of this key (a damaged file, or what is no file and
-    could be waited for, counts as none).
+def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
+    """The stored record, or None where there is none of this key (a damaged file, one that holds another
+    record, or what is no file and could be waited for, counts as none).
     """
     if not_plain(path):
         return None
@@ -123,6 +140,6 @@ def _load(path: Path, key: str) -> Artifact | None:
             if header["key"] != key:
                 return None
             arrays = {name: stored[name] for name in stored.files if name != HEADER}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+        return record.restored(header["record"], arrays)
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
         return None
-    return Artifact(arrays=arrays, facts=header["facts"])

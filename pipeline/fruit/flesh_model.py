@@ -3,18 +3,28 @@
 import hashlib
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mismatch.effect_spec import Correction
-from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import pit_found
 from pipeline.batch.reference_body import NAME as REFERENCE
 from pipeline.batch.settings import Settings
+from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape
 from recon.pit.priors import PitPrior
+
+
+class KeptFlesh(StageRecord):
+    """The stage "flesh": the elements of a FleshMesh."""
+
+    nodes_mm: Float[np.ndarray, "n 3"]
+    tets: Int[np.ndarray, "m 10"]
+    outer_faces: Int[np.ndarray, "k 6"]
+    pit_nodes: Int[np.ndarray, " p"]
 
 
 def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
@@ -48,7 +58,7 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
     digest = hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
     key = stage_key("flesh", files=[], settings=[sizes.model_dump(), digest], rooms=("pipeline", "fem"))
 
-    def compute() -> Artifact:
+    def compute() -> KeptFlesh:
         mesh = tetrahedralise(
             *pit.skin,
             *((pit.vertices, pit.faces) if len(pit.faces) else (None, None)),
@@ -56,16 +66,17 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
             refine_at_mm=touched_mm,
             refine_edge_mm=sizes.pad_edge_mm,
         )
-        return Artifact(
-            arrays={
-                "nodes_mm": mesh.nodes_mm,
-                "tets": mesh.tets,
-                "outer_faces": mesh.outer_faces,
-                "pit_nodes": mesh.pit_nodes,
-            }
+        return KeptFlesh(
+            nodes_mm=mesh.nodes_mm,
+            tets=mesh.tets,
+            outer_faces=mesh.outer_faces,
+            pit_nodes=mesh.pit_nodes,
         )
 
-    return FleshMesh(**cached(task.results.cache, "flesh", key, compute).arrays)
+    kept = cached(task.results.cache, "flesh", key, compute, record=KeptFlesh)
+    return FleshMesh(
+        nodes_mm=kept.nodes_mm, tets=kept.tets, outer_faces=kept.outer_faces, pit_nodes=kept.pit_nodes
+    )
 
 
 def error_budget(task: FruitTask, shape: FruitShape) -> ErrorBudget:

@@ -1,8 +1,7 @@
 """A fruit's surface and its pit, in the fruit frame, from photos or from ready meshes."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -13,7 +12,7 @@ from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import MeshRecord, PitRecord, StanceRecord
 from pipeline.batch.task import FruitTask
-from pipeline.fruit.photographed import photographed
+from pipeline.fruit.photographed import KeptMesh, photographed
 from pipeline.fruit.size_doubts import size_doubts
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.surface.fruit_frame import orientation_warnings
@@ -76,7 +75,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
         require_closed(vertices, faces, what="fruit.ply")
-        return _shape(vertices, faces, np.eye(4), source="fruit.ply", facts={})
+        return _shape(vertices, faces, np.eye(4), source="fruit.ply")
     if not folder.photo_files():
         astray = folder.photos_elsewhere().rstrip(".")
         raise FruitEnded(Outcome.NO_SHAPE, f"{folder.root}{f' (photos/: {astray})' if astray else ''}")
@@ -101,16 +100,21 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         ],
         rooms=("pipeline", "recon", "reports"),
     )
-    made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path))
-    write_whole(task.results.photo, made.arrays["photo"].tobytes())
-    return _shape(
-        made.arrays["vertices"],
-        made.arrays["faces"],
-        made.arrays["mesh_from_fruit"],
-        source="photos",
-        facts=dict(made.facts),
-        views=made.arrays.get("views"),
-        sd_mm=made.arrays.get("sd_mm"),
+    made = cached(task.results.cache, "mesh", key, lambda: photographed(task, model_path), record=KeptMesh)
+    write_whole(task.results.photo, made.photo.tobytes())
+    shape = _shape(made.vertices, made.faces, made.mesh_from_fruit, source="photos")
+    return replace(
+        shape,
+        views=made.views,
+        sd_mm=made.sd_mm,
+        warnings=made.warnings,
+        record=shape.record.model_copy(
+            update={
+                "scale_sd": made.scale_sd,
+                "surface_sd_mm": made.surface_sd_mm,
+                "quality": made.quality,
+            }
+        ),
     )
 
 
@@ -120,18 +124,13 @@ def _shape(
     mesh_from_fruit: Float[np.ndarray, "4 4"],
     *,
     source: Literal["photos", "fruit.ply"],
-    facts: Mapping[str, Any],
-    views: Int[np.ndarray, " n"] | None = None,
-    sd_mm: Float[np.ndarray, " n"] | None = None,
 ) -> FruitShape:
     box = np.ptp(vertices, axis=0).tolist()
     return FruitShape(
         vertices=vertices,
         faces=faces,
         mesh_from_fruit=mesh_from_fruit,
-        views=views,
-        sd_mm=sd_mm,
-        warnings=tuple(facts.get("warnings", ())),
+        warnings=(),
         record=MeshRecord(
             source=source,
             vertices=len(vertices),
@@ -139,9 +138,6 @@ def _shape(
             volume_mm3=volume_mm3(vertices, faces),
             height_mm=box[2],
             box_mm=tuple(box),
-            scale_sd=facts.get("scale_sd"),
-            surface_sd_mm=facts.get("surface_sd_mm"),
-            quality=facts.get("quality", {}),
         ),
     )
 

@@ -1,67 +1,99 @@
-"""Grasp models as the arrays and facts that a stage file holds, and back."""
+"""Grasp models as the record that a stage file holds, and back."""
 
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
+from jaxtyping import Float, Float32
 
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from pipeline.batch.cache import Artifact
+from pipeline.batch.stage_record import StageRecord
+
+RECORD = "record"
+"""Name, among an artifact's arrays, of the record's JSON text."""
+
+
+class KeptFailure(StageRecord):
+    """Why a grasp has no model."""
+
+    problem: FemProblem
+    detail: str
+
+
+class KeptModel(StageRecord):
+    """One GraspModel; of its compliance, symmetric and known to a thousandth, the lower `triangle` row by row
+    in single precision.
+    """
+
+    place_mm: Float[np.ndarray, "n 3"]
+    normal: Float[np.ndarray, "n 3"]
+    triangle: Float32[np.ndarray, " c"]
+    causes: tuple[str, ...]
+    sensitivity: Float32[np.ndarray, "p f n 3"]
+    discretisation: float
+    fruit_moves: bool
+    displacement_correction: Float32[np.ndarray, "t n 3"] | None
+
+    @classmethod
+    def of(cls, model: GraspModel) -> Self:
+        """The model, its matrices in single precision."""
+        correction = model.displacement_correction
+        return cls(
+            place_mm=model.place_mm,
+            normal=model.normal,
+            triangle=model.compliance[np.tril_indices(len(model.compliance))].astype(np.float32),
+            causes=model.sensitivity.causes,
+            sensitivity=model.sensitivity.values.astype(np.float32),
+            discretisation=model.discretisation,
+            fruit_moves=model.fruit_moves,
+            displacement_correction=None if correction is None else correction.astype(np.float32),
+        )
+
+    def model(self) -> GraspModel:
+        """What `of` was given, to single precision."""
+        size = 3 * len(self.place_mm)
+        compliance = np.zeros((size, size))
+        compliance[np.tril_indices(size)] = self.triangle
+        compliance += np.tril(compliance, -1).T
+        correction = self.displacement_correction
+        return GraspModel(
+            place_mm=self.place_mm,
+            normal=self.normal,
+            compliance=compliance,
+            sensitivity=Sensitivity(causes=self.causes, values=self.sensitivity.astype(float)),
+            discretisation=self.discretisation,
+            fruit_moves=self.fruit_moves,
+            displacement_correction=None if correction is None else correction.astype(float),
+        )
+
+
+class KeptModels(StageRecord):
+    """The stage "models": one of each grasp, in their order."""
+
+    models: tuple[KeptModel | KeptFailure, ...]
 
 
 def packed(models: Sequence[GraspModel | FemFailure]) -> Artifact:
-    """C is symmetric and known to a thousandth: one triangle of it in single precision."""
-    arrays: dict[str, np.ndarray] = {}
-    facts: list[dict[str, object]] = []
-    for k, model in enumerate(models):
-        if isinstance(model, FemFailure):
-            facts.append({"problem": model.problem.value, "detail": model.detail})
-            continue
-        arrays |= {
-            f"{k} place_mm": model.place_mm,
-            f"{k} normal": model.normal,
-            f"{k} compliance": model.compliance[np.tril_indices(len(model.compliance))].astype(np.float32),
-            f"{k} sensitivity": model.sensitivity.values.astype(np.float32),
-        }
-        if model.displacement_correction is not None:
-            arrays[f"{k} departure"] = model.displacement_correction.astype(np.float32)
-        facts.append(
-            {
-                "causes": model.sensitivity.causes,
-                "discretisation": model.discretisation,
-                "fruit_moves": model.fruit_moves,
-            }
+    """What is kept of them, as `unpacked` reads it."""
+    kept = KeptModels(
+        models=tuple(
+            KeptFailure(problem=one.problem, detail=one.detail)
+            if isinstance(one, FemFailure)
+            else KeptModel.of(one)
+            for one in models
         )
-    return Artifact(arrays=arrays, facts={"models": facts})
+    )
+    text, arrays = kept.stored()
+    return Artifact(arrays={RECORD: np.array(text), **arrays})
 
 
 def unpacked(artifact: Artifact) -> list[GraspModel | FemFailure]:
-    """What `packed` was given, to single precision."""
-    models: list[GraspModel | FemFailure] = []
-    for k, facts in enumerate(artifact.facts["models"]):
-        if "problem" in facts:
-            models.append(FemFailure(FemProblem(facts["problem"]), facts["detail"]))
-            continue
-        size = 3 * len(artifact.arrays[f"{k} place_mm"])
-        compliance = np.zeros((size, size))
-        compliance[np.tril_indices(size)] = artifact.arrays[f"{k} compliance"]
-        compliance += np.tril(compliance, -1).T
-        displacement_correction = artifact.arrays.get(f"{k} departure")
-        models.append(
-            GraspModel(
-                place_mm=artifact.arrays[f"{k} place_mm"],
-                normal=artifact.arrays[f"{k} normal"],
-                compliance=compliance,
-                sensitivity=Sensitivity(
-                    causes=tuple(facts["causes"]),
-                    values=artifact.arrays[f"{k} sensitivity"].astype(float),
-                ),
-                discretisation=facts["discretisation"],
-                fruit_moves=facts["fruit_moves"],
-                displacement_correction=None
-                if displacement_correction is None
-                else displacement_correction.astype(float),
-            )
-        )
-    return models
+    """What `packed` was given, to single precision; raises ValueError where the artifact is not of it."""
+    kept = KeptModels.restored(str(artifact.arrays[RECORD]), artifact.arrays)
+    return [
+        FemFailure(one.problem, one.detail) if isinstance(one, KeptFailure) else one.model()
+        for one in kept.models
+    ]

@@ -1,13 +1,15 @@
 """Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Float, Int, UInt8
 
-from pipeline.batch.cache import Artifact
+from pipeline.batch.records import QualityRecord
+from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from recon.cameras.camera import straightened
 from recon.cameras.photos import Photo, read_photos
@@ -23,7 +25,25 @@ from recon.wording import listed
 from reports.photo import thumbnail_jpeg
 
 
-def photographed(task: FruitTask, model: Path | None) -> Artifact:
+class KeptMesh(StageRecord):
+    """The stage "mesh": a fruit's surface in its own frame (mm), and what the photos say of it.
+
+    `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    mesh_from_fruit: Float[np.ndarray, "4 4"]
+    views: Int[np.ndarray, " n"] | None
+    sd_mm: Float[np.ndarray, " n"] | None
+    photo: UInt8[np.ndarray, " b"]
+    scale_sd: float
+    surface_sd_mm: float | None
+    quality: QualityRecord
+    warnings: tuple[str, ...]
+
+
+def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
     """The mesh of a fruit's photos, its quality, a small photo, and warnings; raises ReconFailure."""
     given = read_photos(task.folder.photos)
     checked = checked_photos(given, task.mat)
@@ -51,27 +71,23 @@ def photographed(task: FruitTask, model: Path | None) -> Artifact:
         whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
     quality = replace(whole.quality, views_given=len(given))
     vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
-    return Artifact(
-        arrays={
-            "vertices": vertices,
-            "faces": whole.faces,
-            "mesh_from_fruit": np.linalg.inv(fruit_from_mesh),
-            **({} if whole.views is None else {"views": whole.views}),
-            **({} if whole.sd_mm is None else {"sd_mm": whole.sd_mm}),
-            "photo": np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
-        },
-        facts={
-            "scale_sd": whole.scale_sd,
-            "surface_sd_mm": whole.surface_sd_mm,
-            "quality": {k: v for k, v in asdict(quality).items() if np.isfinite(v)},
-            "warnings": [
-                *checked.warnings,
-                *whole.warnings,
-                *whole.notes,
-                *_photo_doubts(checked.photos, made),
-                *shape_doubts(vertices, whole.faces, body=task.body),
-            ],
-        },
+    return KeptMesh(
+        vertices=vertices,
+        faces=whole.faces,
+        mesh_from_fruit=np.linalg.inv(fruit_from_mesh),
+        views=whole.views,
+        sd_mm=whole.sd_mm,
+        photo=np.frombuffer(thumbnail_jpeg(given[0].image), dtype=np.uint8),
+        scale_sd=whole.scale_sd,
+        surface_sd_mm=whole.surface_sd_mm,
+        quality=QualityRecord.of(quality),
+        warnings=(
+            *checked.warnings,
+            *whole.warnings,
+            *whole.notes,
+            *_photo_doubts(checked.photos, made),
+            *shape_doubts(vertices, whole.faces, body=task.body),
+        ),
     )
 
 

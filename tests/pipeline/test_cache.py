@@ -1,13 +1,16 @@
 """A stage is computed once per key, and a damaged store is computed again."""
 
+import json
 import os
 
 import numpy as np
 import pytest
+from jaxtyping import Float
 
 from pipeline.batch import cache
-from pipeline.batch.cache import Artifact, cached, file_hash, stage_key
+from pipeline.batch.cache import HEADER, cached, file_hash, stage_key
 from pipeline.batch.records import read_record
+from pipeline.batch.stage_record import StageRecord
 
 
 @pytest.mark.parametrize("changed", ["fem/law.py", "fem/laws/more/hertz.py", "fem/null_reference.csv"])
@@ -41,49 +44,83 @@ def test_every_rooms_own_files_are_its_version():
     assert all((cache.PACKAGES / room / "__init__.py").is_file() for room in cache.ROOMS)
 
 
+class Kept(StageRecord):
+    a: Float[np.ndarray, " n"]
+    n: int
+
+
+class Shorter(StageRecord):
+    """What another code kept under the same name."""
+
+    a: Float[np.ndarray, " n"]
+
+
 def make(counter):
     def compute():
         counter.append(1)
-        return Artifact(arrays={"a": np.arange(3.0)}, facts={"n": 3})
+        return Kept(a=np.arange(3.0), n=3)
 
     return compute
 
 
+def keep(folder, stage, key, compute):
+    return cached(folder, stage, key, compute, record=Kept)
+
+
 def test_the_second_call_with_the_same_key_computes_nothing(tmp_path):
     calls = []
-    first = cached(tmp_path, "mesh", "k", make(calls))
-    second = cached(tmp_path, "mesh", "k", make(calls))
+    first = keep(tmp_path, "mesh", "k", make(calls))
+    second = keep(tmp_path, "mesh", "k", make(calls))
     assert len(calls) == 1
-    np.testing.assert_array_equal(first.arrays["a"], second.arrays["a"])
-    assert second.facts == {"n": 3}
+    np.testing.assert_array_equal(first.a, second.a)
+    assert second.n == 3
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['{"n": 3}', '{"a": {"__array__": "b"}, "n": 3}', '{"a": {"__array__": "a"}, "n": "x"}', "[]", "no JSON"],
+)
+def test_a_file_of_the_key_that_holds_another_record_is_computed_again(tmp_path, text):
+    header = json.dumps({"key": "k", "record": text})
+    np.savez(tmp_path / "mesh.npz", **{HEADER: np.array(header), "a": np.arange(2.0)})
+    calls = []
+    assert len(keep(tmp_path, "mesh", "k", make(calls)).a) == 3
+    assert len(calls) == 1
+
+
+def test_a_file_of_a_record_with_fewer_fields_is_computed_again(tmp_path):
+    cached(tmp_path, "mesh", "k", lambda: Shorter(a=np.arange(2.0)), record=Shorter)
+    calls = []
+    assert keep(tmp_path, "mesh", "k", make(calls)).n == 3
+    assert len(calls) == 1
 
 
 def test_another_key_computes_again(tmp_path):
     calls = []
-    cached(tmp_path, "mesh", "k", make(calls))
-    cached(tmp_path, "mesh", "other", make(calls))
+    keep(tmp_path, "mesh", "k", make(calls))
+    keep(tmp_path, "mesh", "other", make(calls))
     assert len(calls) == 2
 
 
 def test_a_truncated_file_is_computed_again(tmp_path):
     calls = []
-    cached(tmp_path, "mesh", "k", make(calls))
+    keep(tmp_path, "mesh", "k", make(calls))
     path = tmp_path / "mesh.npz"
     path.write_bytes(path.read_bytes()[:100])
-    cached(tmp_path, "mesh", "k", make(calls))
+    keep(tmp_path, "mesh", "k", make(calls))
     assert len(calls) == 2
 
 
 def test_a_damaged_file_is_computed_again(tmp_path):
     for spoil in range(30, 400, 37):
         calls = []
-        cached(tmp_path, "mesh", "k", make([]))
+        keep(tmp_path, "mesh", "k", make([]))
         path = tmp_path / "mesh.npz"
         data = bytearray(path.read_bytes())
         data[spoil % len(data)] ^= 0xFF
         path.write_bytes(data)
-        found = cached(tmp_path, "mesh", "k", make(calls))
-        np.testing.assert_array_equal(found.arrays["a"], np.arange(3.0))
+        found = keep(tmp_path, "mesh", "k", make(calls))
+        np.testing.assert_array_equal(found.a, np.arange(3.0))
         path.unlink()
 
 
@@ -92,8 +129,8 @@ def test_a_pipe_or_a_device_in_the_cache_is_never_waited_for(tmp_path):
     (tmp_path / "pit.npz").symlink_to("/dev/zero")
     for stage in ("mesh", "pit"):
         calls = []
-        cached(tmp_path, stage, "k", make(calls))
-        cached(tmp_path, stage, "k", make(calls))
+        keep(tmp_path, stage, "k", make(calls))
+        keep(tmp_path, stage, "k", make(calls))
         assert len(calls) == 1
     os.mkfifo(tmp_path / "pipe")
     assert file_hash(tmp_path / "pipe") == "unreadable: is a named pipe, not a file"

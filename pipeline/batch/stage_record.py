@@ -1,0 +1,64 @@
+"""What a stage keeps between runs: one frozen record a stage, checked when it is made and when it is read."""
+
+import json
+from collections.abc import Mapping
+from typing import Any, Self
+
+import numpy as np
+from jaxtyping import jaxtyped
+from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, model_validator
+
+ARRAY = "__array__"
+"""Stands, in a record's JSON, for an array: {ARRAY: its name among the file's arrays}."""
+
+
+class StageRecord(BaseModel):
+    """A stage's result: numbers, words, arrays, further records of the kind.
+
+    An array is annotated with its type and shape (jaxtyping); a dimension's name means one length within a
+    record. Raises pydantic.ValidationError where a field is missing, unknown, or of another type or shape.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _of_one_shape(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        with jaxtyped("context"):  # dimensions named alike are compared within this record
+            return handler(value)
+
+    def stored(self) -> tuple[str, dict[str, np.ndarray]]:
+        """The record as JSON text and named arrays: what `restored` reads."""
+        arrays: dict[str, np.ndarray] = {}
+        return json.dumps(_without_arrays(self.model_dump(), "", arrays)), arrays
+
+    @classmethod
+    def restored(cls, text: str, arrays: Mapping[str, np.ndarray]) -> Self:
+        """The record that `stored` gave; raises ValueError (a ValidationError is one) where it is none."""
+        try:
+            return cls.model_validate(_with_arrays(json.loads(text), arrays))
+        except KeyError as missing:
+            raise ValueError(f"array {missing} is missing.") from missing
+
+
+def _without_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
+    """The value with every array taken out into `arrays`, named by its path in the record."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return {ARRAY: name}
+    if isinstance(value, dict):
+        under = f"{name}." if name else ""
+        return {key: _without_arrays(inner, f"{under}{key}", arrays) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_without_arrays(inner, f"{name}.{k}", arrays) for k, inner in enumerate(value)]
+    return value
+
+
+def _with_arrays(value: Any, arrays: Mapping[str, np.ndarray]) -> Any:
+    if isinstance(value, dict):
+        if value.keys() == {ARRAY}:
+            return arrays[value[ARRAY]]
+        return {key: _with_arrays(inner, arrays) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_with_arrays(inner, arrays) for inner in value]
+    return value
