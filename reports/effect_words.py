@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from reports.explain_entries import EffectEntry, ExplainEntry
+from reports.explain_entries import EffectEntry, ExplainEntry, ModulusEntry
 from reports.words import NO_BREAK, effect_name, percent, with_sd
 
 VERDICTS: dict[str, EffectEntry] = {
@@ -44,18 +44,15 @@ def explain_verdict(found: ExplainEntry) -> str:
     if named == ("none",):
         return (
             f"Nothing is missing: the recordings agree with the model within their noise "
-            f"(E = {_E(found.E_before_MPa, found.E_before_sd_MPa)})."
+            f"(E = {_E(found.E_MPa.before)})."
         )
     if named == ("unknown",):
         return (
             f"The recordings differ from the model by something that none of the known effects explains "
-            f"({_chance(found.p_value)}); E = {_E(found.E_before_MPa, found.E_before_sd_MPa)} is not to be "
+            f"({_chance(found.p_value)}); E = {_E(found.E_MPa.before)} is not to be "
             "trusted."
         )
-    moved = (
-        f"taken into account, E goes from {_E(found.E_before_MPa, found.E_before_sd_MPa)} to "
-        f"{_E(found.E_after_MPa, found.E_after_sd_MPa)}"
-    )
+    moved = f"taken into account, E goes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
     if len(named) > 1:
         names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
@@ -74,13 +71,15 @@ def by_rank(found: ExplainEntry) -> tuple[str, ...]:
 
 def where_in_words(found: ExplainEntry) -> str:
     """The region as a phrase, with centre and size of a spot."""
-    region = {"both": "at both pads", "flesh": "in the flesh"}.get(found.region, f"at the {found.region}")
-    if found.region.startswith("pad "):
-        region = f"at the {found.region.removeprefix('pad ')} pad"
-    if found.centre_mm is None:
+    region = {"both": "at both pads", "flesh": "in the flesh"}.get(
+        found.where.region, f"at the {found.where.region}"
+    )
+    if found.where.region.startswith("pad "):
+        region = f"at the {found.where.region.removeprefix('pad ')} pad"
+    if found.where.centre_mm is None:
         return region
-    at = ", ".join(f"{x:.1f}" for x in found.centre_mm)
-    size = f", about {2 * found.radius_mm:.0f} mm wide" if found.radius_mm is not None else ""
+    at = ", ".join(f"{x:.1f}" for x in found.where.centre_mm)
+    size = f", about {2 * found.where.radius_mm:.0f} mm wide" if found.where.radius_mm is not None else ""
     return f"{region}, at ({at}) mm{size}"
 
 
@@ -103,8 +102,8 @@ def component_in_words(found: ExplainEntry) -> str:
     }.get(found.component, found.component)
 
 
-def _E(value: float, sd: float) -> str:
-    return f"{with_sd(value, sd)} MPa".replace(" ", NO_BREAK)
+def _E(modulus: ModulusEntry) -> str:
+    return f"{with_sd(modulus.value, modulus.sd)} MPa".replace(" ", NO_BREAK)
 
 
 def _chance(p_value: float) -> str:

@@ -98,7 +98,7 @@ def modulus_over_time(found: ExplainEntry) -> list[tuple[str, Markup]]:
         return []
     values = np.array([cell.E_MPa for cell in sure])
     low, high = np.quantile(values, [0.02, 0.98])
-    ends = [float(low), float(high), found.E_before_MPa, found.E_after_MPa]
+    ends = [float(low), float(high), found.E_MPa.before.value, found.E_MPa.after.value]
     limits = padded(ends)
     pads = sorted({cell.pad for cell in sure})
     charts = []
@@ -117,7 +117,7 @@ def _cells_chart(
     parts = [_phases([(c.time_s, c.phase) for c in cells], x)]
     parts.append(axis_x(x, label="time (s)", top=_TOP, bottom=_BOTTOM, at_most=7))
     parts.append(_axis_y(y, label="E of each frame (MPa)"))
-    for value, kind in ((found.E_before_MPa, "before"), (found.E_after_MPa, "after")):
+    for value, kind in ((found.E_MPa.before.value, "before"), (found.E_MPa.after.value, "after")):
         parts.append(element("line", x1=_LEFT, x2=_RIGHT, y1=y(value), y2=y(value), class_=f"level {kind}"))
     for cell in cells:
         k = pads.index(cell.pad)

@@ -24,7 +24,7 @@ from reports.explain_charts import (
     rms_chart,
     share_bar,
 )
-from reports.explain_entries import CheckEntry, ExplainEntry, ParameterEntry, Value
+from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
 
@@ -62,6 +62,7 @@ def explain_html(found: ExplainEntry) -> str:
         "effect": effect_name,
         "interval": _interval,
         "mark": _mark,
+        "modulus": _modulus,
         "number": number,
         "p": _p,
         "percent": percent,
@@ -109,19 +110,19 @@ def _meanings(found: ExplainEntry) -> list[tuple[str, str, str]]:
 
 def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
     """(PNG as base64, what it shows), the first the most telling."""
-    if found.map is None:
+    if found.maps is None:
         return []
     sides = sides_of(
-        found.map.vertices_mm,
-        found.map.triangles,
-        found.map.visible,
+        found.maps.vertices_mm,
+        found.maps.triangles,
+        found.maps.visible,
         hatched_below=BLIND_BELOW,
         contacts_mm=found.contacts_mm,
     )
-    seen = found.map.visible >= BLIND_BELOW
+    seen = found.maps.visible >= BLIND_BELOW
     pictures = []
     for name, style, words in _MAPS:
-        scores = getattr(found.map, name)
+        scores = getattr(found.maps, name)
         if not np.isfinite(scores).any():
             continue
         png = map_picture(
@@ -129,8 +130,8 @@ def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
             np.nan_to_num(scores),
             style=style,
             seen=seen,
-            centre_mm=found.centre_mm,
-            radius_mm=found.radius_mm,
+            centre_mm=found.where.centre_mm,
+            radius_mm=found.where.radius_mm,
         )
         pictures.append((base64.b64encode(png).decode("ascii"), words))
     return pictures
@@ -138,11 +139,11 @@ def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
 
 def _blind_share(found: ExplainEntry) -> float | None:
     """Share of the skin, by area, in the blind zone."""
-    if found.map is None:
+    if found.maps is None:
         return None
-    corners = found.map.vertices_mm[found.map.triangles]
+    corners = found.maps.vertices_mm[found.maps.triangles]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    blind = (found.map.visible[found.map.triangles] < BLIND_BELOW).mean(axis=1)
+    blind = (found.maps.visible[found.maps.triangles] < BLIND_BELOW).mean(axis=1)
     return float((area * blind).sum() / area.sum())
 
 
@@ -172,14 +173,18 @@ def _value(parameter: ParameterEntry) -> str:
     return f"{with_sd(parameter.value, _scalar(parameter.sd))}{unit}"
 
 
-def _scalar(sd: Value | None) -> float | None:
+def _scalar(sd: float | tuple[float, ...] | None) -> float | None:
     return float(sd) if isinstance(sd, int | float) else None
 
 
+def _modulus(modulus: ModulusEntry | None) -> str:
+    return UNKNOWN if modulus is None else with_sd(modulus.value, modulus.sd)
+
+
 def _interval(parameter: ParameterEntry) -> str:
-    if parameter.interval is None:
+    if parameter.interval_90 is None:
         return UNKNOWN
-    return f"{number(parameter.interval[0])} to {number(parameter.interval[1])}"
+    return f"{number(parameter.interval_90[0])} to {number(parameter.interval_90[1])}"
 
 
 def _p(p_value: float) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 from datetime import UTC, datetime
 from itertools import groupby
+from typing import NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -93,17 +94,23 @@ def _about(batch: BatchEntry) -> list[tuple[str, str]]:
     return [(label, value) for label, value in known if value]
 
 
-def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[dict[str, object]]:
+class _ClassLimits(NamedTuple):
+    mark: Markup
+    name: str
+    limits: str
+
+
+def _legend(batch: BatchEntry, marks: dict[str, tuple[str, str]]) -> list[_ClassLimits]:
     """Mark, name and limits of each class; those of the batch's own limits, softest first."""
     below: float | None = None
-    items: list[dict[str, object]] = []
+    items: list[_ClassLimits] = []
     for name, limit in batch.classes:
         words = ""
         if limit is not None:
             words = f"up to {limit:g} MPa" if below is None else f"{below:g} to {limit:g} MPa"
         elif below is not None:
             words = f"above {below:g} MPa"
-        items.append({"mark": _dot(*marks[name]), "name": name, "limits": words})
+        items.append(_ClassLimits(mark=_dot(*marks[name]), name=name, limits=words))
         below = limit
     return items
 

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
@@ -14,6 +14,9 @@ from recon.plain_file import not_plain
 
 class _Record(BaseModel):
     model_config = ConfigDict(frozen=True)
+
+
+R = TypeVar("R", bound=_Record)
 
 
 class Given(_Record):
@@ -233,6 +236,25 @@ class FruitRecord(_Record):
         return self.outcome == "graded" and self.modulus is not None
 
 
+class _NamedEffect(_Record):
+    effect: str
+
+
+class DiagnosisRecord(_Record):
+    """Of a fruit's mismatch.json (drupe explain), what grading reads: of which key, and what was found."""
+
+    key: str
+    verdict: str | tuple[str, ...]
+    ranking: tuple[_NamedEffect, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The verdict's names, the likeliest first."""
+        names = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
+        order = {one.effect: place for place, one in enumerate(self.ranking)}
+        return tuple(sorted(names, key=lambda name: order.get(name, len(order))))
+
+
 def write_record(path: Path, record: FruitRecord) -> None:
     """Writes the record as JSON, whole or not at all."""
     write_whole(path, record.model_dump_json(indent=1) + "\n")
@@ -240,9 +262,18 @@ def write_record(path: Path, record: FruitRecord) -> None:
 
 def read_record(path: Path) -> FruitRecord | None:
     """The record at `path`; None where there is none that this version can read."""
+    return _read(path, FruitRecord)
+
+
+def read_diagnosis(path: Path) -> DiagnosisRecord | None:
+    """What `drupe explain` kept at `path`; None where there is none that this version can read."""
+    return _read(path, DiagnosisRecord)
+
+
+def _read(path: Path, record: type[R]) -> R | None:
     if not_plain(path):
         return None
     try:
-        return FruitRecord.model_validate_json(path.read_text(encoding="utf-8"))
+        return record.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, ValidationError):
         return None

@@ -2,11 +2,12 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 from fem.fem_failure import FemFailure
 from pipeline.batch.cache import file_hash
@@ -26,8 +27,9 @@ from pipeline.batch.write_guard import (
 from pipeline.diagnosis.apply_to_settings import applied
 from pipeline.diagnosis.diagnosed_case import Case, open_case
 from pipeline.diagnosis.diagnosis import finding
+from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
-from pipeline.diagnosis.to_json import IN_ALL, answer, explain_entry
+from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import MANIFEST, MOST_BYTES, json_in
 from pipeline.files.results_lock import alone, is_held
 from pipeline.files.scratch import scratch, temporary_files_in
@@ -38,7 +40,7 @@ from pipeline.run.former_results import former_batch, identity, require_same_bat
 from pipeline.run.grading import read_files
 from recon.plain_file import NotReadable, read_text
 from recon.recon_failure import ReconFailure
-from reports.explain_entries import ExplainEntry
+from reports.explain_entries import FORMAT, ExplainEntry
 from reports.explain_page import explain_html
 from tactile.tactile_failure import TactileFailure
 
@@ -116,41 +118,27 @@ def _explained(
         **{f"explanation, {stage}": round(took, 2) for stage, took in (explanation.seconds or {}).items()},
         IN_ALL: round(time.monotonic() - since_s, 2),
     }
-    inputs = {path.name: file_hash(path) for path in case.input_files()}
-    said = answer(
-        explanation,
-        facts={
-            "seconds": seconds,
-            "case": case.name,
-            "category": case.task.category,
-            "grasps": found.grasps,
-            "applied": done or None,
-            "inputs": inputs,
-            "versions": versions(),
-            "made_utc": made.isoformat(timespec="seconds"),
-        },
-    )
-    text = json.dumps(said, indent=1, allow_nan=False, ensure_ascii=False) + "\n"
-    if wanted.json is not None:
-        put(wanted.json, text.encode())
-    if case.batch is not None:
-        kept = json.dumps({**said, "key": case.task.key}, indent=1, allow_nan=False, ensure_ascii=False)
-        write_whole(case.task.results.mismatch, kept + "\n")
     entry = explain_entry(
-        explanation,
-        name=case.name,
+        found,
+        case=case.name,
         category=case.task.category,
-        grasps=found.grasps,
-        contacts_mm=found.contacts_mm,
-        made=made,
-        facts=found.facts,
-        inputs=tuple(inputs.items()),
         seconds=seconds,
+        inputs={path.name: file_hash(path) for path in case.input_files()},
+        versions=versions(),
+        made=made,
         applied=done,
     )
+    if wanted.json is not None:
+        put(wanted.json, (_json(entry.as_json()) + "\n").encode())
+    if case.batch is not None:
+        write_whole(case.task.results.mismatch, _json({**entry.as_json(), "key": case.task.key}) + "\n")
     if wanted.html is not None:
         put(wanted.html, explain_html(entry).encode())
     return entry
+
+
+def _json(values: Mapping[str, Any]) -> str:
+    return json.dumps(values, indent=1, allow_nan=False, ensure_ascii=False)
 
 
 def _require_apart(case: Case, wanted: ExplainOutputs) -> None:
@@ -219,7 +207,7 @@ def _same(one: Path, other: Path) -> bool:
 
 def _is_answer(path: Path) -> bool:
     said = json_in(path)
-    return isinstance(said, dict) and said.get("format") == "drupe-mismatch"
+    return isinstance(said, dict) and said.get("format") == FORMAT
 
 
 def _is_page(path: Path) -> bool:

@@ -6,7 +6,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from pipeline.diagnosis.to_json import IN_ALL
 from reports.effect_words import (
     component_in_words,
     explain_verdict,
@@ -14,8 +13,10 @@ from reports.effect_words import (
     where_in_words,
 )
 from reports.explain_entries import ExplainEntry, ParameterEntry
-from reports.words import NO_BREAK, duration, effect_name, number, percent, with_sd
+from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
+IN_ALL = "in all"
+"""The name of the whole run's time among its stages'."""
 SHOWN = 5
 """Explanations on the terminal, set by hand to fit a screen; all stand in the JSON."""
 
@@ -26,16 +27,17 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     def line(text: str) -> None:
         console.print(text.replace(NO_BREAK, " "), highlight=False, markup=False, soft_wrap=True)
 
-    line(f"{found.name}: {explain_verdict(found)}")
+    line(f"{found.case}: {explain_verdict(found)}")
     if found.ranking:
         console.print(_ranking(found))
     for one in found.ranking:
         if one.effect in found.verdict and one.parameters:
-            line(f"{effect_name(one.effect)}: {', '.join(map(_in_short, one.parameters))}")
+            parameters = ", ".join(_in_short(*named) for named in one.parameters.items())
+            line(f"{effect_name(one.effect)}: {parameters}")
     if found.verdict != ("none",):
         line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
-    before = with_sd(found.E_before_MPa, found.E_before_sd_MPa)
-    after = with_sd(found.E_after_MPa, found.E_after_sd_MPa)
+    before = with_sd(found.E_MPa.before.value, found.E_MPa.before.sd)
+    after = with_sd(found.E_MPa.after.value, found.E_MPa.after.sd)
     line(f"E without: {before} MPa; with: {after} MPa")
     line(f"chance of so large a difference where nothing is missing: p {found.p_value:.2g}")
     if found.rms is None:
@@ -64,14 +66,14 @@ def _ranking(found: ExplainEntry) -> Table:
         table.add_row(
             escape(effect_name(one.effect)),
             percent(one.probability).replace(NO_BREAK, " "),
-            with_sd(one.E_MPa, one.E_sd_MPa),
+            UNKNOWN if one.E_MPa is None else with_sd(one.E_MPa.value, one.E_MPa.sd),
         )
     return table
 
 
-def _in_short(parameter: ParameterEntry) -> str:
+def _in_short(name: str, parameter: ParameterEntry) -> str:
     value = parameter.value
-    stem = parameter.name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
+    stem = name.removesuffix(f"_{parameter.unit.replace('/', '_per_')}")
     if isinstance(value, tuple):
         return f"{stem} ({', '.join(number(x) for x in value)}) {parameter.unit}"
     if isinstance(value, str):

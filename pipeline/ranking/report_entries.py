@@ -1,6 +1,5 @@
 """From records to what the reports room prints."""
 
-import json
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 
@@ -10,7 +9,7 @@ from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord
+from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord, read_diagnosis
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.run_summary import decimals
@@ -153,17 +152,8 @@ def _uncorrected_MPa(record: FruitRecord) -> float | None:
 
 def _explained(record: FruitRecord, files: FruitResults) -> str | None:
     """What `drupe explain` said of the same inputs, settings and code; several names the likeliest first."""
-    try:
-        said = json.loads(files.mismatch.read_text(encoding="utf-8"))
-        if said["key"] != record.key:
-            return None
-        verdict = said["verdict"]
-        ranked = [one["effect"] for one in said["ranking"]]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    names = verdict if isinstance(verdict, list) else [verdict]
-    names = sorted(names, key=lambda name: ranked.index(name) if name in ranked else len(ranked))
-    return OR.join(map(str, names))
+    said = read_diagnosis(files.mismatch)
+    return None if said is None or said.key != record.key else OR.join(said.names)
 
 
 def _estimate(grasp: GraspRecord) -> GraspEstimate:

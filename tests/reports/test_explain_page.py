@@ -1,7 +1,6 @@
 """The page of a mismatch: verdict first, everything inside one file, hostile text escaped, nothing lost."""
 
 import re
-from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -15,10 +14,14 @@ from reports.explain_entries import (
     CheckEntry,
     EffectEntry,
     ExplainEntry,
+    FitEntry,
     MapEntry,
+    ModuliEntry,
+    ModulusEntry,
     ParameterEntry,
     TraceEntry,
     VarianceEntry,
+    WhereEntry,
 )
 from reports.explain_page import explain_html
 from reports.raycast import TracedSurface, Viewing
@@ -53,12 +56,12 @@ def bumpy_map():
 def entry(**changes):
     t = np.linspace(0, 9, 20)
     made = ExplainEntry(
-        name="N-01",
+        case="N-01",
         category="nectarine",
         detected=True,
         p_value=1e-7,
         verdict=("viscoelastic",),
-        region="pad left",
+        where=WhereEntry(region="pad left"),
         when="hold",
         component="normal",
         ranking=(
@@ -68,22 +71,20 @@ def entry(**changes):
                 log_evidence=201.5,
                 chi2_gain=410.0,
                 heldout_gain=150.0,
-                parameters=(
-                    ParameterEntry(name="g", value=0.31, sd=0.02, unit="1", interval=(0.28, 0.34)),
-                    ParameterEntry(name="tau_s", value=4.2, sd=None, unit="s"),
-                ),
-                E_MPa=0.315,
-                E_sd_MPa=0.006,
+                parameters={
+                    "g": ParameterEntry(value=0.31, sd=0.02, unit="1", interval_90=(0.28, 0.34)),
+                    "tau_s": ParameterEntry(value=4.2, sd=None, unit="s"),
+                },
+                E_MPa=ModulusEntry(value=0.315, sd=0.006),
             ),
             CandidateEntry(effect="clock_lag", probability=0.03, log_evidence=2.0, chi2_gain=6.0),
         ),
-        E_before_MPa=0.262,
-        E_before_sd_MPa=0.011,
-        E_after_MPa=0.315,
-        E_after_sd_MPa=0.006,
+        E_MPa=ModuliEntry(
+            before=ModulusEntry(value=0.262, sd=0.011), after=ModulusEntry(value=0.315, sd=0.006)
+        ),
         made_utc=datetime(2026, 11, 20, 9, tzinfo=UTC),
         effects=EFFECTS,
-        rms=(2.6, 1.04, 1.0),
+        fit=FitEntry(heldout_rms_before=2.6, heldout_rms_after=1.04, noise_rms=1.0),
         next_grasp="Hold one grasp for 30 s.",
         cells=tuple(
             CellEntry(grasp="grasp-1", pad=pad, time_s=float(s), phase="hold", E_MPa=0.3, E_sd_MPa=0.01)
@@ -106,12 +107,12 @@ def entry(**changes):
             CheckEntry(name="hold decay", measured=0.2, before=0.0, after=0.21, sd=0.01, unit="1"),
             CheckEntry(name="loop area", measured=2.0, before=0.0, after=1.0, sd=0.1, unit="N mm"),
         ),
-        map=bumpy_map(),
+        maps=bumpy_map(),
         contacts_mm={"left": np.array([[24.0, 0, 0], [20, 3, 0], [20, -3, 0]])},
         grasps=("grasp-1",),
         notes=("Only one grasp.",),
     )
-    return replace(made, **changes)
+    return made.model_copy(update=changes)
 
 
 def test_the_verdict_stands_first_and_the_sections_follow_in_order():
@@ -146,9 +147,7 @@ def test_the_page_is_whole_without_a_network_and_the_same_each_time():
 
 def test_hostile_text_stays_text(hostile):
     page = explain_html(
-        entry(
-            name=hostile, notes=(hostile,), next_grasp=hostile, grasps=(hostile,), inputs=((hostile, "ab"),)
-        )
+        entry(case=hostile, notes=(hostile,), next_grasp=hostile, grasps=(hostile,), inputs={hostile: "ab"})
     )
     assert "<script" not in page
     assert "{{ 7*7 }}" in page
@@ -163,8 +162,8 @@ def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
         variance=(),
         traces=(),
         checks=(),
-        map=None,
-        rms=None,
+        maps=None,
+        fit=FitEntry(),
         next_grasp=None,
         notes=(),
         contacts_mm={},
@@ -201,7 +200,7 @@ def test_a_pair_is_said_as_two():
 
 
 def test_a_spot_is_told_with_its_place_and_width():
-    spot = entry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0)
+    spot = entry(where=WhereEntry(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
     assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
 
 
@@ -241,7 +240,7 @@ def test_a_map_of_nothing_still_is_a_picture():
 
 
 def test_frames_that_say_nothing_of_E_are_not_drawn():
-    lost = replace(entry().cells[0], E_sd_MPa=0.3)
+    lost = entry().cells[0].model_copy(update={"E_sd_MPa": 0.3})
     assert modulus_over_time(entry(cells=(lost,))) == []
     ((grasp, chart),) = modulus_over_time(entry())
     assert grasp == "grasp-1"

@@ -1,0 +1,173 @@
+"""The finder's answer through the border to reports: the JSON of the format, to the letter."""
+
+import json
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import numpy as np
+import pytest
+from fake_explanation import fake_explanation
+
+from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter, Where
+from pipeline.diagnosis.diagnosis import Diagnosis
+from pipeline.diagnosis.explain_entry import explain_entry
+from reports.explain_entries import ExplainEntry
+
+OF_THE_PAGE = {"cells", "traces", "maps", "effects", "parameter_words", "contacts_mm", "facts"}
+BARE = """{
+ "format": "drupe-mismatch",
+ "version": 1,
+ "detected": true,
+ "p_value": null,
+ "where": {
+  "region": "flesh",
+  "centre_mm": [
+   1.0,
+   -2.0,
+   0.5
+  ],
+  "radius_mm": null
+ },
+ "when": "all",
+ "component": "both",
+ "ranking": [
+  {
+   "effect": "slip",
+   "probability": 1,
+   "parameters": {
+    "pad": {
+     "value": "left",
+     "sd": null,
+     "unit": ""
+    },
+    "mu": {
+     "value": 0.25,
+     "sd": 1e-07,
+     "unit": "1",
+     "interval_90": [
+      0.2,
+      0.3
+     ]
+    }
+   },
+   "log_evidence": 7.0,
+   "chi2_gain": 0,
+   "heldout_gain": null,
+   "refitted": false,
+   "E_MPa": null
+  }
+ ],
+ "verdict": "slip",
+ "E_MPa": {
+  "before": {
+   "value": 0.3,
+   "sd": 0.01
+  },
+  "after": {
+   "value": 0.25,
+   "sd": 0.01
+  }
+ },
+ "fit": {
+  "heldout_rms_before": null,
+  "heldout_rms_after": null,
+  "noise_rms": null
+ },
+ "next_grasp": null,
+ "statistics": {
+  "chi-square": 1e-17
+ },
+ "variance": [],
+ "checks": [],
+ "notes": [
+  "Ein Satz über µ."
+ ],
+ "seconds": {
+  "in all": 3.25
+ },
+ "case": "N-01",
+ "category": "nectarine",
+ "grasps": [
+  "grasp-1"
+ ],
+ "applied": null,
+ "inputs": {
+  "a.h5": "00ff"
+ },
+ "versions": {
+  "drupe": "0.1.0"
+ },
+ "made_utc": "2026-11-22T09:00:00+00:00"
+}"""
+
+
+def bare() -> Explanation:
+    """The least that the finder gives, in numpy's numbers where it may."""
+    slip = Candidate(
+        effect="slip",
+        probability=1,
+        parameters={
+            "pad": Parameter(value="left", sd=None, unit=""),
+            "mu": Parameter(value=np.float64(0.25), sd=1e-7, unit="1", interval=(0.2, np.float64(0.3))),
+        },
+        log_evidence=np.float64(7.0),
+        gain=0,
+    )
+    return Explanation(
+        detected=np.bool_(True),
+        p_value=float("nan"),
+        statistics={"chi-square": 1e-17},
+        where=Where(region="flesh", centre_mm=tuple(np.array([1.0, -2.0, 0.5]))),
+        when="all",
+        component="both",
+        ranking=(slip,),
+        verdict="slip",
+        before=Modulus(value=0.3, sd=0.01),
+        after=Modulus(value=0.25, sd=0.01),
+        heldout=None,
+        next_grasp=None,
+        notes=("Ein Satz über µ.",),
+        seconds={"naming": 1.0},
+    )
+
+
+def entry(answer: Explanation) -> ExplainEntry:
+    return explain_entry(
+        Diagnosis(explanation=answer, grasps=("grasp-1",), facts=(("Pit", "none"),)),
+        case="N-01",
+        category="nectarine",
+        seconds={"in all": 3.25},
+        inputs={"a.h5": "00ff"},
+        versions={"drupe": "0.1.0"},
+        made=datetime(2026, 11, 22, 9, tzinfo=UTC),
+    )
+
+
+def test_the_json_of_an_answer_is_this_to_the_letter():
+    written = json.dumps(entry(bare()).as_json(), indent=1, allow_nan=False, ensure_ascii=False)
+    assert written == BARE
+
+
+def test_of_several_names_the_json_has_a_list_and_the_page_always():
+    pair = ("slip", "skin+slip")
+    assert entry(replace(bare(), verdict=pair)).as_json()["verdict"] == list(pair)
+    assert entry(bare()).verdict == ("slip",)
+
+
+def test_what_is_for_the_page_alone_is_not_in_the_json():
+    made = entry(fake_explanation())
+    assert set(made.as_json()) == set(ExplainEntry.model_fields) - OF_THE_PAGE
+    assert len(made.cells) == len(fake_explanation().cells)
+    np.testing.assert_array_equal(made.maps.visible, fake_explanation().maps.visible)
+    np.testing.assert_array_equal(made.traces[1].force_N, fake_explanation().traces[1].force_N)
+
+
+def test_residuals_on_held_out_grasps_are_there_or_are_not():
+    assert entry(fake_explanation()).rms == pytest.approx((2.61, 1.04, 1.0))
+    assert entry(bare()).rms is None
+
+
+def test_every_parameter_has_its_meaning_under_its_effect():
+    words = entry(fake_explanation()).parameter_words
+    assert words["viscoelastic"]["tau_s"] == "time over which it fades"
+    assert set(words["clock_lag"]) == {"lag_s"}
