@@ -1,1 +1,4 @@
-"""Synthetic fruit with known answers, by a solver other than fem."""
+"""Synthetic fruit with known answers, by a discretisation and solver of their own.
+
+Nothing of fem is used: a truth made by the estimator's code would share its errors and hide them.
+"""

@@ -1,7 +1,43 @@
-"""A field that lags behind another: the internal variable of one relaxing arm."""
+"""Flesh that relaxes by one arm,  E(t) = E (1 - g + g exp(-t / tau)),  as what it creeps.
+
+With Poisson's ratio constant every displacement under given forces is the elastic one, c, crept
+(correspondence principle; Christensen, "Theory of Viscoelasticity", 1982, chapter 2):
+
+    c(t) + g / (1 - g) h(t),      h' = (c - h) (1 - g) / tau
+"""
+
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelaxingArm:
+    """The share g of the resistance that fades, and the time over which it does."""
+
+    g: float
+    tau_s: float
+
+    @classmethod
+    def of_creep(cls, share: float, retardation_s: float) -> "RelaxingArm":
+        """From the share of c that is crept at last, and the time over which it is.
+
+        >>> RelaxingArm.of_creep(0.25, 5.0)
+        RelaxingArm(g=0.2, tau_s=4.0)
+        """
+        g = share / (1 + share)
+        return cls(g=g, tau_s=retardation_s * (1 - g))
+
+    @property
+    def creep_share(self) -> float:
+        """g / (1 - g)."""
+        return self.g / (1 - self.g)
+
+    @property
+    def retardation_s(self) -> float:
+        """tau / (1 - g): creep is slower than relaxation."""
+        return self.tau_s / (1 - self.g)
 
 
 def lagging(

@@ -17,10 +17,10 @@ from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.law import UnitLaw
+from fem.solid.equilibrium import Ending, Tangent, Tangents, equilibrium
 from fem.solid.finite_strain_balance import FiniteBalance
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.newton import Ending, Tangent, equilibrium
 
 TOLERANCE = 1e-7
 """Forces out of balance, as a share of the load; displacements are then exact to about as much."""
@@ -141,6 +141,7 @@ class FiniteStrainSolid:
                 guess,
                 tolerance=tolerance,
                 iterations=ITERATIONS,
+                tangents=Tangents.WHILE_THEY_SERVE if keep else Tangents.EVERY_STEP,
                 tangent=tangent,
             )
             iterations, tangents = iterations + len(result.shares), tangents + result.tangents

@@ -68,7 +68,7 @@ class _Pattern:
 
 @dataclass(frozen=True, kw_only=True)
 class FiniteBalance:
-    """The problem that `fem.solid.newton` solves: the flesh under one load."""
+    """The flesh under one load at finite strain, for `fem.solid.equilibrium`."""
 
     solid: UnitModulusSolid
     flesh: FiniteFlesh
@@ -121,6 +121,11 @@ class FiniteBalance:
         loaded = replace(self, load=load)
         at_rest = self._reduced(load, self.arm_mm)
         return replace(loaded, load_size=max(float(np.linalg.norm(at_rest)), 1e-300))
+
+    @property
+    def has_potential(self) -> bool:
+        """Strain energy less the work of the dead forces."""
+        return True
 
     @property
     def primal(self) -> int:

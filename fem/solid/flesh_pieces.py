@@ -12,17 +12,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
+from fem.materials.strain_path import PathLaw, Tensors
 from fem.parallel_map import parallel_map
 from fem.solid.strain_field import FleshStrain
 
 ELEMENTS = 200
 """Elements to a piece."""
-
-Tensors = Float[np.ndarray, "m 4 3 3 f"]
-"""[j, i] of a gradient du_i/dX_j or a first Piola stress P_ij, at four points of m elements in all frames."""
-
-PieceLaw = Callable[[Tensors], Tensors]
-"""Displacement gradients, frames in order of time, to stress (for E = 1 MPa)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +63,7 @@ class FleshPieces:
         """All elements."""
         return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool), workers=workers)
 
-    def forces(self, moved: Float[np.ndarray, "f n 3"], law: PieceLaw) -> Float[np.ndarray, "f n 3"]:
+    def forces(self, moved: Float[np.ndarray, "f n 3"], law: PathLaw) -> Float[np.ndarray, "f n 3"]:
         """On all nodes, from the law's stress."""
         frames, flat = len(moved), _frames_last(moved)
         total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)

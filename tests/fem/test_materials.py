@@ -2,18 +2,15 @@
 
 import numpy as np
 import pytest
+from hookes_law import Linear
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.materials.fung import Fung
-from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean
-from fem.materials.yeoh import Yeoh
 
 NU = 0.45
-STEEP = [Yeoh(poisson_ratio=NU, second=0.8, third=0.3), Fung(poisson_ratio=NU, stiffening=1.5)]
-FINITE = [NeoHookean(poisson_ratio=NU), *STEEP]
+FINITE = [NeoHookean(poisson_ratio=NU)]
 EVERY = [Linear(poisson_ratio=NU), *FINITE]
 
 
@@ -103,38 +100,28 @@ def pulled(law, stretch: float) -> float:
 @pytest.mark.parametrize("stretch", [0.6, 0.9, 1.3, 1.7])
 @pytest.mark.parametrize("law", FINITE, ids=name)
 def test_a_pulled_bar_of_constant_volume_follows_the_closed_form(law, stretch):
-    """P = 2 w'(i) (l - l^-2) with i = l^2 + 2/l - 3; Treloar, "The Physics of Rubber Elasticity", 1975."""
-    i = stretch**2 + 2 / stretch - 3
-    slope = {"NeoHookean": 1.0, "Yeoh": 1 + 1.6 * i + 0.9 * i**2, "Fung": np.exp(1.5 * i)}[name(law)]
+    """P = mu (l - l^-2); Treloar, "The Physics of Rubber Elasticity", 1975."""
     per_mu = []
     for poisson_ratio in (0.4998, 0.4999):
         nearly = type(law)(**{**vars(law), "poisson_ratio": poisson_ratio})
         per_mu.append(pulled(nearly, stretch) * 2 * (1 + poisson_ratio))
     # what change of volume is left goes like 1 - 2 nu
     limit = 2 * per_mu[1] - per_mu[0]
-    assert limit == pytest.approx(slope * (stretch - stretch**-2), rel=1e-3)
+    assert limit == pytest.approx(stretch - stretch**-2, rel=1e-3)
 
 
 @pytest.mark.parametrize("law", FINITE, ids=name)
 def test_simple_shear_follows_the_closed_form(law):
-    """For F = I + g e1 e2' Cauchy stress is 2 w' dev(F F'): s_12 = 2 w' g, s_11 - s_22 = s_12 g, i = g^2."""
+    """For F = I + g e1 e2' Cauchy stress is mu dev(F F'): s_12 = mu g, s_11 - s_22 = s_12 g."""
     g = 0.4
     F = np.eye(3)[None].copy()
     F[0, 0, 1] = g
     cauchy = (law.stress(F) @ F.swapaxes(1, 2))[0]
     mu = 0.5 / (1 + NU)
-    slope = {"NeoHookean": 1.0, "Yeoh": 1 + 1.6 * g**2 + 0.9 * g**4, "Fung": np.exp(1.5 * g**2)}[name(law)]
-    assert cauchy[0, 1] == pytest.approx(mu * slope * g, rel=1e-12)
-    assert cauchy[0, 0] - cauchy[1, 1] == pytest.approx(mu * slope * g**2, rel=1e-12)
+    assert cauchy[0, 1] == pytest.approx(mu * g, rel=1e-12)
+    assert cauchy[0, 0] - cauchy[1, 1] == pytest.approx(mu * g**2, rel=1e-12)
     assert cauchy[1, 1] == pytest.approx(cauchy[2, 2], rel=1e-12)
     assert np.trace(cauchy) == pytest.approx(0.0, abs=1e-14)
-
-
-def test_without_stiffening_the_steep_laws_are_neo_hookean():
-    F = strained(6, 0.3)
-    plain = NeoHookean(poisson_ratio=NU).stress(F)
-    assert np.abs(Yeoh(poisson_ratio=NU, second=0.0, third=0.0).stress(F) - plain).max() < 1e-15
-    assert np.abs(Fung(poisson_ratio=NU, stiffening=1e-9).stress(F) - plain).max() < 1e-8
 
 
 @pytest.mark.parametrize("law", FINITE, ids=name)

@@ -9,6 +9,10 @@ from coarse_fruit import NU, fruit_mesh
 from pinched_forward_model import as_case, forward_of, long_pinch
 
 from fem.elements.assembly import unit_lame_constants
+from fem.materials.fung_neo_hookean import first_piola_stress
+from fem.materials.mullins_damage import damaged_share
+from fem.materials.strain_path import linear_stress
+from fem.materials.von_mises_set import HARDENING, plastic_strain
 from fem.mismatch.effects import damage, plastic_set, stiffening
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.baseline import baseline
@@ -18,7 +22,7 @@ from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, fixed_poin
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
-from fem.solid.small_strain import linear_stress
+from fem.solid.initial_stress import AddedStress
 from fem.solid.strain_field import FleshStrain
 
 MU, LAME = unit_lame_constants(NU)
@@ -30,7 +34,7 @@ def tensors(*frames: np.ndarray) -> np.ndarray:
 
 
 def stress_at(H: np.ndarray, b: float) -> np.ndarray:
-    return stiffening.fung_neo_hookean(tensors(H), b, poisson_ratio=NU)[0, 0, :, :, 0].T
+    return first_piola_stress(tensors(H), b, poisson_ratio=NU)[0, 0, :, :, 0].T
 
 
 def stored_energy(H: np.ndarray, b: float) -> float:
@@ -60,10 +64,10 @@ def test_turning_the_strained_flesh_turns_its_stress():
 
 
 def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set():
-    Y, hardening = 0.1, plastic_set.HARDENING
+    Y, hardening = 0.1, HARDENING
     path = [0.0, 0.06, 0.12, 0.09, 0.06]
     frames = [np.array([[0, e, 0], [e, 0, 0], [0, 0, 0]]) for e in path]
-    found = plastic_set.plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
+    found = plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
     # tau = sqrt(3) 2 mu (e - e_p) = Y + H p with e_p = sqrt(3)/2 p
     p = (2 * np.sqrt(3) * MU * 0.12 - Y) / (3 * MU + hardening)
     assert 2 * np.sqrt(3) * MU * 0.06 < Y
@@ -72,7 +76,7 @@ def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set(
 
 def test_set_flesh_changes_its_shape_and_not_its_volume():
     H = np.random.default_rng(3).normal(size=(3, 3)) * 0.1
-    plastic = plastic_set.plastic_strain(tensors(H, 2 * H), 0.02, poisson_ratio=NU)
+    plastic = plastic_strain(tensors(H, 2 * H), 0.02, poisson_ratio=NU)
     assert np.abs(plastic).max() > 0.05
     np.testing.assert_allclose(plastic[0, 0, 0, 0] + plastic[0, 0, 1, 1] + plastic[0, 0, 2, 2], 0, atol=1e-12)
 
@@ -80,7 +84,7 @@ def test_set_flesh_changes_its_shape_and_not_its_volume():
 def test_damage_follows_the_largest_energy_and_never_heals():
     energy = np.array([0.0, 0.01, 0.03, 0.0, 0.02])
     expected = 0.4 * (1 - np.exp(-np.array([0.0, 0.01, 0.03, 0.03, 0.03]) / 0.02))
-    np.testing.assert_allclose(damage.damaged_share(energy, 0.4, 0.02), expected)
+    np.testing.assert_allclose(damaged_share(energy, 0.4, 0.02), expected)
 
 
 def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
@@ -105,15 +109,16 @@ def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, toget
         forces = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)
         return (stiffness - 1) * forces
 
-    more = fixed_point(
-        state,
-        excess_force,
+    skin = fruit_mesh().outer_nodes
+    problem = AddedStress(
+        linear=state.linear,
+        added_force=excess_force,
+        response=state.response,
         compliance=forward.compliance,
         stiffer=np.full(len(state.linear), stiffness),
-        start=np.zeros_like(state.linear),
-        together=together,
+        skin=skin,
     )
-    skin = fruit_mesh().outer_nodes
+    more = fixed_point(problem, start=None, together=together)
     off = forward.compliance * (more - (1 / stiffness - 1) * state.linear)[:, skin]
     assert np.abs(off).max() < 1e-3
 

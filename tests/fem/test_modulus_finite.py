@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from fem_shapes import ball
+from hookes_law import Linear
 
 from fem.estimation.compliance_fit import MarkerTracks, fit_compliance
 from fem.estimation.finite_strain_correction import (
@@ -15,7 +16,6 @@ from fem.estimation.finite_strain_correction import (
 )
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
-from fem.materials.linear import Linear
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature

@@ -1,11 +1,7 @@
 """`damage`: flesh that is softened for good where it once held much energy (Mullins).
 
-    sigma = (1 - D) C eps,  D = dmax (1 - exp(-Wmax / W0)),  Wmax = largest W so far,  W = eps : C : eps / 2
-
-C and W those of healthy flesh, small strain; discontinuous damage, driven by the largest energy (Simo 1987,
-"On a fully three-dimensional finite-strain viscoelastic damage model", Computer Methods in Applied Mechanics
-and Engineering 60). What one recording has damaged the next ones find so: they come in the order in which
-they were made.
+The law is fem.materials.mullins_damage. What one recording has damaged the next ones find so: they come in
+the order in which they were made.
 
 Signatures: one for each of a few W0, relative to the energy that the plain model sees; the amount is dmax.
 """
@@ -16,14 +12,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from fem.materials.mullins_damage import mullins_damage
+from fem.materials.strain_path import strain_energy
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, first_guess, fixed_point, keep_run, path_state
+from fem.mismatch.model.stress_history import PathState, path_response, path_state
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
-from fem.solid.flesh_pieces import FleshPieces, PieceLaw, Tensors, exceeded_by
-from fem.solid.small_strain import linear_stress, strain_energy
+from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 
 DMAX, W0 = "dmax", "W0_over_E"
 PRIOR_SD = 0.3
@@ -88,7 +85,8 @@ class Damage:
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
         found = []
         for relative in RELATIVE:
-            more = -state.response(pieces.forces(s * state.linear, _lost(1.0, relative * level, nu)))
+            law = mullins_damage(1.0, relative * level, poisson_ratio=nu)
+            more = -state.response(pieces.forces(s * state.linear, law))
             fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
             found.append(
                 Signature(
@@ -112,41 +110,10 @@ class Damage:
         """The law in the field that it itself brings."""
         state = path_state(forward, frames=FRAMES, remembers=True)
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-        law = _lost(parameters[DMAX], parameters[W0], forward.poisson_ratio)
+        law = mullins_damage(parameters[DMAX], parameters[W0], poisson_ratio=forward.poisson_ratio)
         seen_W0 = np.log(parameters[W0] / forward.compliance**2)
         place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
-        more = fixed_point(
-            state,
-            lambda moved: pieces.forces(moved, law),
-            compliance=forward.compliance,
-            stiffer=np.ones(len(state.linear)),
-            start=first_guess(forward, self.spec.name, place),
-            together=True,
-        )
-        keep_run(forward, self.spec.name, place, more)
-        return Response(
-            unit=[
-                recording.tracks.unit_displacement + own
-                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
-            ]
-        )
-
-
-def damaged_share(
-    energy: Float[np.ndarray, "*x f"], dmax: float, W0_over_E: float
-) -> Float[np.ndarray, "*x f"]:
-    """D in frames in order of time, from W/E."""
-    return np.asarray(-dmax * np.expm1(-np.maximum.accumulate(energy, axis=-1) / W0_over_E))
-
-
-def _lost(dmax: float, W0_over_E: float, nu: float) -> PieceLaw:
-    """-D C eps."""
-
-    def law(gradient: Tensors) -> Tensors:
-        share = damaged_share(strain_energy(gradient, poisson_ratio=nu), dmax, W0_over_E)
-        return np.asarray(-share[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
-
-    return law
+        return Response(unit=path_response(forward, state, pieces, law, name=self.spec.name, place=place))
 
 
 def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_ratio: float) -> float:

@@ -1,10 +1,7 @@
 """`plastic_set`: flesh that yields where it is strained most, and keeps its new shape.
 
-    sigma = C (eps - eps_p),   f = sqrt(3/2 s : s) - (Y + H p) <= 0,   d eps_p = dp sqrt(3/2) s / |s|
-
-von Mises with a little isotropic hardening (H = HARDENING E), small strain, by radial return in every frame
-(Simo and Hughes 1998, "Computational Inelasticity", box 3.1). What one recording has set the next ones find
-so: they come in the order in which they were made, and a marker is compared with its own first touch in each.
+The law is fem.materials.von_mises_set. What one recording has set the next ones find so: they come in the
+order in which they were made, and a marker is compared with its own first touch in each.
 
 Signatures: one for each of a few Y, relative to the stress that the plain model sees; what the law makes of
 the plain model's field, of which the amount is 1 to 3: flesh that has yielded sheds load on its neighbours.
@@ -16,27 +13,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.elements.assembly import unit_lame_constants
+from fem.materials.strain_path import deviator, von_mises
+from fem.materials.von_mises_set import von_mises_set
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import (
-    ExcessForce,
-    PathState,
-    first_guess,
-    first_round,
-    fixed_point,
-    keep_run,
-    path_state,
-)
+from fem.mismatch.model.stress_history import PathState, added_stress, path_response, path_state
 from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
-from fem.solid.flesh_pieces import FleshPieces, Tensors, exceeded_by
-from fem.solid.small_strain import deviator, von_mises
+from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 
 YIELD = "yield_over_E"
-HARDENING = 0.05
-"""Rise of the yield stress with plastic strain, over E."""
 PRIOR_SD = 1.5
 """Of the signature's amount, which is 1 at its own Y. Set by hand."""
 RELATIVE = (0.5, 0.7, 0.85)
@@ -90,7 +77,8 @@ class PlasticSet:
         for relative in RELATIVE:
             Y = relative * level
             pieces = FleshPieces.of(forward.points, stress > MARGIN * Y, workers=forward.workers)
-            more = first_round(state, _set(forward, pieces, Y), compliance=forward.compliance)
+            law = von_mises_set(Y, poisson_ratio=forward.poisson_ratio)
+            more = added_stress(forward, state, pieces, law).first_order()
             fields = [ObservationDelta(markers=forward.compliance * own) for own in state.at_markers(more)]
             found.append(
                 Signature(
@@ -116,49 +104,16 @@ class PlasticSet:
         pieces = FleshPieces.of(
             forward.points, _stress_seen(forward, state)[0] > MARGIN * Y, workers=forward.workers
         )
-        place = np.array([np.log(Y / forward.compliance)])
-        more = fixed_point(
-            state,
-            _set(forward, pieces, Y),
-            compliance=forward.compliance,
-            stiffer=np.ones(len(state.linear)),
-            start=first_guess(forward, self.spec.name, place),
-            together=True,
-        )
-        keep_run(forward, self.spec.name, place, more)
         return Response(
-            unit=[
-                recording.tracks.unit_displacement + own
-                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
-            ]
+            unit=path_response(
+                forward,
+                state,
+                pieces,
+                von_mises_set(Y, poisson_ratio=forward.poisson_ratio),
+                name=self.spec.name,
+                place=np.array([np.log(Y / forward.compliance)]),
+            )
         )
-
-
-def plastic_strain(gradient: Tensors, yield_over_E: float, *, poisson_ratio: float) -> Tensors:
-    """eps_p in frames in order of time, none before the first."""
-    mu = unit_lame_constants(poisson_ratio)[0]
-    shear = deviator(gradient)
-    plastic = np.zeros_like(shear[..., :1])
-    hardened = np.zeros_like(plastic[:, :, 0, 0])
-    for k in range(shear.shape[-1]):
-        elastic = shear[..., k : k + 1] - plastic
-        size = von_mises(elastic, poisson_ratio=poisson_ratio)
-        flow = np.maximum(size - yield_over_E - HARDENING * hardened, 0.0) / (3 * mu + HARDENING)
-        hardened += flow
-        plastic += (3 * mu * flow / np.maximum(size, 1e-30))[:, :, None, None] * elastic
-        shear[..., k : k + 1] = plastic
-    return shear
-
-
-def _set(forward: ForwardModel, pieces: FleshPieces, yield_over_E: float) -> ExcessForce:
-    """Forces of -C eps_p."""
-    nu = forward.poisson_ratio
-    mu = unit_lame_constants(nu)[0]
-
-    def law(gradient: Tensors) -> Tensors:
-        return np.asarray(-2 * mu * plastic_strain(gradient, yield_over_E, poisson_ratio=nu))
-
-    return lambda moved: pieces.forces(moved, law)
 
 
 def _stress_seen(forward: ForwardModel, state: PathState) -> tuple[Float[np.ndarray, " m"], float]:

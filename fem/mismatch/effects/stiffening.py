@@ -1,12 +1,7 @@
 """`stiffening`: flesh that grows stiffer the more it is strained.
 
-    P(F) = exp(b W / mu) P_nh,     P_nh = mu (F - F^-T) + lambda ln(J) F^-T = dW/dF,
-    W = mu/2 (F : F - 3 - 2 ln J) + lambda/2 (ln J)^2,      F = I + grad u,  J = det F
-
-the exponential of Fung (1967, "Elasticity of soft tissues in simple elongation", American Journal of
-Physiology 213) on the Neo-Hookean law in the form of Bonet and Wood (2008, "Nonlinear Continuum Mechanics for
-Finite Element Analysis", eq. 6.28). Where it stiffens much, strains of a tenth are in play, and small strains
-would ask for a b an eighth too large.
+The law is fem.materials.fung_neo_hookean. Where it stiffens much, strains of a tenth are in play, and small
+strains would ask for a b an eighth too large.
 
 Two signatures. b W/mu times the linear stress, W of small strain, in the plain model's field: it exaggerates,
 as the field itself gives way less for it; the start takes the b at which the plain field, shrunk as a whole,
@@ -20,17 +15,24 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
+from fem.materials.fung_neo_hookean import fung_at_small_strain, fung_neo_hookean, shrunk_as_a_whole
+from fem.materials.strain_path import strain_energy
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, first_guess, fixed_point, keep_run, path_state
+from fem.mismatch.model.stress_history import (
+    added_stress,
+    first_guess,
+    fixed_point,
+    keep_run,
+    path_state,
+    whole_response,
+)
 from fem.mismatch.result import Parameter
 from fem.mismatch.signature_variant import ONE_WAY, InMode, Variant
-from fem.solid.flesh_pieces import FleshPieces, Tensors
-from fem.solid.small_strain import Points, linear_stress, on_diagonal, strain_energy, trace
+from fem.solid.flesh_pieces import FleshPieces
 
 B = "b"
 PRIOR_SD = 30.0
@@ -44,11 +46,6 @@ DOUBTFUL = 0.5
 less there is of it the less it changes."""
 FRAMES = 24
 """Frames of all recordings together."""
-LEAST_VOLUME = 0.01
-"""Flesh is never pressed to less than this share of its volume, not even while rounds go on."""
-STEEPEST = 4.0
-"""b W/mu above which the exponential goes on as a straight line: no round of the search may run away."""
-
 SPEC = EffectSpec(
     name="stiffening",
     rank=20,
@@ -99,15 +96,8 @@ class Stiffening:
         """The exponential's, its amount b, and the Neo-Hookean law's, its amount 1."""
         state = path_state(forward, frames=FRAMES, remembers=False)
         nu, s = forward.poisson_ratio, forward.compliance
-        mu = unit_lame_constants(nu)[0]
-
-        def law(gradient: Tensors) -> Tensors:
-            grown = strain_energy(gradient, poisson_ratio=nu) / mu
-            return np.asarray(grown[:, :, None, None] * linear_stress(gradient, poisson_ratio=nu))
-
-        more = -state.response(
-            FleshPieces.whole(forward.points, workers=forward.workers).forces(s * state.linear, law)
-        )
+        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
+        more = -state.response(pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu)))
         fields = [ObservationDelta(markers=own) for own in state.at_markers(more)]
         found = [
             Signature(
@@ -151,95 +141,24 @@ class Stiffening:
         place = np.log([b * s**2, s])
         more = _beyond_linear(forward, b, guess=first_guess(forward, self.spec.name, place))
         keep_run(forward, self.spec.name, place, more)
-        return Response(
-            unit=[
-                recording.tracks.unit_displacement + own
-                for recording, own in zip(forward.base.grasps, state.at_markers(more), strict=True)
-            ]
-        )
+        return Response(unit=whole_response(state, more))
 
 
 def _beyond_linear(
     forward: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None
 ) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 (fem.mismatch.model.stress_history), from a guess of it."""
+    """v - v0 (fem.solid.initial_stress), from a guess of it or from the linear field, shrunk as a whole."""
     nu, s = forward.poisson_ratio, forward.compliance
     state = path_state(forward, frames=FRAMES, remembers=False)
     pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-    shrunk, steepest = _shrunk(pieces, state, b, s, nu)
-
-    def law(gradient: Tensors) -> Tensors:
-        return np.asarray(
-            fung_neo_hookean(gradient, b, poisson_ratio=nu) - linear_stress(gradient, poisson_ratio=nu)
-        )
-
+    energy = pieces.measured(s * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu))
+    shrunk, steepest = shrunk_as_a_whole(energy, pieces.volume_mm3, b, poisson_ratio=nu)
+    law = fung_neo_hookean(b, poisson_ratio=nu)
     return fixed_point(
-        state,
-        lambda moved: pieces.forces(moved, law),
-        compliance=s,
-        stiffer=steepest,
+        added_stress(forward, state, pieces, law, stiffer=steepest),
         start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
         together=False,
     )
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def fung_neo_hookean(gradient: Tensors, b: float, *, poisson_ratio: float) -> Tensors:
-    """First Piola stress for E = 1 MPa."""
-    mu, lame = unit_lame_constants(poisson_ratio)
-    F = on_diagonal(gradient.copy(), np.ones_like(gradient[:, :, 0, 0]))
-    cofactor = np.empty_like(F)
-    for j in range(3):
-        for i in range(3):
-            p, q, r, s = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
-            cofactor[:, :, j, i] = F[:, :, p, r] * F[:, :, q, s] - F[:, :, p, s] * F[:, :, q, r]
-    J, log_J = _volume_ratio(gradient)
-    # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
-    energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
-    factor = _exponential(b * energy)
-    F *= (mu * factor)[:, :, None, None]
-    F += (factor * (lame * log_J - mu) / J)[:, :, None, None] * cofactor
-    return F
-
-
-def _volume_ratio(H: Tensors) -> tuple[Points, Points]:
-    """J = det(I + H), never below LEAST_VOLUME, and its logarithm, of which little is lost near 1."""
-    grown = trace(H)
-    for i, j in ((0, 1), (0, 2), (1, 2)):
-        grown = grown + H[:, :, i, i] * H[:, :, j, j] - H[:, :, i, j] * H[:, :, j, i]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        grown = grown + H[:, :, 0, i] * (H[:, :, 1, j] * H[:, :, 2, k] - H[:, :, 1, k] * H[:, :, 2, j])
-    grown = np.maximum(grown, LEAST_VOLUME - 1)
-    return 1 + grown, np.log1p(grown)
-
-
-def _exponential(x: Float[np.ndarray, "*x"]) -> Float[np.ndarray, "*x"]:
-    """exp(x), beyond STEEPEST as its tangent there."""
-    near = np.minimum(x, STEEPEST)
-    return np.asarray(np.exp(near) * (1 + x - near))
-
-
-def _shrunk(
-    pieces: FleshPieces, state: PathState, b: float, compliance: float, nu: float
-) -> tuple[Float[np.ndarray, " f"], Float[np.ndarray, " f"]]:
-    """By how much the linear field shrinks as a whole, and the stiffness then at all but 1 % of the points.
-
-    a + sum over points of a W expm1(b a^2 W/mu) over that of W = 1, small strain.
-    """
-    mu = unit_lame_constants(nu)[0]
-    energy = pieces.measured(
-        compliance * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu)
-    )
-    x, v = b / mu * energy.reshape(-1, len(state.linear)).T, pieces.volume_mm3.ravel()
-    whole = np.maximum(x @ v, 1e-300)
-    low, high = np.zeros(len(x)), np.ones(len(x))
-    for _ in range(12):
-        a = (low + high) / 2
-        over = a * ((x * _exponential(a[:, None] ** 2 * x)) @ v) / whole > 1
-        low, high = np.where(over, low, a), np.where(over, a, high)
-    top = np.quantile(x, 0.99, axis=1) * a**2
-    return a, _exponential(top) * (1 + 2 * top)
 
 
 EFFECT: Effect = Stiffening()

@@ -1,7 +1,6 @@
 """`viscoelastic`: the flesh relaxes.  E(t) = E (1 - g + g exp(-t / tau))
 
-With Poisson's ratio constant every displacement under given forces is the elastic one, crept (correspondence
-principle; Christensen 1982, Theory of Viscoelasticity, chapter 2):
+What that makes of displacements is fem.materials.relaxing_arm:
 
     u(t) = s [c(t) + g / (1 - g) h(t)],      h' = (c - h) (1 - g) / tau
 
@@ -14,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.materials.relaxing_arm import lagging
+from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
@@ -98,18 +97,17 @@ class Viscoelastic:
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """From the retarded share and time to those of relaxation."""
-        ratio = float(np.clip(amounts[0], 0.02, 5.0))
-        g = ratio / (1 + ratio)
-        return {"g": g, "tau_s": value_of(signature.variant) * (1 - g)}
+        arm = RelaxingArm.of_creep(float(np.clip(amounts[0], 0.02, 5.0)), value_of(signature.variant))
+        return {"g": arm.g, "tau_s": arm.tau_s}
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Exact for force histories that run straight between frames."""
-        g, tau_s = parameters["g"], parameters["tau_s"]
-        crept = _crept(forward, tau_s / (1 - g))
+        arm = RelaxingArm(g=parameters["g"], tau_s=parameters["tau_s"])
+        crept = _crept(forward, arm.retardation_s)
         grasps = forward.base.grasps
         return Response(
             unit=[
-                recording.tracks.unit_displacement + g / (1 - g) * own
+                recording.tracks.unit_displacement + arm.creep_share * own
                 for recording, own in zip(grasps, crept, strict=True)
             ]
         )

@@ -1,42 +1,29 @@
-"""Displacement under measured forces of flesh whose stress depends on its strain history: one factorisation.
+"""Flesh under a law whose stress depends on the strains so far, under the forces of all recordings.
 
-    K0 v + B' d(s v, history) / s = L f,        v = u / s = E u
-
-d: the law's stress (for E = 1 MPa) in excess of the linear one, a function of the strain of all frames so
-far. With v0 the linear displacement, every iteration sets
-
-    v <- v + (v0 - K0^-1 B' d(s v) / s - v) / k
-
-for all frames of all recordings at once, the whole history being that of the iteration before. k, per frame,
-is half of the largest stiffness over the linear one (1 for a law that softens): below that the iteration
-would overshoot. It is accelerated by mixing the last few iterates (Anderson 1965, "Iterative procedures for
-nonlinear integral equations", Journal of the ACM 12). Source of the scheme: Kachanov's method of variable
-elasticity parameters, with the initial stiffness.
+The law's equation and its solution are those of fem.solid.initial_stress; here are the recordings' chosen
+frames one after the other, what of a solution their markers see, and where a search starts from.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from fem.fem_failure import FemFailure, FemProblem
+from fem.materials.strain_path import PathLaw
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import PathFrames, path_frames
+from fem.solid.flesh_pieces import FleshPieces
+from fem.solid.initial_stress import AddedStress
 
-MOST_ROUNDS, MEMORY = 40, 4
+MOST_ROUNDS = 40
 """Searches of cases with these effects end after 1 to 10 rounds."""
 CLOSE_MM = 6e-4
 """Rounds end when none asks a node of the skin to move more than this: a tenth of a marker's noise."""
 
-RUN_AWAY = 1e6
-"""N per MPa of the modulus: forces on a node that no flesh makes."""
 SMALL_SHARE = 1e-4
 """Fields of force smaller than this share of the largest are left out of a round."""
-
-ExcessForce = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
-"""Displacement (mm) in all frames in order of time to nodal forces B' d of unit modulus."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,84 +83,58 @@ def _combined(recording: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k
     return np.asarray(np.tensordot(recording.shares[own.chosen], recording.moved, axes=1))
 
 
-def fixed_point(
+def added_stress(
+    forward: ForwardModel,
     state: PathState,
-    excess_force: ExcessForce,
+    pieces: FleshPieces,
+    law: PathLaw,
     *,
-    compliance: float,
-    stiffer: Float[np.ndarray, " f"],
-    start: Float[np.ndarray, "f n 3"] | None,
-    together: bool,
-) -> Float[np.ndarray, "f n 3"]:
-    """v - v0, by fixed-point iteration. `stiffer`: each frame's largest tangent stiffness over the linear
-    one; `start`: first guess, None for zero.
-
-    `together`: see `_mixed`. Raises FemFailure (NOT_CONVERGED) where the iteration diverges, or where the
-    last of MOST_ROUNDS still moves the skin by more than CLOSE_MM.
-    """
-    skin = state.base.mesh.outer_nodes
-    slower = np.maximum(stiffer / 2, 1.0)[:, None, None]
-    more = np.zeros_like(state.linear) if start is None else start
-    tried: list[Float[np.ndarray, "f n 3"]] = []
-    steps: list[Float[np.ndarray, "f n 3"]] = []
-    for _ in range(MOST_ROUNDS):
-        step = (first_round(state, excess_force, compliance=compliance, start=more) - more) / slower
-        left_mm = compliance * float(np.abs((step * slower)[:, skin]).max())
-        if left_mm < CLOSE_MM:
-            return np.asarray(more + step)
-        tried, steps = [*tried, more][-MEMORY - 1 :], [*steps, step][-MEMORY - 1 :]
-        more = _mixed(tried, steps, skin, together=together)
-    raise FemFailure(
-        FemProblem.NOT_CONVERGED,
-        f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law still moves the skin by "
-        f"{1e3 * left_mm:.2g} µm after {MOST_ROUNDS} rounds, expected {1e3 * CLOSE_MM:.2g} µm at most",
+    stiffer: Float[np.ndarray, " f"] | None = None,
+) -> AddedStress:
+    """The equation of flesh with this law in these pieces of it. `stiffer`: None for laws that soften."""
+    return AddedStress(
+        linear=state.linear,
+        added_force=lambda moved: pieces.forces(moved, law),
+        response=state.response,
+        compliance=forward.compliance,
+        stiffer=np.ones(len(state.linear)) if stiffer is None else stiffer,
+        skin=state.base.mesh.outer_nodes,
     )
 
 
-def first_round(
+def fixed_point(
+    problem: AddedStress, *, start: Float[np.ndarray, "f n 3"] | None, together: bool
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 to CLOSE_MM at the skin; see AddedStress.beyond_linear."""
+    return problem.beyond_linear(start=start, together=together, tolerance_mm=CLOSE_MM, rounds=MOST_ROUNDS)
+
+
+def path_response(
+    forward: ForwardModel,
     state: PathState,
-    excess_force: ExcessForce,
+    pieces: FleshPieces,
+    law: PathLaw,
     *,
-    compliance: float,
-    start: Float[np.ndarray, "f n 3"] | None = None,
-) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 under the law's stress in the field v0 + start (None: v0): to first order in the law.
+    name: str,
+    place: Float[np.ndarray, " p"],
+) -> list[Float[np.ndarray, "f n 3"]]:
+    """The markers' displacement for E = 1 MPa of flesh whose law depends on its history, of every recording.
 
-    Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
+    The search starts from its own runs with the law of this `name`; `place`: the law's among them. Raises
+    FemFailure (NOT_CONVERGED).
     """
-    force = excess_force(compliance * (state.linear if start is None else state.linear + start))
-    if not np.abs(force).max() < RUN_AWAY:
-        raise FemFailure(
-            FemProblem.NOT_CONVERGED,
-            f"the search for how flesh of {1 / compliance:.3g} MPa moves by this law ran away",
-        )
-    return -state.response(force) / compliance
+    problem = added_stress(forward, state, pieces, law)
+    more = fixed_point(problem, start=first_guess(forward, name, place), together=True)
+    keep_run(forward, name, place, more)
+    return whole_response(state, more)
 
 
-def _mixed(
-    tried: Sequence[Float[np.ndarray, "f n 3"]],
-    steps: Sequence[Float[np.ndarray, "f n 3"]],
-    skin: Int[np.ndarray, " o"],
-    *,
-    together: bool,
-) -> Float[np.ndarray, "f n 3"]:
-    """The next iterate: the mix of those so far whose step is least at the skin, and that step.
-
-    Each frame has a mix of its own, or all have one `together`: where stress depends on earlier frames,
-    separate mixes would be inconsistent in the later ones.
-    """
-    more = tried[-1] + steps[-1]
-    if len(steps) == 1:
-        return np.asarray(more)
-    rows = 1 if together else len(more)
-    last = steps[-1][:, skin].reshape(rows, -1)
-    changes = np.stack([step[:, skin].reshape(rows, -1) - last for step in steps[:-1]], axis=1)
-    gram = changes @ np.swapaxes(changes, 1, 2)
-    size = np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-30
-    shares = np.linalg.solve(gram + 1e-8 * size * np.eye(len(gram[0])), changes @ last[..., None])[..., 0]
-    for k, (one, step) in enumerate(zip(tried[:-1], steps[:-1], strict=True)):
-        more = more - shares[:, k, None, None] * (one + step - tried[-1] - steps[-1])
-    return np.asarray(more)
+def whole_response(state: PathState, more: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
+    """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
+    return [
+        recording.tracks.unit_displacement + own
+        for recording, own in zip(state.base.grasps, state.at_markers(more), strict=True)
+    ]
 
 
 MOST_RUNS = 6

@@ -1,4 +1,4 @@
-"""Hooke's law of small strain, as a law of F: what the linear model of the estimator is made of."""
+"""Hooke's law of small strain, as a law of F: what laws of finite strain are for small loads."""
 
 from dataclasses import dataclass
 

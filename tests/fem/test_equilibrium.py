@@ -1,4 +1,4 @@
-"""Newton's method on problems whose answers are known without it."""
+"""The search for equilibrium, by each kind of tangent, on problems whose answers are known without it."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.solid.newton import Ending, equilibrium
+from fem.solid.equilibrium import Ending, Tangents, equilibrium
 
 
 @dataclass
@@ -28,6 +28,8 @@ class Spring:
     n: int
     limit: float = np.inf
     calls: int = 0
+
+    has_potential = True
 
     @property
     def primal(self):
@@ -67,7 +69,9 @@ def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
     for _ in range(4):  # plain Newton, as the textbook has it
         x -= np.arctan(x) * (1 + x**2)
     assert abs(x) > 1e6
-    found = equilibrium(problem, np.array([3.0]), tolerance=1e-12, iterations=30)
+    found = equilibrium(
+        problem, np.array([3.0]), tolerance=1e-12, iterations=30, tangents=Tangents.EVERY_STEP
+    )
     assert found.ending is Ending.CONVERGED
     assert abs(found.state[0]) < 1e-12
     assert min(found.shares) < 1
@@ -75,12 +79,16 @@ def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
 
 def test_states_that_no_matter_can_take_are_stepped_back_from():
     problem = Spring(np.arctan, lambda x: np.diag(1 / (1 + x**2)), 1, limit=3.5)
-    found = equilibrium(problem, np.array([3.0]), tolerance=1e-12, iterations=40)
+    found = equilibrium(
+        problem, np.array([3.0]), tolerance=1e-12, iterations=40, tangents=Tangents.EVERY_STEP
+    )
     assert found.ending is Ending.CONVERGED
 
 
 def test_newton_doubles_the_digits_at_every_step():
-    found = equilibrium(stiffening(), np.zeros(30), tolerance=1e-12, iterations=20)
+    found = equilibrium(
+        stiffening(), np.zeros(30), tolerance=1e-12, iterations=20, tangents=Tangents.EVERY_STEP
+    )
     assert found.ending is Ending.CONVERGED
     late = np.array([s for s in found.sizes if 1e-14 < s < 1e-1])
     assert len(late) >= 3
@@ -91,9 +99,16 @@ def test_newton_doubles_the_digits_at_every_step():
 
 def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
     problem = stiffening()
-    newton = equilibrium(problem, np.zeros(30), tolerance=1e-12, iterations=20)
+    newton = equilibrium(problem, np.zeros(30), tolerance=1e-12, iterations=20, tangents=Tangents.EVERY_STEP)
     first = problem.tangent(np.ones(30))
-    chord = equilibrium(problem, np.zeros(30), tolerance=1e-12, iterations=60, tangent=first)
+    chord = equilibrium(
+        problem,
+        np.zeros(30),
+        tolerance=1e-12,
+        iterations=60,
+        tangents=Tangents.WHILE_THEY_SERVE,
+        tangent=first,
+    )
     assert chord.ending is Ending.CONVERGED
     assert chord.tangents == 0
     assert np.abs(chord.state - newton.state).max() < 1e-10
@@ -106,20 +121,79 @@ def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
 def test_a_factor_that_serves_no_more_is_renewed():
     problem = Spring(lambda x: x + x**3 - 40.0, lambda x: np.diag(1 + 3 * x**2), 1)
     poor = Dense(np.array([[200.0]]))
-    found = equilibrium(problem, np.zeros(1), tolerance=1e-13, iterations=60, tangent=poor)
+    found = equilibrium(
+        problem, np.zeros(1), tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor
+    )
     assert found.ending is Ending.CONVERGED
     assert found.state[0] + found.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
 
 
 def test_what_did_not_converge_says_how():
-    too_few = equilibrium(stiffening(), np.zeros(30), tolerance=1e-12, iterations=2)
+    too_few = equilibrium(
+        stiffening(), np.zeros(30), tolerance=1e-12, iterations=2, tangents=Tangents.EVERY_STEP
+    )
     assert too_few.ending is Ending.TOO_MANY
     assert len(too_few.sizes) == 3
     hill = Spring(lambda x: -x + 1.0, lambda x: -np.eye(1), 1)
-    assert equilibrium(hill, np.zeros(1), tolerance=1e-12, iterations=9).ending is Ending.STALLED
+    assert (
+        equilibrium(hill, np.zeros(1), tolerance=1e-12, iterations=9, tangents=Tangents.EVERY_STEP).ending
+        is Ending.STALLED
+    )
 
 
 def test_nothing_is_done_where_all_is_in_balance():
-    found = equilibrium(arctan(), np.zeros(1), tolerance=1e-12, iterations=5)
+    found = equilibrium(arctan(), np.zeros(1), tolerance=1e-12, iterations=5, tangents=Tangents.EVERY_STEP)
     assert found.ending is Ending.CONVERGED
     assert found.shares == ()
+
+
+@dataclass
+class Worn:
+    """A spring of stiffness 3 that softens to 1 where it was ever stretched beyond 1, over a path of loads.
+
+    Its force has no potential, and a step of the last state knows nothing of the earlier ones.
+    """
+
+    load: np.ndarray
+
+    has_potential = False
+
+    @property
+    def primal(self):
+        return len(self.load)
+
+    def residual(self, x):
+        worn = np.maximum.accumulate(np.abs(x)) > 1
+        return np.where(worn, 1.0, 3.0) * x - self.load
+
+    def size(self, residual):
+        return float(np.abs(residual).max())
+
+    def moved(self, x, step, share):
+        return x + share * step
+
+    def tangent(self, x):
+        return Dense(3 * np.eye(len(self.load)))
+
+
+def test_a_law_with_memory_is_solved_with_one_tangent_and_no_potential():
+    path = Worn(np.array([2.0, 4.0, 2.0]))
+    found = equilibrium(path, np.zeros(3), tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
+    assert found.ending is Ending.CONVERGED
+    assert found.state == pytest.approx([2 / 3, 4.0, 2.0], abs=1e-9)
+    assert found.tangents == 1
+    assert set(found.shares) == {1.0}
+
+
+def test_one_tangent_stays_however_slow_its_steps_and_the_end_is_said():
+    soft = Spring(lambda x: x - 1.0, lambda x: np.eye(1), 1)
+    stiff = Dense(np.array([[200.0]]))
+
+    def search(tangents, iterations):
+        return equilibrium(
+            soft, np.zeros(1), tolerance=1e-6, iterations=iterations, tangents=tangents, tangent=stiff
+        )
+
+    assert search(Tangents.ONE, 1).ending is Ending.TOO_MANY
+    assert search(Tangents.ONE, 30).tangents == 0
+    assert search(Tangents.ONE, 30).ending is Ending.CONVERGED  # by the secant, in two steps

@@ -1,12 +1,24 @@
-"""Small strain in the layout of fem.solid.flesh_pieces: the linear law's stress and what laws measure."""
+"""Laws of the flesh as functions of the strains so far, and what they measure of a small strain.
+
+A law takes the displacement gradients of some elements in all frames and gives the stress that flesh of
+E = 1 MPa adds to the linear one. Frames are the last axis, in order of time: what a law remembers (a set, a
+damage) is a loop or an accumulation along it, and every component is worked on for all frames together.
+"""
+
+from collections.abc import Callable
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
-from fem.solid.flesh_pieces import Tensors
+
+Tensors = Float[np.ndarray, "m 4 3 3 f"]
+"""[j, i] of a gradient du_i/dX_j or a first Piola stress P_ij, at four points of m elements in all frames."""
 
 Points = Float[np.ndarray, "m 4 f"]
+
+PathLaw = Callable[[Tensors], Tensors]
+"""Displacement gradients, frames in order of time, to the stress added (for E = 1 MPa)."""
 
 
 def symmetric(gradient: Tensors) -> Tensors:

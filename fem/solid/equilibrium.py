@@ -1,39 +1,48 @@
-"""Newton's method for equilibrium, with a line search, and with a factor kept for as long as it serves.
+"""Equilibrium by steps  K step = -residual, for every law of the flesh: one solver, three kinds of tangent.
+
+`Tangents.EVERY_STEP` is Newton's method; `WHILE_THEY_SERVE` takes chord steps with one factor and renews it
+only where more than PATIENCE of them would still be needed; `ONE` keeps the first (initial stress).
+Steps with the same tangent are accelerated (fem.solid.anderson). Where the forces derive from a potential, a
+line search along it guards every step.
 
 Unknowns are displacements and, where something is held on average, multipliers; both come in one vector,
-the `primal` ones first. A step solves  K step = -residual  with the tangent of the present state, or with a
-factor of an earlier one (chord steps). Chord steps are sped up by what earlier steps have taught (Anderson,
-"Iterative procedures for nonlinear integral equations", J. ACM 12, 1965), and the tangent is renewed only
-where more than PATIENCE of them would still be needed.
+the `primal` ones first.
 """
 
-from collections import deque
 from dataclasses import dataclass
 from enum import StrEnum
-from itertools import pairwise
 from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
+from fem.solid.anderson import Anderson
 
 State = TypeVar("State")
 
 PATIENCE = 30
 """A fresh factor costs about as much as this many residuals and solves."""
 MEMORY = 6
-"""Earlier steps that the next one learns from."""
+"""Earlier steps that the next one learns from; more of them cost memory and hardly a step less."""
 OVERSHOOT = 0.5
 """A step has gone too far where the forces along it have turned round to more than this share of before."""
 SHORTEST = 1e-4
 """Share of a step below which the line search gives up."""
 
 
+class Tangents(StrEnum):
+    """When the tangent is made anew, as a sentence."""
+
+    EVERY_STEP = "a tangent of its own at every step"
+    WHILE_THEY_SERVE = "one tangent until too many steps would still be needed"
+    ONE = "one tangent throughout"
+
+
 class Tangent(Protocol):
     """A factorised linearisation."""
 
-    def solve(self, residual: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
+    def solve(self, residual: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """K^-1 residual."""
         ...
 
@@ -42,19 +51,26 @@ class Balance(Protocol[State]):
     """A problem of equilibrium: residual, tangent, and how a state is moved by a step."""
 
     @property
+    def has_potential(self) -> bool:
+        """Whether the residual is the slope of a potential, along which steps are then searched; where it is
+        not, every step is taken in full."""
+        ...
+
+    @property
     def primal(self) -> int:
         """How many of the unknowns are displacements; the multipliers come after them."""
         ...
 
-    def residual(self, state: State) -> Float[np.ndarray, " d"]:
-        """Forces out of balance; NaN where the state is none that matter can take."""
+    def residual(self, state: State) -> Float[np.ndarray, "*d"]:
+        """Forces out of balance; NaN where the state is none that matter can take. Raises FemFailure where
+        the search has run away."""
         ...
 
-    def size(self, residual: Float[np.ndarray, " d"]) -> float:
-        """A norm of the residual, as a share of the load."""
+    def size(self, residual: Float[np.ndarray, "*d"]) -> float:
+        """A norm of the residual, in the unit of the tolerance."""
         ...
 
-    def moved(self, state: State, step: Float[np.ndarray, " d"], share: float) -> State:
+    def moved(self, state: State, step: Float[np.ndarray, "*d"], share: float) -> State:
         """The state with `share` of the step's displacements and all of its multipliers added."""
         ...
 
@@ -72,8 +88,8 @@ class Ending(StrEnum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NewtonResult(Generic[State]):
-    """The state that was reached, and how.
+class EquilibriumResult(Generic[State]):
+    """The state that was reached, with its `residual`, and how.
 
     `sizes`: the residual's size before each step and at the end; `shares`: how much of each step was taken.
     `tangent`: the last one in use, None where the next step would have renewed it; `tangents` counts those
@@ -81,6 +97,7 @@ class NewtonResult(Generic[State]):
     """
 
     state: State
+    residual: Float[np.ndarray, "*d"]
     ending: Ending
     sizes: tuple[float, ...]
     shares: tuple[float, ...]
@@ -94,64 +111,86 @@ def equilibrium(
     *,
     tolerance: float,
     iterations: int,
+    tangents: Tangents,
     tangent: Tangent | None = None,
-) -> NewtonResult[State]:
-    """The state near `start` whose residual is at most `tolerance` in size.
+    acceleration: Anderson | None = None,
+) -> EquilibriumResult[State]:
+    """The state near `start` with a residual of `tolerance` at most, or the last of `iterations` steps.
 
-    With `tangent` given, chord steps start from it; without, every step has a tangent of its own.
+    The first tangent is `tangent`, or where none is given that of the start. `acceleration`: None for one of
+    MEMORY steps with all unknowns in one group. Raises what the residual raises.
     """
-    chord, renewed = tangent is not None, 0
+    learnt = Anderson(MEMORY) if acceleration is None else acceleration
+    learnt.forget()
     state, residual = start, balance.residual(start)
     sizes, shares = [balance.size(residual)], list[float]()
-    learnt = _Learnt()
+    made, in_full = 0, 0
     ending = Ending.TOO_MANY
     while len(shares) < iterations:
         if sizes[-1] <= tolerance:
             ending = Ending.CONVERGED
             break
+        fresh = tangent is None
         if tangent is None:
             try:
                 tangent = balance.tangent(state)
             except FemFailure:
                 ending = Ending.STALLED
                 break
-            renewed, learnt = renewed + 1, _Learnt()
-            fresh = True
-        else:
-            fresh = False
+            made, in_full = made + 1, 0
+            learnt.forget()
         plain = -tangent.solve(residual)
-        found = _searched(balance, state, learnt.step(plain), sizes[-1])
+        found = _moved(balance, state, learnt.step(plain), sizes[-1])
         if found is None:
-            learnt = _Learnt()
-            found = _searched(balance, state, plain, sizes[-1])
-        if found is None and not fresh:
+            learnt.forget()
+            in_full = 0
+            found = _moved(balance, state, learnt.step(plain), sizes[-1])
+        if found is None and not fresh and tangents is not Tangents.ONE:
             tangent = None
             continue
         if found is None:
             ending = Ending.STALLED
             break
         state, residual, step, share = found
-        learnt.add(plain, step if share == 1.0 else None)
+        if share == 1.0:
+            learnt.took(step)
+            in_full += 1
+        else:
+            learnt.forget()
+            in_full = 0
         sizes.append(balance.size(residual))
         shares.append(share)
-        if not chord or _is_slow(sizes[-1 - len(learnt.plain) :], tolerance):
+        if tangents is Tangents.EVERY_STEP or (
+            tangents is Tangents.WHILE_THEY_SERVE and _is_slow(sizes[-1 - in_full :], tolerance)
+        ):
             tangent = None
     else:
         if sizes[-1] <= tolerance:
             ending = Ending.CONVERGED
-    return NewtonResult(
+    return EquilibriumResult(
         state=state,
+        residual=residual,
         ending=ending,
         sizes=tuple(sizes),
         shares=tuple(shares),
         tangent=tangent,
-        tangents=renewed,
+        tangents=made,
     )
 
 
+def _moved(
+    balance: Balance[State], state: State, step: Float[np.ndarray, "*d"], size: float
+) -> tuple[State, Float[np.ndarray, "*d"], Float[np.ndarray, "*d"], float] | None:
+    """State, residual, step and share after the step, searched along the potential where there is one."""
+    if balance.has_potential:
+        return _searched(balance, state, step, size)
+    there = balance.moved(state, step, 1.0)
+    return there, balance.residual(there), step, 1.0
+
+
 def _searched(
-    balance: Balance[State], state: State, step: Float[np.ndarray, " d"], size: float
-) -> tuple[State, Float[np.ndarray, " d"], Float[np.ndarray, " d"], float] | None:
+    balance: Balance[State], state: State, step: Float[np.ndarray, "*d"], size: float
+) -> tuple[State, Float[np.ndarray, "*d"], Float[np.ndarray, "*d"], float] | None:
     """State, residual, step and share after a line search; None where no share of the step is any good.
 
     The slope of the potential along the step is step . residual, the multipliers new. It must start below
@@ -161,7 +200,7 @@ def _searched(
     """
     n = balance.primal
 
-    def slope(at: State) -> tuple[float, Float[np.ndarray, " d"]]:
+    def slope(at: State) -> tuple[float, Float[np.ndarray, "*d"]]:
         residual = balance.residual(at)
         return float(step[:n] @ residual[:n]), residual
 
@@ -182,32 +221,6 @@ def _searched(
         else:
             return there, residual, step, share
     return None
-
-
-class _Learnt:
-    """The last steps, and what a plain chord step would have been before and after each."""
-
-    def __init__(self) -> None:
-        self.plain: deque[Float[np.ndarray, " d"]] = deque(maxlen=MEMORY)
-        self.taken: deque[Float[np.ndarray, " d"]] = deque(maxlen=MEMORY)
-
-    def step(self, plain: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
-        """The plain step, less what of it the steps taken are known to account for."""
-        if not self.taken:
-            return plain
-        series = [*self.plain, plain]
-        change = np.stack([b - a for a, b in pairwise(series)], axis=1)
-        weight = np.linalg.lstsq(change, plain, rcond=1e-10)[0]
-        return np.asarray(plain - (change + np.stack(self.taken, axis=1)) @ weight)
-
-    def add(self, plain: Float[np.ndarray, " d"], taken: Float[np.ndarray, " d"] | None) -> None:
-        """Remember a step that was taken in full; one that was cut short teaches nothing."""
-        if taken is None:
-            self.plain.clear()
-            self.taken.clear()
-        else:
-            self.plain.append(plain)
-            self.taken.append(taken)
 
 
 def _is_slow(sizes: list[float], tolerance: float) -> bool:

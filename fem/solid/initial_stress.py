@@ -1,0 +1,131 @@
+"""Flesh under a law that adds stress to the linear one, in many frames at once, by the linear factor alone.
+
+    K0 v + B' d(s v) / s = L f,        v = u / s,  s = 1 / E
+
+d: the stress (for E = 1 MPa) that the law adds to the linear one, a function of the strain of all frames so
+far. With v0 the linear displacement and w = v - v0 the equation is, solved by K0,
+
+    r(w) = w + K0^-1 B' d(s (v0 + w)) / s = 0
+
+and a step  -r / k  is one with the tangent k K0. k, of each frame, is half of the largest stiffness over the
+linear one, 1 for a law that softens; a smaller k overshoots. A law that depends on the path has no potential,
+and its own tangents would cost a factorisation a frame: the first one is kept.
+Source: Kachanov's method of variable elasticity parameters with the initial stiffness; initial stress in
+Zienkiewicz, Valliappan and King, Int. J. Num. Meth. Eng. 1, 1969.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.solid.anderson import Anderson
+from fem.solid.equilibrium import Ending, Tangents, equilibrium
+
+MEMORY = 4
+"""Earlier rounds that the next one learns from: each is a field of all frames (tens of MB), and most searches
+are over after five."""
+RUN_AWAY = 1e6
+"""N per MPa of the modulus: forces on a node that no flesh makes."""
+
+Fields = Float[np.ndarray, "f n 3"]
+
+
+@dataclass(frozen=True)
+class SlowedFactor:
+    """k K0, solved by K0 already."""
+
+    slower: Float[np.ndarray, "f 1 1"]
+
+    def solve(self, residual: Fields) -> Fields:
+        """r / k."""
+        return np.asarray(residual / self.slower)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AddedStress:
+    """The problem, for `fem.solid.equilibrium`: its states are w, mm MPa, in all frames.
+
+    `linear`: v0. `added_force`: nodal forces B' d of displacements in mm, in all frames. `response`: K0^-1 of
+    nodal forces. `stiffer`: each frame's largest tangent stiffness over the linear one. `skin`: nodes whose
+    motion is seen; steps are measured there.
+    """
+
+    linear: Fields
+    added_force: Callable[[Fields], Fields]
+    response: Callable[[Fields], Fields]
+    compliance: float
+    stiffer: Float[np.ndarray, " f"]
+    skin: Int[np.ndarray, " o"]
+
+    @property
+    def has_potential(self) -> bool:
+        """What the law remembers is no function of where the flesh is."""
+        return False
+
+    @property
+    def primal(self) -> int:
+        """All unknowns are displacements."""
+        return self.linear.size
+
+    def residual(self, state: Fields) -> Fields:
+        """r(w). Raises FemFailure (NOT_CONVERGED) where the stress has no bounds."""
+        return np.asarray(state - self.first_order(state))
+
+    def first_order(self, state: Fields | None = None) -> Fields:
+        """w under the stress that the law adds in v0 + `state` (None: in v0): to first order in the law.
+
+        Raises FemFailure (NOT_CONVERGED) where the stress has no bounds there.
+        """
+        force = self.added_force(self.compliance * (self.linear if state is None else self.linear + state))
+        if not np.abs(force).max() < RUN_AWAY:
+            raise FemFailure(
+                FemProblem.NOT_CONVERGED,
+                f"the search for how flesh of {1 / self.compliance:.3g} MPa moves by this law ran away",
+            )
+        return np.asarray(-self.response(force) / self.compliance)
+
+    def size(self, residual: Fields) -> float:
+        """The farthest that a node of the skin is asked to move in any frame, mm."""
+        return self.compliance * float(np.abs(residual[:, self.skin]).max())
+
+    def moved(self, state: Fields, step: Fields, share: float) -> Fields:
+        """w + share step."""
+        return np.asarray(state + (step if share == 1 else share * step))
+
+    def tangent(self, state: Fields) -> SlowedFactor:  # noqa: ARG002  the same everywhere
+        """The same at every state."""
+        return SlowedFactor(np.maximum(self.stiffer / 2, 1.0)[:, None, None])
+
+    def beyond_linear(
+        self, *, start: Fields | None, together: bool, tolerance_mm: float, rounds: int
+    ) -> Fields:
+        """w, from a guess of it (None: zero), when no node of the skin is asked to move by `tolerance_mm`.
+
+        `together`: all frames share one mix of earlier steps; where stress depends on earlier frames, a mix
+        for each would be inconsistent in the later ones. Raises FemFailure (NOT_CONVERGED) where the search
+        runs away or is not over after so many rounds, each an evaluation of the law.
+        """
+
+        def seen(step: Fields) -> Float[np.ndarray, "g x"]:
+            return step[:, self.skin].reshape(1 if together else len(step), -1)
+
+        found = equilibrium(
+            self,
+            np.zeros_like(self.linear) if start is None else start,
+            tolerance=tolerance_mm,
+            iterations=rounds - 1,
+            tangents=Tangents.ONE,
+            acceleration=Anderson(MEMORY, weighed=seen),
+        )
+        if found.ending is not Ending.CONVERGED:
+            raise FemFailure(
+                FemProblem.NOT_CONVERGED,
+                f"the search for how flesh of {1 / self.compliance:.3g} MPa moves by this law still moves "
+                f"the skin by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, expected "
+                f"{1e3 * tolerance_mm:.2g} µm at most",
+            )
+        # the last round's step is known and brings the answer nearer
+        return np.asarray(found.state - self.tangent(found.state).solve(found.residual))
