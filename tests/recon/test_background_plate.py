@@ -1,0 +1,185 @@
+"""The plate of a ground that is a known function of the place, put together from pictures of it."""
+
+import numpy as np
+import pytest
+from level_camera import looking_at_the_origin
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.background_plate import (
+    FEWEST_VIEWS,
+    MOST_VIEWS,
+    SIDE_CELLS,
+    background_in_view,
+    background_plate,
+    ground_views,
+    image_from_plane,
+    plane_from_cell,
+)
+from recon.silhouettes.background_plate import _sorted_layers as sorted_layers
+
+HALF_MM = 60.0
+WIDTH, HEIGHT = 320, 240
+
+
+def cameras(count: int) -> list[Camera]:
+    return [
+        Camera(
+            name=f"{k}", width_px=WIDTH, height_px=HEIGHT, focal_px=450.0, k1=0.0,
+            cam_from_world=looking_at_the_origin(360 * k / count, 35.0 + 15 * (k % 3), 330.0),
+        )
+        for k in range(count)
+    ]  # fmt: skip
+
+
+def ground(x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """A smooth pattern, so that resampling changes it by less than a grey level or two."""
+    waves = [np.sin(x_mm / 9.0), np.cos(y_mm / 11.0), np.sin((x_mm + y_mm) / 13.0)]
+    return np.stack([120 + 50 * wave for wave in waves], axis=-1)
+
+
+def on_ground(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Where each pixel's ray meets z = 0, by intersecting it, mm."""
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    pixels = np.stack([columns, rows], axis=-1)
+    local = np.concatenate(
+        [(pixels - camera.middle_px) / camera.focal_px, np.ones((HEIGHT, WIDTH, 1))], axis=-1
+    )
+    rays = local @ camera.cam_from_world[:3, :3]
+    far = -camera.place[2] / rays[..., 2]
+    place = camera.place + far[..., None] * rays
+    return place[..., 0], place[..., 1]
+
+
+def pictures(seen_by: list[Camera], *, gains=None, hidden: float = 0.0) -> tuple[list, list]:
+    """What they see, and which pixels a black disc of so many mm about the origin hides."""
+    images, covers = [], []
+    for k, camera in enumerate(seen_by):
+        x, y = on_ground(camera)
+        cover = np.hypot(x - 8 * np.cos(k), y - 8 * np.sin(k)) < hidden
+        colours = ground(x, y) * (1.0 if gains is None else gains[k])
+        colours[cover] = 5.0
+        images.append(np.clip(colours + 0.5, 0, 255).astype(np.uint8))
+        covers.append(cover)
+    return images, covers
+
+
+def truth() -> tuple[np.ndarray, np.ndarray]:
+    """The ground at the plate's cells, and how far they are from the origin, mm."""
+    step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
+    x, y = np.meshgrid(step, step)
+    return ground(x, y), np.hypot(x, y)
+
+
+def test_the_plate_is_the_ground_wherever_it_is_known():
+    seen_by = cameras(7)
+    plate = background_plate(ground_views(pictures(seen_by)[0], seen_by, half_width_mm=HALF_MM))
+    colours, away = truth()
+    assert plate.known[away < 0.9 * HALF_MM].all()
+    miss = np.abs(plate.colours.astype(float) - colours)[plate.known]
+    assert np.median(miss) < 1.0
+    assert np.quantile(miss, 0.99) < 3.0
+    assert (plate.dim <= plate.colours).all()
+    assert (plate.colours <= plate.bright).all()
+
+
+def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
+    seen_by = cameras(7)
+    images, covers = pictures(seen_by, hidden=25.0)
+    views = ground_views(images, seen_by, half_width_mm=HALF_MM)
+    colours, away = truth()
+    plate = background_plate(views, covers)
+    assert not plate.known[away < 15].any()  # hidden in every view
+    shown = plate.known & (away < 40)
+    assert shown[away < 40].mean() > 0.4
+    assert np.quantile(np.abs(plate.colours.astype(float) - colours)[shown], 0.99) < 4.0
+    blind = background_plate(views)
+    assert (blind.colours[away < 15] < 40).all()
+
+
+def test_a_median_outvotes_what_hides_the_ground_in_few_views():
+    seen_by = cameras(7)
+    images, _ = pictures(seen_by)
+    for image in images[:2]:
+        image[:] = 0
+    plate = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
+    colours, away = truth()
+    assert np.median(np.abs(plate.colours.astype(float) - colours)[away < 40]) < 6.0
+
+
+def test_photos_of_other_exposure_are_brought_to_one():
+    seen_by = cameras(8)
+    gains = np.array([0.8, 1.0, 1.2, 0.9, 1.1, 1.0, 0.85, 1.15])
+    plate = background_plate(ground_views(pictures(seen_by, gains=gains)[0], seen_by, half_width_mm=HALF_MM))
+    away = truth()[1] < 50
+    spread = plate.bright.astype(float) - plate.dim
+    assert np.quantile(spread[away], 0.95) < 6.0  # 40 % of 120 grey levels apart as they come
+    colours = truth()[0][away]
+    ratio = plate.colours[away].astype(float) / colours
+    assert ratio.std() < 0.03
+
+
+def test_a_cell_that_fewer_than_three_photos_show_is_not_known():
+    seen_by = cameras(FEWEST_VIEWS)
+    images, covers = pictures(seen_by)
+    views = ground_views(images, seen_by, half_width_mm=HALF_MM)
+    inner = truth()[1] < 30
+    assert background_plate(views, covers).known[inner].all()
+    covers[0][:] = True
+    assert not background_plate(views, covers).known.any()
+
+
+def test_of_many_photos_so_many_are_taken_evenly():
+    seen_by = cameras(2 * MOST_VIEWS + 1)
+    views = ground_views(
+        [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * len(seen_by), seen_by, half_width_mm=HALF_MM
+    )
+    assert len(views.chosen) == MOST_VIEWS
+    assert (views.chosen[0], views.chosen[-1]) == (0, len(seen_by) - 1)
+    assert set(np.diff(views.chosen)) <= {2, 3}
+
+
+def test_ground_behind_a_camera_is_not_ahead_of_it():
+    low = Camera(
+        name="low", width_px=WIDTH, height_px=HEIGHT, focal_px=450.0, k1=0.0,
+        cam_from_world=looking_at_the_origin(0.0, 10.0, 40.0),
+    )  # fmt: skip
+    views = ground_views([np.zeros((HEIGHT, WIDTH, 3), np.uint8)], [low], half_width_mm=HALF_MM)
+    step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
+    x, y = np.meshgrid(step, step)
+    depth = low.into(np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3))[:, 2].reshape(x.shape)
+    assert (depth < 0).any()
+    np.testing.assert_array_equal(views.ahead[0], depth > 0)
+
+
+@pytest.mark.parametrize("shrink", [1, 3])
+def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
+    seen_by = cameras(7)
+    images, _ = pictures(seen_by)
+    plate = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
+    corner, size = (100, 60), (120 // shrink, 120 // shrink)
+    (seen,), known = background_in_view(
+        plate, seen_by[2], [plate.colours], corner_px=corner, size_px=size, shrink=shrink
+    )
+    middle = (shrink - 1) // 2
+    photo = images[2][corner[1] + middle :: shrink, corner[0] + middle :: shrink][: size[1], : size[0]]
+    assert known.mean() > 0.8
+    assert np.quantile(np.abs(seen.astype(float) - photo)[known], 0.98) < 3.0
+
+
+def test_the_homography_is_the_cameras_projection_of_the_plane():
+    camera = cameras(5)[1]
+    points = np.random.default_rng(2).uniform(-50, 50, (20, 2))
+    h = np.column_stack([points, np.ones(20)]) @ image_from_plane(camera).T
+    np.testing.assert_allclose(
+        h[:, :2] / h[:, 2:], camera.project(np.column_stack([points, np.zeros(20)])), atol=1e-9
+    )
+    corners = np.array([[0, 0, 1], [SIDE_CELLS - 1, SIDE_CELLS - 1, 1.0]]) @ plane_from_cell(HALF_MM).T
+    np.testing.assert_allclose(corners[:, :2], [[-HALF_MM] * 2, [HALF_MM] * 2])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 24])
+def test_layers_are_sorted_place_by_place(count):
+    layers = np.random.default_rng(count).integers(0, 256, (count, 6, 5), dtype=np.uint8)
+    np.testing.assert_array_equal(
+        np.stack(sorted_layers([layer.copy() for layer in layers])), np.sort(layers, axis=0)
+    )

@@ -1,0 +1,175 @@
+"""Silhouettes and visual hulls of a ball, whose cones, shadows and limits are closed forms."""
+
+import numpy as np
+import pytest
+from known_ball import (
+    CENTRE,
+    DISTANCE_MM,
+    FOCAL_PX,
+    RADIUS_MM,
+    RIM_PX,
+    SIZE_PX,
+    camera_towards,
+    directions,
+    exact_silhouette,
+    from_rim_px,
+    inside_cone,
+    whole_window,
+)
+
+from recon.silhouettes.hull import (
+    Silhouette,
+    ball,
+    drawn,
+    sampled,
+    silhouette_of_mask,
+    split,
+    visual_hull,
+)
+from recon.silhouettes.mask import Window
+from recon.triangle_mesh import bodies, open_edges, volume_mm3
+
+BALL_MM3 = 4 / 3 * np.pi * RADIUS_MM**3
+LONGEST_MM = 60.0
+
+
+def hull(silhouettes, *, level=3, floor_mm=None, outlier_share=0.0):
+    return visual_hull(
+        silhouettes,
+        centre_mm=CENTRE,
+        longest_mm=LONGEST_MM,
+        floor_mm=floor_mm,
+        level=level,
+        outlier_share=outlier_share,
+    )
+
+
+def cone_exit_mm(rays: np.ndarray, towards: np.ndarray) -> np.ndarray:
+    """How far from the ball's centre rays leave the cone that touches the ball from DISTANCE_MM away.
+
+    (d - r m)² = c² (r² - 2 r d m + d²) with m the cosine to the camera, c that of the cone's half angle.
+    """
+    m, d, c2 = rays @ towards, DISTANCE_MM, 1 - (RADIUS_MM / DISTANCE_MM) ** 2
+    a, b, c = m**2 - c2, -2 * d * m * (1 - c2), d**2 * (1 - c2)
+    roots = np.array([(-b + s * np.sqrt(np.maximum(b**2 - 4 * a * c, 0.0))) / (2 * a) for s in (-1, 1)])
+    ahead = (roots > 0) & (d - roots * m > 0)
+    return np.where(ahead, roots, np.inf).min(axis=0)
+
+
+def test_the_hull_ends_where_rays_leave_the_nearest_cone():
+    towards = directions(9)
+    vertices, faces = hull([exact_silhouette(camera_towards(one)) for one in towards])
+    rays, _ = ball(3)
+    expected = np.min([cone_exit_mm(rays, one) for one in towards], axis=0)
+    found = np.linalg.norm(vertices - CENTRE, axis=1)
+    near = expected < 0.9 * LONGEST_MM
+    assert near.mean() > 0.95
+    np.testing.assert_allclose(found[near], expected[near], atol=0.03)
+    assert open_edges(faces) == 0
+
+
+def test_the_hull_contains_the_ball_and_its_volume_tends_to_the_balls_from_above():
+    directions_, faces = ball(4)
+    flat_mm3 = volume_mm3(RADIUS_MM * directions_, faces)  # of the ball in as many triangles
+    volumes = []
+    for count in (6, 12, 24, 96):
+        vertices, faces = hull([exact_silhouette(camera_towards(one)) for one in directions(count)], level=4)
+        assert np.linalg.norm(vertices - CENTRE, axis=1).min() > RADIUS_MM - 0.01
+        volumes.append(volume_mm3(vertices, faces) / flat_mm3)
+    assert volumes == sorted(volumes, reverse=True)
+    assert volumes[0] > 1.04
+    assert 1.0 - 1e-4 < volumes[-1] < 1.001
+
+
+def test_nothing_of_the_hull_lies_under_the_floor():
+    vertices, _ = hull([exact_silhouette(camera_towards(one)) for one in directions(24)], floor_mm=8.0)
+    down = ball(3)[0][:, 2] < -0.7
+    assert vertices[:, 2].min() == pytest.approx(8.0, abs=0.01)
+    np.testing.assert_allclose(vertices[down, 2], 8.0, atol=0.01)
+
+
+def test_one_outline_too_small_eats_a_strict_hull_and_not_one_of_most_views():
+    views = [exact_silhouette(camera_towards(one)) for one in directions(24)]
+    views[5] = Silhouette(views[5].distance_px - 30.0, views[5].window, views[5].camera)
+    strict, faces = hull(views)
+    tolerant, _ = hull(views, outlier_share=0.1)
+    assert volume_mm3(strict, faces) < 0.75 * BALL_MM3
+    assert volume_mm3(tolerant, faces) > 0.99 * BALL_MM3
+
+
+def test_the_distance_to_a_masks_edge_is_that_to_the_circle():
+    truth = from_rim_px()
+    camera = camera_towards(np.array([1.0, 0.0, 0.0]))
+    found = silhouette_of_mask(truth > 0, whole_window(), camera)
+    assert np.abs(found.distance_px - truth).max() < 0.6
+    assert np.abs(np.mean(found.distance_px - truth)) < 0.1
+
+
+def test_in_a_shrunk_window_the_distance_is_in_pixels_of_the_photo():
+    camera = camera_towards(np.array([1.0, 0.0, 0.0]))
+    window = Window(np.zeros((201, 201, 3), np.uint8), (0, 0), 3)
+    rows, columns = np.mgrid[:67, :67]
+    truth = RIM_PX - np.hypot(*(3.0 * x + 1 - (SIZE_PX - 1) / 2 for x in (rows, columns)))
+    found = silhouette_of_mask(truth > 0, window, camera)
+    assert np.abs(found.distance_px - truth).max() < 3 * 0.8
+
+
+def test_depth_inside_the_cone_is_in_millimetres_at_the_points_own_depth():
+    camera = camera_towards(np.array([0.0, 1.0, 0.0]))
+    silhouette = exact_silhouette(camera)
+    aside = np.array([1.0, 0.0, 0.0])
+    rim_mm = DISTANCE_MM * RIM_PX / FOCAL_PX  # of the cone beside the centre
+    points = CENTRE + np.array([0.0, 5.0, rim_mm - 3.0])[:, None] * aside
+    np.testing.assert_allclose(silhouette.depth_mm(points), [rim_mm, rim_mm - 5.0, 3.0], atol=0.1)
+    nearer = CENTRE + 50.0 * np.array([0.0, 1.0, 0.0])  # where the cone is narrower by a fifth
+    np.testing.assert_allclose(silhouette.depth_mm(nearer[None]), 0.8 * rim_mm, atol=0.1)
+
+
+def test_a_point_off_the_window_counts_as_far_inside():
+    silhouette = exact_silhouette(camera_towards(np.array([0.0, 1.0, 0.0])))
+    assert silhouette.depth_mm(CENTRE + np.array([[120.0, 0.0, 0.0]]))[0] > RADIUS_MM
+
+
+@pytest.mark.parametrize("off_axis", [[0.0, 0.0, 0.0], [0.0, 5.0, 4.0]])
+def test_the_shadow_of_a_ball_is_the_conic_that_its_tangent_cone_cuts(off_axis):
+    camera = camera_towards(np.array([0.6, -0.64, 0.48]), off_axis=np.array(off_axis))
+    directions_, faces = ball(5)
+    shadow = drawn(CENTRE + RADIUS_MM * directions_, faces, whole_window(), camera)
+    rows, columns = np.mgrid[:SIZE_PX, :SIZE_PX]
+    angle = inside_cone(np.column_stack([columns.ravel(), rows.ravel()]).astype(float), camera)
+    away_px = angle.reshape(SIZE_PX, SIZE_PX) * FOCAL_PX
+    np.testing.assert_array_equal(shadow[np.abs(away_px) > 1.2], (away_px > 0)[np.abs(away_px) > 1.2])
+    assert shadow.sum() == pytest.approx((away_px > 0).sum(), rel=0.025)  # the rim's own pixels are filled
+
+
+def test_even_directions_are_closed_of_genus_0_and_fill_the_unit_ball_as_they_get_finer():
+    misses = []
+    for level in range(5):
+        vertices, faces = ball(level)
+        assert len(vertices) == 10 * 4**level + 2
+        assert len(vertices) - 1.5 * len(faces) + len(faces) == 2  # Euler: V - E + F
+        assert (open_edges(faces), bodies(faces)) == (0, 1)
+        misses.append(1 - volume_mm3(vertices, faces) / (4 / 3 * np.pi))
+    ratios = np.array(misses[:-1]) / misses[1:]
+    assert misses[-1] > 0
+    assert ratios[-1] == pytest.approx(4.0, rel=0.02)  # second order in the edges
+
+
+def test_values_carried_to_a_finer_ball_are_means_of_the_edges_ends():
+    corners = ball(0)[0]  # the icosahedron, whose split faces are what finer balls are blown up from
+    carried = split(corners, 0, 3)
+    np.testing.assert_array_equal(carried[:12], corners)
+    length = np.linalg.norm(carried, axis=1, keepdims=True)
+    np.testing.assert_allclose(carried / length, ball(3)[0], atol=1e-12)
+    assert length.min() > 0.79  # the inscribed ball of an icosahedron of circumradius 1
+
+
+def test_a_picture_is_sampled_bilinearly_and_outside_of_it_is_what_is_asked():
+    rows, columns = np.mgrid[:40, :60].astype(np.float32)
+    plane = 2 * columns - 3 * rows + 1
+    at = np.random.default_rng(1).uniform([0, 0], [59, 39], (3000, 2))
+    np.testing.assert_allclose(
+        sampled(plane, at.astype(np.float32), outside=0.0), 2 * at[:, 0] - 3 * at[:, 1] + 1, atol=0.1
+    )  # OpenCV's fractions of a pixel are thirty-seconds
+    missing = np.array([[-5.0, 3.0], [200.0, 3.0], [3.0, 90.0]], np.float32)
+    np.testing.assert_array_equal(sampled(plane, missing, outside=-7.0), -7.0)

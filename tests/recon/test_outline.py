@@ -1,0 +1,171 @@
+"""Outlines found in pictures whose edge is a known ellipse, blurred and noisy as photos are."""
+
+import cv2
+import numpy as np
+import pytest
+from scipy.special import ndtri
+
+from recon.cameras.camera import Camera
+from recon.silhouettes.mask import Window, lab
+from recon.silhouettes.outline import (
+    SAMPLES,
+    STEP_SHARE,
+    Outline,
+    enlarged,
+    kept_near,
+    outline_of,
+    sharpened,
+    silhouette_of_outline,
+    snapped,
+)
+
+SIDE_PX = 260
+MIDDLE = np.array([128.3, 131.6])
+SEMI = np.array([92.0, 78.0])
+TURN = np.linspace(0, 2 * np.pi, SAMPLES, endpoint=False)
+BLUR_PX = 1.0
+CAMERA = Camera(
+    name="a", width_px=SIDE_PX, height_px=SIDE_PX, focal_px=500.0, k1=0.0, cam_from_world=np.eye(4)
+)
+
+
+def off_px(points: np.ndarray) -> np.ndarray:
+    """Distance of points to the ellipse, positive outside, to first order in it (Sampson)."""
+    local = (points - MIDDLE) / SEMI
+    size = np.linalg.norm(local, axis=-1)
+    return (size - 1) * size / np.linalg.norm(local / SEMI, axis=-1)
+
+
+def pixels() -> np.ndarray:
+    rows, columns = np.mgrid[:SIDE_PX, :SIDE_PX]
+    return np.stack([columns, rows], axis=-1).astype(float)
+
+
+def ellipse(grown_px: float | np.ndarray = 0.0) -> Outline:
+    """The true outline, moved outward by so much."""
+    circle = np.column_stack([np.cos(TURN), np.sin(TURN)])
+    normals = circle / SEMI
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    return Outline(MIDDLE + circle * SEMI + np.reshape(grown_px, (-1, 1)) * normals, normals, 0.0)
+
+
+def photo(
+    noise: float, *, skin=(40, 60, 170), ground=(190, 200, 205), blur_px: float = BLUR_PX
+) -> np.ndarray:
+    """A fruit on its ground in linear light, sixteen rays a pixel, blurred, as a photo's bytes."""
+    steps = (np.arange(4) - 1.5) / 4
+    at = pixels()[:, :, None, None] + np.stack(np.meshgrid(steps, steps), axis=-1)
+    share = (off_px(at) < 0).mean(axis=(2, 3))[..., None]
+    light = share * (np.array(skin) / 255) ** 2.2 + (1 - share) * (np.array(ground) / 255) ** 2.2
+    light = cv2.GaussianBlur(light, (0, 0), blur_px)
+    bytes_ = 255 * light ** (1 / 2.2) + np.random.default_rng(1).normal(0, noise, light.shape)
+    return np.clip(bytes_ + 0.5, 0, 255).astype(np.uint8)
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def test_the_outline_of_a_mask_is_the_ellipse_evenly_sampled_with_outward_normals():
+    found = outline_of(off_px(pixels()) < 0)
+    assert len(found.points) == SAMPLES
+    assert np.abs(off_px(found.points) + 0.5).max() < 0.75  # pixels inside end half a pixel before the edge
+    steps = np.linalg.norm(np.roll(found.points, -1, axis=0) - found.points, axis=1)
+    assert steps.std() < 0.05 * steps.mean()
+    truth = (found.points - MIDDLE) / SEMI**2
+    truth /= np.linalg.norm(truth, axis=1, keepdims=True)
+    assert np.sum(found.normals * truth, axis=1).min() > np.cos(np.radians(5))
+
+
+def test_of_a_masks_parts_the_largest_is_outlined_and_of_none_or_a_speck_nothing():
+    mask = off_px(pixels()) < 0
+    mask[5:15, 5:15] = True
+    assert np.abs(off_px(outline_of(mask).points)).max() < 1.5
+    assert outline_of(np.zeros((40, 40), bool)) is None
+    assert outline_of(np.pad(np.ones((3, 3), bool), 10)) is None
+
+
+@pytest.mark.parametrize("noise", [0.0, 4.0])
+def test_an_outline_is_sharpened_to_a_fraction_of_a_pixel(noise):
+    """At a share of 0.4 of a step blurred by s the edge lies ndtri(0.6) s outside its middle."""
+    start = ellipse(2.0 + np.sin(5 * TURN))
+    window = Window(photo(noise), (0, 0), 1)
+    found, whole = sharpened(start, window, search=True)
+    blur_px = np.sqrt(BLUR_PX**2 + 1 / 12 + 1 / 6)  # with the pixel's own area and reading between pixels
+    expected = ndtri(1 - STEP_SHARE) * blur_px
+    assert whole.shrink == 1
+    assert np.median(off_px(found.points)) == pytest.approx(expected, abs=0.04)
+    assert rms(off_px(found.points) - expected) < 0.06 + 0.02 * noise
+    assert found.clear_share > 0.98
+
+
+def test_where_skin_and_ground_are_alike_the_outline_stays_and_says_so():
+    start = ellipse(1.0)
+    found, _ = sharpened(start, Window(photo(1.0, skin=(190, 200, 203)), (0, 0), 1), search=False)
+    assert found.clear_share < 0.05
+    assert rms(off_px(found.points) - 1.0) < 0.1
+
+
+def test_an_outline_of_a_shrunk_window_is_sharpened_in_the_photos_pixels():
+    start = ellipse()
+    shrunk = Outline((start.points - 0.5) / 2, start.normals, 0.0)
+    found, whole = sharpened(shrunk, Window(photo(0.0), (7, 9), 2), search=False)
+    assert (whole.shrink, whole.corner_px) == (1, (7, 9))
+    assert rms(off_px(found.points)) < 0.45
+    np.testing.assert_allclose(enlarged(shrunk, 2).points.mean(axis=0), MIDDLE, atol=0.05)
+
+
+def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():
+    rng = np.random.default_rng(3)
+    truth = off_px(pixels()) < 0
+    log_odds = np.where(truth, 1.0, -1.0) + rng.normal(0, 2.0, truth.shape)
+    start = ellipse(3.0 * np.sin(3 * TURN))
+    (found,) = snapped([start], [log_odds], [lab(photo(2.0))], reach_px=6.0, most_log_odds=2.5)
+    assert rms(off_px(start.points)) > 2.0
+    assert rms(off_px(found.points)) < 0.5  # shifts are in steps of half a pixel
+
+
+def test_odds_alone_place_an_outline_where_nothing_else_tells():
+    truth = off_px(pixels()) < 0
+    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
+    (found,) = snapped([ellipse(2.5)], [np.where(truth, 2.0, -2.0)], [flat], reach_px=6.0, most_log_odds=2.5)
+    assert rms(off_px(found.points)) < 0.6
+
+
+def test_where_nothing_tells_an_outline_stays_where_it_was():
+    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
+    noise = np.random.default_rng(6).normal(0, 0.05, (SIDE_PX, SIDE_PX))
+    (found,) = snapped([ellipse(2.0)], [noise], [flat], reach_px=6.0, most_log_odds=2.5)
+    assert rms(off_px(found.points) - 2.0) < 0.3
+
+
+def test_a_bite_deeper_than_allowed_is_given_back_and_a_shallow_one_stays():
+    expected = ellipse()
+    bite = np.exp(-((TURN - 2.0) ** 2) / 0.02)
+    deep = kept_near(ellipse(-12.0 * bite), expected, inward_px=3.5)
+    shallow = kept_near(ellipse(-2.0 * bite), expected, inward_px=3.5)
+    assert off_px(deep.points).min() > -3.6
+    assert off_px(shallow.points).min() < -1.8
+    outward = kept_near(ellipse(12.0 * bite), expected, inward_px=3.5)
+    assert off_px(outward.points).max() > 11.0
+
+
+def test_the_silhouette_of_an_outline_has_the_signed_distance_near_it_and_is_clipped_further_off():
+    window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 1)
+    found = silhouette_of_outline(ellipse(), window, CAMERA).distance_px
+    truth = -off_px(pixels())
+    near = np.abs(truth) < 8.0
+    assert np.abs(found - truth)[near].max() < 0.25
+    assert np.abs(found).max() == pytest.approx(12.0)
+    assert (found[truth > 20] == 12.0).all()
+    assert (found[truth < -20] == -12.0).all()
+
+
+def test_in_a_shrunk_window_the_silhouettes_distance_is_in_pixels_of_the_photo():
+    half = Outline((ellipse().points - 0.5) / 2, ellipse().normals, 0.0)
+    window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 2)
+    found = silhouette_of_outline(half, window, CAMERA).distance_px
+    rows, columns = np.mgrid[: SIDE_PX // 2, : SIDE_PX // 2]
+    truth = -off_px(2.0 * np.stack([columns, rows], axis=-1) + 0.5)
+    near = np.abs(truth) < 8.0
+    assert np.abs(found - truth)[near].max() < 0.25

@@ -1,0 +1,144 @@
+"""Surfaces made closed and few-faced: balls with holes, debris and doubled corners, whose volume is known."""
+
+import numpy as np
+import pytest
+
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.hull import ball
+from recon.surface.poisson import distances_mm, poisson_surface
+from recon.surface.repair import repaired
+from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
+
+RADIUS_MM = 20.0
+BALL_MM3 = 4 / 3 * np.pi * RADIUS_MM**3
+
+
+def ball_mesh(level: int = 4) -> tuple[np.ndarray, np.ndarray]:
+    directions, faces = ball(level)
+    return RADIUS_MM * directions, faces
+
+
+def without_cap(vertices: np.ndarray, faces: np.ndarray, *, half_angle_deg: float) -> np.ndarray:
+    """The faces but those of a cap about +z."""
+    away = np.cos(np.radians(half_angle_deg)) * RADIUS_MM
+    return faces[~(vertices[faces, 2] > away).all(axis=1)]
+
+
+def test_a_hole_cut_into_a_ball_is_closed_to_the_balls_volume_less_the_caps():
+    """A flat lid over a cap of half angle a takes pi h² (3 r - h) / 3 away, h = r (1 - cos a)."""
+    vertices, faces = ball_mesh()
+    cut = without_cap(vertices, faces, half_angle_deg=20.0)
+    height = RADIUS_MM * (1 - np.cos(np.radians(20.0)))
+    cap = np.pi * height**2 * (3 * RADIUS_MM - height) / 3
+    found = repaired(vertices, cut, max_faces=100_000)
+    assert open_edges(cut) > 0
+    assert open_edges(found.faces) == 0
+    whole = volume_mm3(vertices, faces)
+    assert whole - 1.1 * cap < volume_mm3(found.vertices, found.faces) < whole + 1e-6
+    assert found.deviation_max_mm < 1e-4
+
+
+def test_a_whole_ball_comes_back_as_it_was():
+    vertices, faces = ball_mesh(3)
+    found = repaired(vertices, faces, max_faces=len(faces))
+    assert len(found.faces) == len(faces)
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(volume_mm3(vertices, faces), rel=1e-6)
+
+
+def test_few_faces_are_kept_and_how_far_they_moved_the_surface_is_told():
+    vertices, faces = ball_mesh()
+    found = repaired(vertices, faces, max_faces=1000)
+    assert 900 <= len(found.faces) <= 1000
+    assert open_edges(found.faces) == 0
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(BALL_MM3, rel=0.01)
+    away = distances_mm(vertices, found.vertices, found.faces)
+    assert found.deviation_rms_mm == pytest.approx(np.sqrt(np.mean(away**2)), rel=0.05)
+    assert found.deviation_max_mm == pytest.approx(away.max(), rel=0.05)
+    # a chord of a circle of radius r and length a lies a² / 8 r under it; 1000 even faces have a = 2.4 mm
+    assert 0.01 < found.deviation_max_mm < 0.3
+
+
+def test_a_surface_turned_inside_out_looks_outward_again():
+    vertices, faces = ball_mesh(3)
+    found = repaired(vertices, faces[:, ::-1], max_faces=len(faces))
+    assert volume_mm3(found.vertices, found.faces) > 0.98 * BALL_MM3
+
+
+def test_faces_turned_here_and_there_look_the_same_way_again():
+    vertices, faces = ball_mesh(3)
+    mixed = faces.copy()
+    mixed[::7] = mixed[::7, ::-1]
+    found = repaired(vertices, mixed, max_faces=len(faces))
+    assert open_edges(found.faces) == 0
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(volume_mm3(vertices, faces), rel=1e-5)
+
+
+def test_debris_and_doubled_faces_and_corners_are_removed():
+    vertices, faces = ball_mesh(3)
+    speck, triangles = ball(0)
+    soup = vertices[faces].reshape(-1, 3)  # no two faces share a corner
+    both = np.concatenate([soup, 0.5 * speck + [30.0, 0.0, 0.0]])
+    loose = np.concatenate(
+        [np.arange(len(soup)).reshape(-1, 3), np.arange(30).reshape(-1, 3), triangles + len(soup)]
+    )
+    found = repaired(both, loose, max_faces=len(faces))
+    assert len(found.vertices) == len(vertices)
+    assert (open_edges(found.faces), bodies(found.faces)) == (0, 1)
+    assert found.vertices[:, 0].max() < RADIUS_MM + 1e-4
+
+
+def test_a_fin_on_the_surface_leaves_one_manifold():
+    vertices, faces = ball_mesh(3)
+    edge = faces[0, :2]
+    fin = np.concatenate([vertices, [1.2 * vertices[edge].mean(axis=0)]])
+    found = repaired(fin, np.concatenate([faces, [[*edge, len(vertices)]]]), max_faces=10_000)
+    assert open_edges(found.faces) == 0
+    assert volume_mm3(found.vertices, found.faces) == pytest.approx(volume_mm3(vertices, faces), rel=0.01)
+
+
+def test_what_stays_open_is_refused():
+    """A cone whose rim has more edges than a hole that is closed."""
+    turn = np.linspace(0, 2 * np.pi, 500, endpoint=False)
+    rim = RADIUS_MM * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(500)])
+    vertices = np.concatenate([rim, [[0.0, 0.0, RADIUS_MM]]])
+    k = np.arange(500)
+    faces = np.column_stack([k, (k + 1) % 500, np.full(500, 500)])
+    with pytest.raises(ReconFailure, match="stays open at 500 edges") as refused:
+        repaired(vertices, faces, max_faces=10_000)
+    assert refused.value.problem is ReconProblem.NOT_WATERTIGHT
+
+
+def test_a_surface_through_points_of_a_ball_is_the_ball_though_they_are_noisy():
+    directions, _ = ball(5)
+    rng = np.random.default_rng(4)
+    noisy = directions * (RADIUS_MM + rng.normal(0, 0.1, (len(directions), 1)))
+    vertices, faces = poisson_surface(noisy, directions)
+    away = np.linalg.norm(vertices, axis=1) - RADIUS_MM
+    assert open_edges(faces) == 0
+    assert np.abs(away).max() < 0.25
+    assert np.sqrt(np.mean(away**2)) < 0.05  # half the points' own noise
+    again, _ = poisson_surface(noisy, directions)
+    np.testing.assert_array_equal(again, vertices)
+
+
+def test_the_distance_to_a_balls_mesh_is_that_to_the_ball():
+    vertices, faces = ball_mesh(5)
+    rng = np.random.default_rng(5)
+    rays = rng.normal(size=(200, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    radius = rng.uniform(5.0, 40.0, 200)
+    found = distances_mm(radius[:, None] * rays, vertices, faces)
+    np.testing.assert_allclose(found, np.abs(radius - RADIUS_MM), atol=0.03)
+
+
+def test_volume_area_and_normals_of_a_tetrahedron_are_its_closed_forms():
+    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])  # edges of 2 sqrt 2
+    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    assert volume_mm3(corners, faces) == pytest.approx(8 / 3)
+    assert volume_mm3(corners + 100.0, faces) == pytest.approx(8 / 3)
+    assert volume_mm3(corners, faces[:, ::-1]) == pytest.approx(-8 / 3)
+    np.testing.assert_allclose(face_areas(corners, faces), 2 * np.sqrt(3))
+    np.testing.assert_allclose(vertex_normals(corners, faces), corners / np.sqrt(3))
+    assert (open_edges(faces), open_edges(faces[:3]), bodies(faces)) == (0, 3, 1)
+    assert bodies(np.concatenate([faces, faces + 4])) == 2
+    assert open_edges(np.concatenate([faces[:3], faces[3:, ::-1]])) > 0  # one face turned

@@ -1,0 +1,180 @@
+"""Segmentation of drawn photos of an egg whose outline in every photo is a conic."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from mat_scene import Egg, photographed, ring
+from scipy.ndimage import binary_dilation
+
+from recon.cameras.camera import Camera
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.silhouettes.all_views import _whole as whole_views
+from recon.silhouettes.carve import Block
+from recon.silhouettes.mask import Window, window_around
+from recon.silhouettes.segmentation import (
+    Bounds,
+    CutPhoto,
+    SegmentationScene,
+    eroded,
+    first_block,
+    learned_log_odds,
+    pixels_of,
+)
+
+EGG = Egg()
+WIDTH, HEIGHT = 240, 180
+LOW, HIGH = np.array([-45.0, -45.0, 0.0]), np.array([45.0, 45.0, 70.0])
+
+
+@cache
+def scene() -> SegmentationScene:
+    cameras = ring(8, width=WIDTH, height=HEIGHT)
+    return SegmentationScene([p.image for p in photographed(cameras, egg=EGG, mat=None)], cameras, LOW, HIGH)
+
+
+@cache
+def block() -> Block:
+    return first_block(scene())
+
+
+def covers_egg(camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Whether rays through pixels meet the egg: the discriminant of the ray's quadratic in it."""
+    local = np.column_stack([(pixels - camera.middle_px) / camera.focal_px, np.ones(len(pixels))])
+    start = (camera.place - EGG.centre) / EGG.semi_mm
+    rays = local @ camera.cam_from_world[:3, :3] / EGG.semi_mm
+    return (rays @ start) ** 2 > np.sum(rays**2, axis=1) * (start @ start - 1)
+
+
+def truth(view: CutPhoto) -> np.ndarray:
+    """The egg in a view's shrunk window."""
+    columns, rows = view.window.small_size_px
+    v, u = np.mgrid[:rows, :columns]
+    shrink = view.window.shrink
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1) * shrink + (shrink - 1) / 2 + view.window.corner_px
+    return covers_egg(view.camera, pixels).reshape(rows, columns)
+
+
+def overlap(a: np.ndarray, b: np.ndarray) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def ball_block(radius_cells: int = 12, cell_mm: float = 2.0) -> Block:
+    """A ball of cells about (0, 0, 30) mm."""
+    side = 2 * radius_cells + 6
+    centres = (np.indices((side,) * 3).T + 0.5 - side / 2) * cell_mm
+    away_mm = np.linalg.norm(centres, axis=-1).T
+    filled = away_mm < radius_cells * cell_mm
+    return Block(filled, np.array([0.0, 0.0, 30.0]) - side / 2 * cell_mm, cell_mm)
+
+
+def test_the_first_block_is_in_the_egg_and_fills_most_of_its_upper_half():
+    """Its lower flank may be missing: the plate still has the egg's own colours there."""
+    found = block()
+    away = EGG.misses_mm(found.points)
+    centres = found.low_mm + (np.indices(found.filled.shape).reshape(3, -1).T + 0.5) * found.cell_mm
+    upper = (EGG.misses_mm(centres) < -found.cell_mm) & (centres[:, 2] > EGG.centre[2])
+    assert np.quantile(away, 0.9) < 2 * found.cell_mm  # eight views leave a peak above it
+    assert found.filled.ravel()[upper].mean() > 0.8
+    assert np.linalg.norm(found.points.mean(axis=0)[:2] - EGG.centre[:2]) < 2 * found.cell_mm
+
+
+def test_where_nothing_stands_there_is_no_fruit():
+    cameras = ring(6, width=240, height=180)
+    bare = SegmentationScene([p.image for p in photographed(cameras, egg=None, mat=None)], cameras, LOW, HIGH)
+    with pytest.raises(ReconFailure) as refused:
+        first_block(bare)
+    assert refused.value.problem is ReconProblem.NO_FRUIT
+
+
+def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
+    column = block().with_column(reach=2)
+    views = scene().views(column.points, margin=0.12, side_px=120)
+    bounds = [
+        Bounds(eroded(pixels_of(block(), v.window, v.camera), 8.0), pixels_of(column, v.window, v.camera))
+        for v in views
+    ]
+    covered = [
+        pixels_of(column, Window(i, (0, 0), 4), c)
+        for i, c in zip(scene().images, scene().cameras, strict=True)
+    ]
+    log_odds, masks = learned_log_odds(views, bounds, scene().background(covered), EGG.centre)
+    for view, odds, mask in zip(views, log_odds, masks, strict=True):
+        egg = truth(view)
+        edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
+        assert overlap(mask, egg) > 0.95
+        assert ((odds > 0) == egg)[~edge].mean() > 0.95
+
+
+def test_windows_hold_the_points_with_their_margin_and_are_about_as_wide_as_asked():
+    (view, *_) = scene().views(EGG.centre + 24.0 * np.eye(3), margin=0.1, side_px=40)
+    pixels = view.camera.project(EGG.centre + 24.0 * np.eye(3))
+    corner, far = (
+        np.array(view.window.corner_px),
+        np.array(view.window.corner_px) + view.window.image.shape[1::-1],
+    )
+    margin = 0.1 * np.ptp(pixels, axis=0).max()
+    assert (corner <= pixels.min(axis=0) - margin + 1).all()
+    assert (far >= pixels.max(axis=0) + margin - 1).all()
+    assert 20 < max(view.window.small_size_px) < 80
+    np.testing.assert_allclose(view.learned, 0.0)  # there is no fruit model
+
+
+def test_points_behind_a_camera_or_outside_its_picture_have_no_window():
+    camera = scene().cameras[0]
+    image = scene().images[0]
+    behind = camera.place + (camera.place - EGG.centre)
+    aside = EGG.centre + 500.0 * camera.cam_from_world[0, :3]
+    for point in (behind, aside):
+        around = point + np.eye(3) * 10.0
+        assert window_around(image, camera, around, margin=0.1, small_side_px=100) is None
+
+
+def test_the_pixels_of_a_block_of_cells_are_the_disc_that_the_ball_covers():
+    camera = ring(1, width=300, height=225)[0]
+    window = Window(np.zeros((225, 300, 3), np.uint8), (0, 0), 1)
+    found = pixels_of(ball_block(), window, camera)
+    away = np.array([0.0, 0.0, 30.0]) - camera.place
+    distance = np.linalg.norm(away)
+    rim_px = camera.focal_px * 24.0 / np.sqrt(distance**2 - 24.0**2)
+    middle = camera.project(np.array([[0.0, 0.0, 30.0]]))[0]
+    rows, columns = np.mgrid[:225, :300]
+    radius = np.hypot(columns - middle[0], rows - middle[1])
+    cell_px = camera.focal_px * 2.0 / distance
+    assert found[radius < rim_px - 1.5 * cell_px].all()
+    assert not found[radius > rim_px + 1.5 * cell_px].any()
+
+
+@pytest.mark.parametrize("by_px", [5.0, 12.0])
+def test_a_disc_eroded_is_a_smaller_disc_and_touches_no_border(by_px):
+    rows, columns = np.mgrid[:90, :90]
+    radius = np.hypot(rows - 45, columns - 45)
+    found = eroded(radius < 35, by_px)
+    assert found[radius < 35 - by_px - 1.5].all()
+    assert not found[radius > 35 - by_px + 1.5].any()
+    assert not eroded(np.ones((40, 40), bool), by_px)[0].any()
+
+
+def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():
+    given = scene()
+    cameras = list(given.cameras)
+    for k in (1, 4):
+        pose = cameras[k].cam_from_world.copy()
+        pose[0, 3] += 90.0  # the fruit at the picture's edge
+        cameras[k] = Camera(
+            name=cameras[k].name, width_px=WIDTH, height_px=HEIGHT, focal_px=cameras[k].focal_px, k1=0.0,
+            cam_from_world=pose,
+        )  # fmt: skip
+    kept, names = whole_views(SegmentationScene(given.images, cameras, LOW, HIGH), ball_block(9))
+    assert names.tolist() == [0, 2, 3, 5, 6, 7]
+    assert [c.name for c in kept.cameras] == [cameras[i].name for i in names]
+    same, every = whole_views(given, ball_block(9))
+    assert same is given
+    assert every.tolist() == list(range(8))
+
+
+def test_a_fruit_cut_off_in_all_photos_but_two_is_refused():
+    few = SegmentationScene(scene().images[:2], scene().cameras[:2], LOW, HIGH)
+    with pytest.raises(ReconFailure, match="2 of 2 photos hold the whole fruit") as refused:
+        whole_views(few, ball_block(9))
+    assert refused.value.problem is ReconProblem.FRUIT_CUT_OFF
