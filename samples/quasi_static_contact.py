@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from samples.anderson_mixing import AndersonMixing
 from samples.brick_flesh import BrickFlesh
 from samples.factors import Solve, factorise
 from samples.gel_contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
@@ -20,6 +21,9 @@ REACH_MM = 9.9
 """From a pad's middle, mm: skin farther out would leave the gel of 20 mm."""
 TOLERANCE = 3e-5
 """Unbalanced force over the pads' force: 0.003 %, hundreds of times less than a force's noise."""
+
+DEPTH = 6
+"""Earlier rounds of a step that are mixed (set by hand)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +117,7 @@ def step(
     rest = np.zeros(flesh.unknowns)
     if not np.any(_forces(squeeze, rest, origins, *_lagged(squeeze, before, rest, origins))):
         return _finished(squeeze, before, rest, origins, 0.0)
-    q, history = before.q.copy(), _Mixing()
+    q, history = before.q.copy(), AndersonMixing(DEPTH)
     residual = np.inf
     for _ in range(rounds):
         excess = flesh.excess(q)
@@ -240,22 +244,3 @@ def _finished(
         anchors.append(settled(squeeze.gel, held, x))
         forces.append(force @ face.turn.T)
     return LoadStep(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)
-
-
-class _Mixing:
-    """Anderson mixing over the last few rounds (Walker and Ni 2011, type II)."""
-
-    def __init__(self, depth: int = 6) -> None:
-        self._depth = depth
-        self._mapped: list[np.ndarray] = []
-        self._change: list[np.ndarray] = []
-
-    def mixed(self, q: np.ndarray, mapped: np.ndarray) -> np.ndarray:
-        self._mapped = [*self._mapped[-self._depth :], mapped]
-        self._change = [*self._change[-self._depth :], mapped - q]
-        if len(self._change) == 1:
-            return mapped
-        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
-        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
-        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
-        return np.asarray(mapped - moves @ share)

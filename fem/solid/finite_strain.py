@@ -182,17 +182,6 @@ class _Loaded:
     tangent: Tangent | None
 
 
-def finite_displacement(
-    solid: UnitModulusSolid,
-    law: UnitLaw,
-    nodal_force_over_E: Float[np.ndarray, "f n 3"],
-    *,
-    start: Float[np.ndarray, "f n 3"] | None = None,
-) -> FiniteResult:
-    """`FiniteStrainSolid.displacement` for once; keep the solid where it is wanted again."""
-    return FiniteStrainSolid(solid=solid, law=law).displacement(nodal_force_over_E, start=start)
-
-
 def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:
     """Whether two loads act alike, though not equally strong."""
     sizes = float(np.linalg.norm(before)) * float(np.linalg.norm(now))

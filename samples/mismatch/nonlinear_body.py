@@ -8,6 +8,7 @@ changes.
 import numpy as np
 from jaxtyping import Float
 
+from samples.anderson_mixing import AndersonMixing
 from samples.mismatch.flesh_laws import FleshLaw, State
 from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
@@ -43,7 +44,7 @@ class NonlinearBody:
     def begin(self) -> Float[np.ndarray, " d"]:
         """Unloaded, where the flesh's own stress has brought the skin."""
         whole = self._whole
-        shift, mixing = self._shift, Mixing(DEPTH)
+        shift, mixing = self._shift, AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
             mapped, state = self._mapped(-shift, REST_S)
             if np.abs(mapped - shift).max() < SETTLED_MM / 10:
@@ -77,7 +78,7 @@ class NonlinearBody:
     ) -> Instant:
         whole = self._whole
         shift, start = self._shift + self._trend, before.u
-        mixing = Mixing(DEPTH)
+        mixing = AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
             instant = next_instant(
                 grip, before, origins, self._stiffness, -shift[whole.dofs], start=start, kept=self._kept
@@ -96,23 +97,3 @@ class NonlinearBody:
         excess, state = self._law.excess(self._whole.gradients(q), self._state, pause_s)
         shift = self._whole.solve(self._whole.forces(excess))
         return (shift + (1 - self._firmer) * q) / self._firmer, state
-
-
-class Mixing:
-    """Anderson mixing over the last few rounds."""
-
-    def __init__(self, depth: int) -> None:
-        self._depth = depth
-        self._mapped: list[np.ndarray] = []
-        self._change: list[np.ndarray] = []
-
-    def mixed(self, q: Float[np.ndarray, " u"], mapped: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-        """The next guess."""
-        self._mapped = [*self._mapped[-self._depth :], mapped]
-        self._change = [*self._change[-self._depth :], mapped - q]
-        if len(self._change) == 1:
-            return mapped
-        steps = np.stack([b - a for a, b in zip(self._change[:-1], self._change[1:], strict=True)], axis=1)
-        moves = np.stack([b - a for a, b in zip(self._mapped[:-1], self._mapped[1:], strict=True)], axis=1)
-        share, *_ = np.linalg.lstsq(steps, self._change[-1], rcond=1e-10)
-        return np.asarray(mapped - moves @ share)

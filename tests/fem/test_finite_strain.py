@@ -11,18 +11,23 @@ import fem.solid.finite_strain_balance
 import fem.solid.finite_strain_elements
 from fem.elements.shape_functions import TET_FACES
 from fem.fem_failure import FemFailure, FemProblem
+from fem.materials.law import UnitLaw
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature
 from fem.mesh.tetrahedra import boundary_faces
 from fem.solid.equilibrium import Ending, Tangents, equilibrium
 from fem.solid.finite_rotation import rigid_fit
-from fem.solid.finite_strain import FiniteStrainSolid, finite_displacement
+from fem.solid.finite_strain import FiniteResult, FiniteStrainSolid
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
 
 NU = 0.45
 LAW = NeoHookean(poisson_ratio=NU)
+
+
+def finite_displacement(solid: UnitModulusSolid, law: UnitLaw, load: np.ndarray) -> FiniteResult:
+    return FiniteStrainSolid(solid=solid, law=law).displacement(load)
 
 
 def block(n: int = 3, **uneven) -> FleshMesh:

@@ -1,4 +1,4 @@
-"""Stiffening, plastic set and damage: the laws against closed forms, the rounds against exact solutions."""
+"""Stiffening, plastic set and damage as effects: their searches against exact solutions, their signatures."""
 
 from dataclasses import replace
 from functools import cache
@@ -8,11 +8,7 @@ import pytest
 from coarse_fruit import NU, fruit_mesh
 from pinched_forward_model import as_case, forward_of, long_pinch
 
-from fem.elements.assembly import unit_lame_constants
-from fem.materials.fung_neo_hookean import first_piola_stress
-from fem.materials.mullins_damage import damaged_share
 from fem.materials.strain_path import linear_stress
-from fem.materials.von_mises_set import HARDENING, plastic_strain
 from fem.mismatch.effects import damage, plastic_set, stiffening
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.baseline import baseline
@@ -24,67 +20,6 @@ from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 from fem.solid.initial_stress import AddedStress
 from fem.solid.strain_field import FleshStrain
-
-MU, LAME = unit_lame_constants(NU)
-
-
-def tensors(*frames: np.ndarray) -> np.ndarray:
-    """One point in four copies, frame by frame; [i, j] = du_i/dX_j is handed over as [j, i]."""
-    return np.broadcast_to(np.stack([f.T for f in frames], axis=-1), (1, 4, 3, 3, len(frames))).copy()
-
-
-def stress_at(H: np.ndarray, b: float) -> np.ndarray:
-    return first_piola_stress(tensors(H), b, poisson_ratio=NU)[0, 0, :, :, 0].T
-
-
-def stored_energy(H: np.ndarray, b: float) -> float:
-    F = np.eye(3) + H
-    log_J = np.log(np.linalg.det(F))
-    W = MU / 2 * ((F**2).sum() - 3 - 2 * log_J) + LAME / 2 * log_J**2
-    return MU / b * np.expm1(b * W / MU)
-
-
-def test_stiffening_stress_is_the_slope_of_its_stored_energy():
-    H = np.random.default_rng(0).normal(size=(3, 3)) * 0.08
-    h, b = 1e-5, 40.0
-    slope = np.empty((3, 3))
-    for i, j in np.ndindex(3, 3):
-        way = np.zeros((3, 3))
-        way[i, j] = h
-        slope[i, j] = (stored_energy(H + way, b) - stored_energy(H - way, b)) / (2 * h)
-    np.testing.assert_allclose(stress_at(H, b), slope, rtol=1e-5, atol=1e-7)
-
-
-def test_turning_the_strained_flesh_turns_its_stress():
-    H = np.random.default_rng(1).normal(size=(3, 3)) * 0.08
-    turn, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))
-    turn *= np.linalg.det(turn)
-    turned = turn @ (np.eye(3) + H) - np.eye(3)
-    np.testing.assert_allclose(stress_at(turned, 30.0), turn @ stress_at(H, 30.0), atol=1e-10)
-
-
-def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set():
-    Y, hardening = 0.1, HARDENING
-    path = [0.0, 0.06, 0.12, 0.09, 0.06]
-    frames = [np.array([[0, e, 0], [e, 0, 0], [0, 0, 0]]) for e in path]
-    found = plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
-    # tau = sqrt(3) 2 mu (e - e_p) = Y + H p with e_p = sqrt(3)/2 p
-    p = (2 * np.sqrt(3) * MU * 0.12 - Y) / (3 * MU + hardening)
-    assert 2 * np.sqrt(3) * MU * 0.06 < Y
-    np.testing.assert_allclose(found, np.sqrt(3) / 2 * p * np.array([0, 0, 1, 1, 1]), atol=1e-12)
-
-
-def test_set_flesh_changes_its_shape_and_not_its_volume():
-    H = np.random.default_rng(3).normal(size=(3, 3)) * 0.1
-    plastic = plastic_strain(tensors(H, 2 * H), 0.02, poisson_ratio=NU)
-    assert np.abs(plastic).max() > 0.05
-    np.testing.assert_allclose(plastic[0, 0, 0, 0] + plastic[0, 0, 1, 1] + plastic[0, 0, 2, 2], 0, atol=1e-12)
-
-
-def test_damage_follows_the_largest_energy_and_never_heals():
-    energy = np.array([0.0, 0.01, 0.03, 0.0, 0.02])
-    expected = 0.4 * (1 - np.exp(-np.array([0.0, 0.01, 0.03, 0.03, 0.03]) / 0.02))
-    np.testing.assert_allclose(damaged_share(energy, 0.4, 0.02), expected)
 
 
 def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
