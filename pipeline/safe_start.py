@@ -90,6 +90,7 @@ def elsewhere() -> Iterator[None]:
 
 @contextmanager
 def _elsewhere() -> Iterator[None]:
+    """Within it the working folder is drupe's own, so that no module beside the user's files is imported."""
     try:
         here = os.open(os.curdir, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
     except OSError:

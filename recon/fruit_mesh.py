@@ -142,6 +142,7 @@ def _reconstructed(
     agreement: float,
     clock: StageClock,
 ) -> Reconstruction:
+    """Outlines to surface to closed mesh, with its quality and the warnings that follow."""
     images, cameras = [image for image, _ in pairs], [camera for _, camera in pairs]
     with one_thread():
         with clock.stage("outlines", 0.25):

@@ -73,6 +73,7 @@ def fruit_points(
 def _world_from_tags(
     maps: PointMaps, photos: Sequence[Photo], mat: Mat
 ) -> tuple[Float[np.ndarray, "4 4"], float]:
+    """The similarity that takes the points to the mat, by its tags' corners; and the scale's relative sd."""
     seen, printed = [], []
     for view, photo in enumerate(photos):
         tags, corners = detect_tags(photo.image, mat)
@@ -97,6 +98,7 @@ def _world_from_tags(
 def _world_from_ground(
     points: Float[np.ndarray, "n 3"], first_place: Float[np.ndarray, "3"], height_mm: float
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    """The similarity that puts the points on z = 0 at the height given, and the box around the fruit."""
     rng = np.random.default_rng(SEED)
     some = points[rng.choice(len(points), min(4000, len(points)), replace=False)]
     size = float(np.median(np.linalg.norm(some - np.median(some, axis=0), axis=1)))

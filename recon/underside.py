@@ -39,6 +39,7 @@ def with_underside(
 def _merged(
     upright: Reconstruction, photos: Sequence[Photo], route: Route, mat: Mat | None
 ) -> Reconstruction:
+    """The upright mesh with its underside from the photos of the fruit upside down; raises ReconFailure."""
     checked = checked_photos(photos, mat)
     over = route(checked.photos)
     require_seen(over.quality, left_out=checked.warnings)

@@ -83,6 +83,7 @@ def ranking_chart(batch: BatchEntry, *, width_px: int) -> Markup:
 def _ranking_row(
     fruit: FruitEntry, *, x: AxisScale, y: float, gutter: float, wide: bool, marks: dict[str, tuple[str, str]]
 ) -> Markup:
+    """One fruit's line of the ranking: its name, E with its error bar, and its class's mark."""
     E_MPa = fruit.E_MPa or 0.0
     colour, shape = marks.get(fruit.maturity or "", UNKNOWN)
     value = with_sd(E_MPa, fruit.E_sd_MPa)

@@ -48,6 +48,7 @@ def force_chart(curves: tuple[ForceCurve, ...]) -> Markup:
 
 
 def _pad(curve: ForceCurve, k: int, *, x: AxisScale, y: AxisScale) -> Markup:
+    """One pad's points of force over travel, and a line through them or of the model."""
     every = max(1, math.ceil(len(curve.travel_mm) / _MOST_POINTS))
     shape = _PAD_MARKS[k % len(_PAD_MARKS)]
     parts = []

@@ -110,6 +110,7 @@ def modulus_over_time(found: ExplainEntry) -> list[tuple[str, Markup]]:
 def _cells_chart(
     grasp: str, cells: list[CellEntry], found: ExplainEntry, *, limits: tuple[float, float], pads: list[str]
 ) -> Markup:
+    """E of one grasp's frames over time, with E without and with the effect as lines."""
     times = [cell.time_s for cell in cells]
     start, end = padded(times)
     x = AxisScale(lowest=start, highest=end, start_px=_LEFT, end_px=_RIGHT)
@@ -141,6 +142,7 @@ def force_and_residual(trace: TraceEntry) -> tuple[Markup, Markup]:
 
 
 def _force(trace: TraceEntry) -> Markup:
+    """One recording's force over approach, measured and modelled."""
     columns = (trace.given_mm, trace.before_mm, trace.after_mm)
     low_x, high_x = padded([float(v) for column in columns for v in column], from_zero=True)
     low_y, high_y = padded([float(v) for v in trace.force_N], from_zero=True)
@@ -166,6 +168,7 @@ def _force(trace: TraceEntry) -> Markup:
 
 
 def _residual(trace: TraceEntry) -> Markup:
+    """What the models leave of one recording's approach, over time."""
     before, after = 1e3 * (trace.given_mm - trace.before_mm), 1e3 * (trace.given_mm - trace.after_mm)
     start, end = padded([float(v) for v in trace.time_s])
     low, high = padded([*map(float, before), *map(float, after), 0.0])

@@ -101,6 +101,7 @@ def _refuse_what_does_not_fit(
     bits: Mapping[int, Bool[np.ndarray, "k k"]],
     sheet_mm: tuple[float, float],
 ) -> None:
+    """Raises ValueError for a mat without tags, with unknown ones, or larger than its sheet."""
     if not corners_mm:
         raise ValueError("The mat has no tags; expected at least one.")
     bare = sorted(set(corners_mm) - set(bits))
@@ -160,6 +161,7 @@ def _centre(axes: Axes, radius: float) -> None:
 
 
 def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> None:
+    """Draws the measuring bar, what to do with it, and the mat's title."""
     y = max(lowest - 6.0, bottom + 13.0)
     half = _BAR_MM / 2
     axes.add_patch(_rectangle(-half, y - 0.4, half, y + 0.4))

@@ -92,6 +92,7 @@ def _painted(
     pixels: int,
     floor_mm: float,
 ) -> Float[np.ndarray, "h w 3"]:
+    """The fruit from one side, its pit showing through and the pads' contacts marked, as RGB of 0 to 1."""
     sight = fruit.seen_from(view, width_px=pixels, height_px=pixels)
     image = _ground(fruit, view, pixels=pixels, floor_mm=floor_mm)
     facing = np.clip(sight.normals @ view.axes[2], 0.0, 1.0)

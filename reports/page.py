@@ -121,6 +121,7 @@ def _dot(colour: str, shape: str) -> Markup:
 
 
 def _facts(fruit: FruitEntry) -> list[tuple[str, str]]:
+    """(label, value) of a fruit's details, with times and memory."""
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
         facts.append(("Height", f"{number(fruit.height_mm)} mm"))

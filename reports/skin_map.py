@@ -144,6 +144,7 @@ def map_picture(
 def _coloured(
     side: MapSide, scores: Float[np.ndarray, " n"], *, limit: float, style: MapStyle
 ) -> Float[np.ndarray, "h w 3"]:
+    """One side of the fruit in its scores' colours, blind zones hatched, as RGB of 0 to 1."""
     seen = np.nan_to_num(side.sight.of_vertices(scores))
     share = 0.5 + 0.5 * seen / limit if style.signed else seen / limit
     colour = (SIGNED if style.signed else ONE_SIDED)(np.clip(share, 0.0, 1.0))[..., :3]

@@ -50,6 +50,7 @@ def ranking_csv(batch: BatchEntry) -> str:
 
 
 def _row(fruit: FruitEntry) -> dict[str, object]:
+    """A fruit's cells by column."""
     return {
         "rank": fruit.rank,
         "fruit_id": safe_cell(fruit.fruit_id),

@@ -66,6 +66,7 @@ class BrickFlesh:
         return np.asarray(force - self.stiffness @ q)
 
     def _internal_force(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+        """Nodal forces of the neo-Hookean bricks at displacements `u`; raises NotInEquilibrium."""
         cells = self.bricks.cells
         m = len(cells)
         local = u[cells]

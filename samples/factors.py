@@ -21,6 +21,7 @@ def factorise(matrix: csr_array) -> Solve:
 
 
 def _superlu(matrix: csr_array) -> Solve:
+    """Solves with SciPy's SuperLU after a nested dissection."""
     pymetis: Any = importlib.import_module("pymetis")
     pattern = csr_array(matrix)
     rows = np.repeat(np.arange(pattern.shape[0]), np.diff(pattern.indptr))
@@ -40,6 +41,7 @@ def _superlu(matrix: csr_array) -> Solve:
 
 
 def _pardiso(matrix: csr_array) -> Solve:
+    """Solves with MKL's Pardiso, where it is installed."""
     pypardiso: Any = importlib.import_module("pypardiso")
     upper = csr_array(triu(matrix, format="csr"))
     upper.sort_indices()

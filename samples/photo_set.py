@@ -96,6 +96,7 @@ def rendered(
 def _scene(
     mi: Any, fruit: SampleFruit, mat: Mat, options: PhotoOptions, rng: np.random.Generator
 ) -> dict[str, Any]:
+    """The scene for the renderer: two softboxes, the mat on its table, the fruit."""
     high = float(box_mm(fruit.skin)[1][2])
     to = mi.ScalarTransform4f
     turn = float(rng.uniform(0, 360))
@@ -135,6 +136,7 @@ def _scene(
 
 
 def _skin(mi: Any, fruit: SampleFruit, options: PhotoOptions) -> Any:
+    """The fruit's skin for the renderer, coloured by its ripeness."""
     sphere = even_sphere(options.skin_cells)
     points, triangles = fruit.skin.points_mm(sphere.directions), sphere.triangles()
     if options.over_deg is not None:

@@ -117,6 +117,7 @@ def _write_frames(folder: Path, camera: GelCamera, pad: GelPad, rng: np.random.G
 
 
 def _tilted(turn_rad: float) -> GelCamera:
+    """A gel camera turned about the y axis that looks at the gel's middle."""
     c, s = float(np.cos(turn_rad)), float(np.sin(turn_rad))
     pose: Float[np.ndarray, "4 4"] = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]

@@ -169,6 +169,7 @@ def write_answers(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -
 
 
 def _answer(fruit: SampleFruit) -> dict[str, Any]:
+    """What answers.json says of a fruit: its true modulus, shape and pit."""
     low, high = box_mm(fruit.skin)
     skin = {**asdict(fruit.skin), "cubic": fruit.skin.cubic.tolist()}
     return {

@@ -91,6 +91,7 @@ def _recorded(
     fruit: SampleFruit, hold: Hold, programme: Programme, squeeze: Squeeze, moments: tuple[LoadStep, ...],
     noise: SensorNoise, rng: np.random.Generator,
 ) -> Grasp:  # fmt: skip
+    """The contact's true motion as the sensors record it, noise included."""
     rest = marker_grid()
     pads, shifts, forces = [], [], []
     for side, name in enumerate(("left", "right")):

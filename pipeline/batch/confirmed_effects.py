@@ -64,6 +64,7 @@ class ConfirmedEffect(BaseModel):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
+        """Raises ValueError where a parameter of the effect is missing, unknown or implausible."""
         for parameter in self.spec.parameters:
             name = parameter.name
             if name not in self.parameters:
@@ -118,6 +119,7 @@ class ConfirmedEffect(BaseModel):
 
 
 def _require(name: str, value: Value, parameter: EffectParameter) -> None:
+    """Raises ValueError for a value of another kind than the parameter's, or outside its limits."""
     kind, (low, high) = parameter.kind, parameter.limits
     if kind == "pad":
         right = isinstance(value, str) and value in ("left", "right", "tip")

@@ -115,6 +115,7 @@ def read_chart(path: Path) -> ControlChart:
 
 
 def _point(row: Sequence[str], line: int) -> Point:
+    """A row of the chart as a point; raises ValueError that names the row and the cell."""
     if len(row) != len(COLUMNS):
         raise ValueError(f"row {line} has {len(row)} cells, expected {len(COLUMNS)}: correct or remove it")
     cells: dict[str, str] = dict(zip(COLUMNS, row, strict=True))

@@ -213,6 +213,7 @@ def _misread(text: str) -> str:
 
 
 def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem]) -> FruitRow:
+    """One row of fruits.csv; what is wrong in it is added to `problems`."""
     fruit_id = record["fruit_id"].strip()
     if not SAFE_ID.fullmatch(fruit_id):
         problems.append(

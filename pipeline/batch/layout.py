@@ -209,6 +209,7 @@ class FruitResults:
 
     @property
     def _of_grading(self) -> tuple[Path, ...]:
+        """The files of a fruit that `drupe grade` writes."""
         return (
             self.record,
             self.fruit_ply,

@@ -227,6 +227,7 @@ def _middle(name: str, row: FruitRow, rows: Sequence[FruitRow]) -> float | None:
 
 
 def _apart(name: str, value: float, middle: float | None, kind: PlausibleRange) -> str:
+    """A sentence where a number is far from the batch's median, `middle`; empty where it is not."""
     if middle is None:
         return ""
     sizes = kind.ranges.height_mm

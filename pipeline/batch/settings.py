@@ -71,6 +71,7 @@ class Grading(Strict):
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
+        """Raises ValueError unless the classes' limits grow and the last has none."""
         limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
         if any(a >= b for a, b in itertools.pairwise(limits)):
             numbers = [limit for limit in limits if math.isfinite(limit)]

@@ -131,6 +131,7 @@ def _require_outside(target: Path, trees: Iterable[Path], advice: str) -> None:
 
 
 def _in_the_way(path: Path, option: str) -> Problem:
+    """The problem of a file that would be overwritten: a link, one changed since, or another's."""
     if path.is_symlink():
         return Problem(
             str(path), f"is a link, and is not written through; remove it, or {MOVE} with {option}."

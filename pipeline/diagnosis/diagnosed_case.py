@@ -97,6 +97,7 @@ def _which_fruit(root: Path) -> str:
 
 
 def _of_its_own(folder: CaseFolder, work: Path) -> Case:
+    """The case in a folder with a case.toml."""
     said = read_toml(folder.settings, CaseSettings, missing=_NO_CASE)
     notes = _left_aside(folder.settings, said)
     prior = _prior(folder, said)
@@ -170,6 +171,7 @@ _LEFT = 'the category "{}" leaves that to the case'
 
 
 def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
+    """A fruit of a batch as a case, without the effects that its settings confirm; raises BatchRefused."""
     batch = open_batch(root, force=True)
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:

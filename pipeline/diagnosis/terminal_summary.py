@@ -58,6 +58,7 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
 
 
 def _ranking(found: ExplainEntry) -> Table:
+    """The first SHOWN explanations as a table."""
     table = Table(box=None, pad_edge=False)
     table.add_column("explanation")
     table.add_column("probability", justify="right")

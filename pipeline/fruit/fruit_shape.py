@@ -71,6 +71,9 @@ def fruit_shape(task: FruitTask) -> FruitShape:
 
 
 def _fruit_shape(task: FruitTask) -> FruitShape:
+    """The surface without the doubts about its size and orientation; kept until photos, settings or code
+    change.
+    """
     folder = task.folder
     if folder.fruit_ply.is_file():
         vertices, faces = read_mesh(folder.fruit_ply)
@@ -125,6 +128,7 @@ def _shape(
     *,
     source: Literal["photos", "fruit.ply"],
 ) -> FruitShape:
+    """The surface with its counts, size and volume, and nothing known of its quality."""
     box = np.ptp(vertices, axis=0).tolist()
     return FruitShape(
         vertices=vertices,

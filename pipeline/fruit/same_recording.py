@@ -46,6 +46,7 @@ def copies_doubted(records: Sequence[FruitRecord], folder: BatchFolder) -> list[
 def _doubted(
     record: FruitRecord, holders: Mapping[str, list[tuple[str, str]]], folder: BatchFolder
 ) -> FruitRecord:
+    """The record with a doubt for every recording that another fruit of the batch has too."""
     used = [grasp for grasp in record.grasps if grasp.failure is None]
     said = []
     for grasp in used if record.graded else ():

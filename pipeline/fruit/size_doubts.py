@@ -53,6 +53,7 @@ def _what_to_check(given: Given, mesh: MeshRecord, *, on_mat: bool) -> str:
 
 
 def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
+    """A sentence for each length of fruits.csv from which the mesh is further than the tolerance."""
     checked = on_mat or mesh.source == "fruit.ply"
     wide = sorted(mesh.box_mm[:2])
     for name, measured, low, high, what in (

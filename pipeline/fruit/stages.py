@@ -91,6 +91,7 @@ def _drawn(task: FruitTask, failure: ReconFailure) -> str:
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
+    """The stages in their order; what each finds goes to `log`."""
     facts = log.facts
     fruit = grasped_fruit(task, log)
     shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed

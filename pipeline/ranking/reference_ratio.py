@@ -176,6 +176,7 @@ def as_measured(record: FruitRecord, told: FruitRecord) -> FruitRecord:
 
 
 def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
+    """A graded reference body's modulus beside the known one."""
     known, sd = record.given.reference_E_MPa, record.given.reference_E_sd_MPa
     if known is None or sd is None:
         raise ValueError(f"the reference body {record.fruit_id} was graded without its modulus")
@@ -204,6 +205,7 @@ def _of(bodies: Sequence[BodyFound], common_sd_MPa: Sequence[float]) -> Ratio:
 def _sentences(
     bodies: Sequence[BodyFound], asked: Sequence[FruitRecord], ratio: Ratio | None, *, corrected: bool
 ) -> list[str]:
+    """What is said of the reference bodies on the terminal and in the report."""
     if ratio is None:
         why = ", ".join(f"{record.fruit_id}: {record.outcome}" for record in asked)
         return [
@@ -247,6 +249,7 @@ def _implausible(ratio: Ratio, bodies: Sequence[BodyFound]) -> str:
 
 
 def _verdict(ratio: Ratio, *, corrected: bool) -> str:
+    """The end of the sentence about the ratio: whether it is as it should be, and what follows."""
     if ratio.disagree:
         return (
             "whether it reads right cannot be judged, since the reference bodies contradict each other; "
@@ -274,6 +277,7 @@ def _with_sd(ratio: Ratio) -> str:
 
 
 def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
+    """A fruit's record with the reference bodies' ratio: its E divided by it, doubted, or as it was."""
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
         return record.model_copy(update={"reference": None})
@@ -298,6 +302,7 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
 
 
 def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:
+    """The doubt that every fruit of the batch gets where the ratio is wrong and not corrected."""
     said = _reads(ratio, bodies)
     if ratio.disagree:
         names = ", ".join(f"{one.fruit_id} {_with_sd(one.own)}" for one in bodies)

@@ -79,6 +79,7 @@ def batch_entry(
 
 
 def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
+    """What the report shows of the reference bodies, with their history."""
     return ReferenceEntry(
         sentences=finding.sentences,
         alarm=finding.alarm,
@@ -102,6 +103,7 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
 
 
 def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> FruitEntry:
+    """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
     return FruitEntry(
@@ -157,6 +159,7 @@ def _explained(record: FruitRecord, files: FruitResults) -> str | None:
 
 
 def _estimate(grasp: GraspRecord) -> GraspEstimate:
+    """One recording's estimates for the report."""
     return GraspEstimate(
         grasp=grasp.grasp,
         E_energy_MPa=grasp.E_energy_MPa,
@@ -184,6 +187,7 @@ def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
 
 
 def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
+    """(label, value) of a fruit's details in the report, in their order."""
     facts: list[tuple[str, str]] = []
     if (told := record.reference) is not None and told.corrected:
         by = f"divided by {told.ratio:.3f} ± {told.ratio_sd:.3f}, from {', '.join(told.bodies)}"
@@ -264,6 +268,7 @@ def _shown(value: object) -> str:
 
 
 def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
+    """How the moduli agree with Shore readings; None for too few of them."""
     pairs = [
         (r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None
     ]

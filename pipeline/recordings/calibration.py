@@ -161,6 +161,7 @@ def _camera(sensor: Path, described: dict[str, Any]) -> tuple[GelCamera, float]:
 def _ball(
     path: Path, file: Path, described: dict[str, Any], presses: Presses, report: Callable[[str], None]
 ) -> list[str]:
+    """Writes the look-up made of prints of a ball to `file`; what was found in each, if there are any."""
     camera, gamma = _camera(path, described)
     if presses.reference is None or presses.ball_mm is None:
         return []
@@ -190,6 +191,8 @@ def _ball(
 def _stiffness(
     path: Path, described: dict[str, Any], press: Path, report: Callable[[str], None]
 ) -> list[str]:
+    """The gel's table for sensor.toml, its stiffness scaled to the load cell's force; raises BatchRefused."""
+
     def told(pad: str, done: int, of: int) -> None:
         if done == of:
             report(f"{pad}: {done} of {of} frames")

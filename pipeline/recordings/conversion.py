@@ -109,6 +109,8 @@ def _contact(recording: Recording, name: str) -> list[str]:
 def _read(
     source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
 ) -> tuple[Converted, list[Tac3D]]:
+    """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any."""
+
     def told(pad: str, done: int, of: int) -> None:
         if done % TELL_EVERY == 0 or done == of:
             report(f"{pad}: {done} of {of} frames")

@@ -295,6 +295,7 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
 
 
 def _photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder) -> Iterator[Problem]:
+    """What is wrong with a fruit's photos and their scale."""
     if not batch.folder.mat.exists() and row.height_mm is None and "height_mm" not in row.unreadable:
         yield _at(
             row,

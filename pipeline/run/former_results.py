@@ -98,6 +98,7 @@ def _why_another(former: BatchIdentity, batch: BatchIdentity, *, inside: bool) -
 def _identity(
     folder: str, settings: Mapping[str, Any], inputs: Mapping[str, Any], fruit: Iterable[str]
 ) -> BatchIdentity:
+    """By what one batch is known from another: folder, label, fruit and the digests of what was measured."""
     own = {
         path: str(digest)
         for name, digest in inputs.items()

@@ -242,6 +242,7 @@ def _work(
     time_limit_s: float,
     console: Console,
 ) -> None:
+    """Grades what is to do, shows how far it is, and puts each record into `records` as it comes."""
     tasks = dict(todo)
     with (
         BatchProgress(console, total=len(todo), jobs=jobs) as progress,

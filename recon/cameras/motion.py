@@ -111,6 +111,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
 
 
 def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction | None:
+    """COLMAP's reconstruction with the most photos, from SIFT features; None where there is none."""
     pictures = scratch / "pictures"
     pictures.mkdir()
     for i, photo in enumerate(photos):
@@ -158,6 +159,7 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> pycolmap.Reconstruction |
 
 
 def _camera(photo: Photo, image: pycolmap.Image) -> Camera:
+    """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
     params = image.camera.params
     pose = np.eye(4)
     pose[:3] = image.cam_from_world().matrix()

@@ -109,6 +109,7 @@ def _require_size(
 
 
 def _decoded(data: bytes, path: Path, longest_side_px: int) -> UInt8[np.ndarray, "h w 3"]:
+    """The picture, reduced while it is decoded where it is too large; raises ReconFailure."""
     size = picture_px(data)
     if size is None:
         raise _unreadable(path, "is no picture that can be decoded")

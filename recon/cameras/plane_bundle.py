@@ -188,6 +188,7 @@ def _prior_spreads(prior: _Prior, views: int) -> tuple[Int[np.ndarray, " p"], Fl
 
 
 def _moved(state: _State, step: Float[np.ndarray, " c"], points: Float[np.ndarray, "n 2"]) -> _State:
+    """The state after a step of poses, focal lengths and distortion, and of the points on the ground."""
     v = len(state.poses)
     own = step[: 7 * v].reshape(v, 7)
     poses = state.poses.copy()
@@ -211,6 +212,7 @@ def _normal(
     loss_px: float,
     sigma_px: float,
 ) -> _System:
+    """Normal equations of the sightings (Cauchy loss) and priors at a state, the points eliminated."""
     v, n, size = len(state.poses), len(state.ground), 7 * len(state.poses) + 2
     at = state.ground[seen.point]
     R, t = state.poses[seen.view, :3, :3], state.poses[seen.view, :3, 3]

@@ -105,6 +105,7 @@ def ground_pairs(features: Sequence[GroundFeatures]) -> list[GroundPair]:
 
 
 def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundPair | None:
+    """Matches of two photos' features that one homography explains; None for too few."""
     found = []
     for places_a, descriptors_a in zip(one.places_px, one.descriptors, strict=True):
         for places_b, descriptors_b in zip(other.places_px, other.descriptors, strict=True):

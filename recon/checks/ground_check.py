@@ -107,6 +107,7 @@ def rim_evidence(
 def _evidence(
     rims: Sequence[Rim], profiles: Profiles, offsets: Float[np.ndarray, " o"], reach: int
 ) -> RimEvidence:
+    """Where each sample of the rims has its edge, and what the colours beside it say."""
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
     out = {k: np.zeros(len(view)) for k in ("offset", "sd", "dim", "through")}
     known = np.zeros(len(view), bool)

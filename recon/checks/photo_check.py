@@ -106,6 +106,7 @@ def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[s
 
 
 def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
+    """Photos without those that are equal to an earlier one pixel by pixel, and a sentence on them."""
     first: dict[bytes, Photo] = {}
     copies = []
     for photo in photos:
@@ -124,6 +125,7 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
 
 
 def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
+    """What is measured of a photo: tags, sharpness, light."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
     tags, corners = detect_tags(photo.image, mat)
     mirrored = False

@@ -71,6 +71,7 @@ class FruitModel:
         return out
 
     def _run(self, squares: list[UInt8[np.ndarray, "s s 3"]]) -> Float[np.ndarray, "n h w"]:
+        """The model's log odds for squares of photos; raises ReconFailure for one that cannot be used."""
         batch = np.stack([s[:, :, ::-1].transpose(2, 0, 1) for s in squares]).astype(np.float32) / 255
         try:
             made = np.asarray(self.session.run([OUTPUT], {INPUT: batch})[0], np.float32)

@@ -161,6 +161,7 @@ def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
 def _solid(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], what: str
 ) -> manifold3d.Manifold:
+    """The closed mesh as a solid for Boolean operations; raises ReconFailure where it is none."""
     require_closed(vertices, faces, what=what)
     mesh = manifold3d.Mesh64(
         np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)

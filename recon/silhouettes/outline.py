@@ -98,6 +98,7 @@ def _gain(
     shifts: Float[np.ndarray, " k"],
     most_log_odds: float,
 ) -> Float[np.ndarray, "n k"]:
+    """What every shift of every sample along its normal is worth, as `snapped` says."""
     step_px = float(shifts[1] - shifts[0])
     reach_px = float(shifts[-1])
     wide = round(EDGE_PX / step_px)

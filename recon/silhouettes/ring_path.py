@@ -20,6 +20,7 @@ def best_rings(gain: Float[np.ndarray, "v n k"], *, bend: float, steepest: int) 
 def _paths(
     gain: Float[np.ndarray, "v n k"], fixed: Int[np.ndarray, " v"] | None, bend: float, steepest: int
 ) -> Int[np.ndarray, "v n"]:
+    """The best path of each ring by dynamic programming, its two ends at `fixed` or free."""
     rings, count, width = gain.shape
     every = np.arange(rings)
     low = np.float32(-1e9)

@@ -59,6 +59,7 @@ def star_cuts(
 def _gain(
     log_odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "r k"]:
+    """What every radius of every ray is worth, as `star_cuts` says."""
     rows, columns = log_odds.shape
     y, x = np.nonzero(log_odds > -MOST_LOG_ODDS)
     furthest = float(np.hypot(x - centre[0], y - centre[1]).max()) if len(x) else 0.0

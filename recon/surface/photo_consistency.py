@@ -157,6 +157,7 @@ def _seen(
 def _peak(
     scores: Float[np.ndarray, "n d"], offsets: Float[np.ndarray, " d"], least: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """Offset of each patch's highest score, by a parabola, and its weight: 0 for one not to be trusted."""
     rows = np.arange(len(scores))
     best = scores.argmax(1)
     inner = np.clip(best, 1, len(offsets) - 2)

@@ -73,6 +73,7 @@ def repaired(
 
 
 def _clean(work: Any) -> None:
+    """Removes doubled and loose parts, closes holes and turns the faces one way, in place."""
     work.meshing_remove_duplicate_vertices()
     work.meshing_remove_duplicate_faces()
     work.meshing_remove_null_faces()

@@ -48,6 +48,7 @@ def drawn_outside(name: str, rng: np.random.Generator) -> Outside:
 
 
 def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Parameters of an effect outside of the catalogue, drawn at random."""
     if name == "palm":
         return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
     if name == "gel_hysteresis":

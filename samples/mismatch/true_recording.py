@@ -84,6 +84,7 @@ def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
 
 
 def _at_frames(grasp: CaseGrasp, grip: Grip, frames: list[Instant]) -> TrueRecording:
+    """The recording at the frames that are kept, in the pads' own order."""
     hold, motion = grasp.hold, grasp.motion
     shown = motion.recorded
     travel = motion.travel_mm[shown]

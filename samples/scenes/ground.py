@@ -97,6 +97,7 @@ def ground_texture(ground: SceneGround, *, side_px: int = TILE_PX) -> Float[np.n
 
 
 def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
+    """A texture of wood: grain along the columns, pores, and planks where the pattern has them."""
     # the grain runs along the columns of the picture
     tone = (
         0.09 * _noise(rng, side, 5, 100)
@@ -116,6 +117,7 @@ def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarra
 
 
 def _cloth(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
+    """A texture of woven cloth: warp and weft, and stripes or checks where the pattern has them."""
     threads = int(TILE_MM / rng.uniform(0.9, 1.8))
     along = np.arange(side) * threads / side
     which = along.astype(int)

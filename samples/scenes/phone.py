@@ -124,6 +124,7 @@ def developed(
 def _phone_edits(
     levels: Float[np.ndarray, "h w 3"], pipeline: Pipeline, rng: np.random.Generator
 ) -> Float[np.ndarray, "h w 3"]:
+    """What a phone does to a photo after the sensor: noise reduction, local contrast, sharpening."""
     if pipeline.noise_reduction:
         smooth = cv2.bilateralFilter(
             np.clip(levels, 0, 255).astype(np.float32), 5, pipeline.noise_reduction, 1.6

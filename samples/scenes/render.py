@@ -200,6 +200,7 @@ def _mesh(
     smooth: bool = False,
     attributes: dict[str, np.ndarray] | None = None,
 ) -> Any:
+    """A mesh for the renderer with its colours or texture coordinates."""
     properties = mi.Properties()
     properties["bsdf"] = mi.load_dict(bsdf)
     if emitter is not None:

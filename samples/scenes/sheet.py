@@ -128,6 +128,7 @@ def _folds(sheet: Sheet, mat: Mat) -> list[tuple[float, float, float]]:
 def _stained(
     print_rgb: np.ndarray, x: np.ndarray, y: np.ndarray, mat: Mat, rng: np.random.Generator
 ) -> np.ndarray:
+    """The print with one stain at random: a tinted blot with a dried edge."""
     at = rng.uniform(-0.5, 0.5, 2) * (mat.width_mm, mat.height_mm)
     radius = mat.width_mm * rng.uniform(0.015, 0.09)
     angle = np.arctan2(y - at[1], x - at[0])

@@ -126,6 +126,8 @@ class Adhesion:
         return Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
 
     def _pull(self, forward: ForwardModel) -> Pull:
+        """How far the gels are pulled away from the skin in all recordings together; kept for the case."""
+
         def found() -> Pull:
             pads = [
                 pulled(history, motion)

@@ -122,6 +122,7 @@ def _ratios(forward: ForwardModel) -> ShearRatios:
 
 
 def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
+    """Displacement of every recording's markers with Coulomb friction `mu` on the pads."""
     stiffness = {name: spring_ratio(forward, name) for name in pads_of(forward)}
     return [
         slip_path(

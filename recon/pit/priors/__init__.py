@@ -224,6 +224,7 @@ class _Entries:
 
 
 def _prior(entries: _Entries) -> PitPrior:
+    """A category's table as a prior; raises ValueError as the entries do."""
     left = entries.left_to_batch()
     number, table = entries.number, entries.table
     pit, ratio = "pit" not in left, "poisson_ratio" not in left
