@@ -25,8 +25,7 @@ from fem.solid.anderson import Anderson
 from fem.solid.equilibrium import Ending, Tangents, equilibrium
 
 MEMORY = 4
-"""Earlier rounds that the next one learns from: each is a field of all frames (tens of MB), and most searches
-are over after five."""
+"""Earlier rounds that the next one learns from: each is a field of all frames (tens of MB). Set by hand."""
 RUN_AWAY = 1e6
 """N per MPa of the modulus: forces on a node that no flesh makes."""
 
