@@ -16,11 +16,13 @@ import numpy as np
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.fruit_modulus import infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.fruit.placed_grasp import history, place_grasp
+from pipeline.fruit.placed_grasp import grasp_case, place_grasp
 from recon.surface.mesh_file import read_mesh
 
 
@@ -36,7 +38,8 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
     meshed = time.process_time()
     true = float(truth["E_MPa"])  # type: ignore[arg-type]
     print(f"{folder.name}  {truth['effect']}  true E {true:.4f} MPa  {3 * len(mesh.nodes_mm)} dofs")
-    histories = [history(grasp) for grasp in grasps]
+    prepared = [prepared_grasp(one.history, one.turns) for one in map(grasp_case, grasps)]
+    histories = [one.history for one in prepared]
 
     def respond(moved: FleshMesh) -> list[GraspModel]:
         solid = UnitModulusSolid.factorise(
@@ -45,7 +48,8 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
             support="free",
             contact_nodes=contact_nodes(moved, histories),
         )
-        return [grasp_model(one, solid) for one in histories]
+        touched = [on_touched_skin(one, solid, gel_scale_sd=budget.gel_scale_sd) for one in prepared]
+        return [grasp_model(one, solid) for one in touched]
 
     budget = ErrorBudget(
         pit_offset_sd_mm=case["offset_sd_mm"], pit_size_sd=case["size_sd"], surface_sd_mm=case["mesh_sd_mm"]

@@ -18,11 +18,13 @@ import numpy as np
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.fruit.placed_grasp import history, place_grasp
+from pipeline.fruit.placed_grasp import grasp_case, place_grasp
 from recon.surface.mesh_file import read_mesh
 
 Surface = tuple[np.ndarray, np.ndarray]
@@ -48,11 +50,13 @@ def moduli(setting: Setting, files: list[Path], *, poisson_ratio: float) -> np.n
     mesh = tetrahedralise(
         *outer, *pit, edge_mm=setting.edge_mm, refine_at_mm=touched, refine_edge_mm=setting.pad_edge_mm
     )
-    histories = [history(grasp) for grasp in grasps]
+    prepared = [prepared_grasp(one.history, one.turns) for one in map(grasp_case, grasps)]
+    histories = [one.history for one in prepared]
     solid = UnitModulusSolid.factorise(
         mesh, poisson_ratio=poisson_ratio, support="free", contact_nodes=contact_nodes(mesh, histories)
     )
-    models = [grasp_model(one, solid) for one in histories]
+    scale_sd = ErrorBudget().gel_scale_sd
+    models = [grasp_model(on_touched_skin(one, solid, gel_scale_sd=scale_sd), solid) for one in prepared]
     found = [estimate_modulus(*pair, budget=ErrorBudget()) for pair in zip(histories, models, strict=True)]
     return np.array([one.E_MPa for one in found])
 

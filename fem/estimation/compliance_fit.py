@@ -27,10 +27,6 @@ GAUGE_SD_MM = 10.0
 the X_i leave free, and is far beyond any real one."""
 
 
-HELD = 1e24
-"""Weight that holds 1/E at a given value; what a recording knows of it is below 1e12."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class MarkerTracks:
     """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
@@ -64,21 +60,15 @@ class CompliantFit:
     residual_rms_mm: float
 
 
-def fit_compliance(
-    tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool, compliance: float | None = None
-) -> CompliantFit:
+def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) -> CompliantFit:
     """The least-squares fit; `fruit_moves` is False where the fruit stands on a fixed base.
 
-    With `compliance` given, 1/E is that, and only the rest is fitted. Memory grows as (n markers) (t frames)
-    + (6 t)^2.
+    Memory grows as (n markers) (t frames) + (6 t)^2.
     """
     columns = tracks.unit_displacement[None]
     equations = _equations(tracks, columns, scale_sd=scale_sd)
     normal, right = equations.normal, equations.right
     frames = len(tracks.position_mm)
-    if compliance is not None:
-        normal[0, 0] += HELD
-        right[0] += HELD * compliance
     theta, variance = _solved(normal, right, unknowns=len(right) if fruit_moves else 1)
     scale = (equations.observed - equations.along @ theta) / equations.stiffness
     motion = np.einsum("nxk,tk->tnx", rigid_motion(tracks.place_mm), theta[1:].reshape(frames, 6))

@@ -21,30 +21,30 @@ ABOVE_NOISE = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class DenoisedForce:
-    """`force_N` in the fruit frame, frames used; `sd_N`: noise of one component in one frame that is left."""
+    """`force_N` in the fruit frame, all frames; `sd_N`: noise of one component in one frame that is left."""
 
-    force_N: Float[np.ndarray, "f n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
     sd_N: float
 
 
 def denoised_force(
     pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.ndarray, " t"]
 ) -> DenoisedForce:
-    """`turn`: pad axes in the fruit frame, as columns."""
+    """`turn`: pad axes in the fruit frame, as columns; `used`: the frames in which patterns are told from
+    noise."""
     force = pad.force_N @ turn
     moved = pad.gel_displacement_mm @ turn
     stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
     springs = moved * stiffness
-    beyond = (force - springs)[used]
-    flat = beyond.reshape(len(beyond), -1)
-    left, size, right = np.linalg.svd(flat, full_matrices=False)
+    beyond = (force - springs).reshape(len(force), -1)
+    _, size, right = np.linalg.svd(beyond[used], full_matrices=False)
     sd = pad.force_sd_N * float(np.sqrt(variance_inflation(np.array([pad.lag1]))[0]))
-    kept = size > ABOVE_NOISE * sd * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
-    more = (left[:, kept] * size[kept]) @ right[kept]
+    kept = right[size > ABOVE_NOISE * sd * (np.sqrt(used.sum()) + np.sqrt(beyond.shape[1]))]
     noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
     if noise > pad.force_sd_N:  # displacement says less than the forces themselves
-        return DenoisedForce(force_N=pad.force_N[used], sd_N=pad.force_sd_N)
-    return DenoisedForce(force_N=(springs[used] + more.reshape(beyond.shape)) @ turn.T, sd_N=max(noise, 1e-9))
+        return DenoisedForce(force_N=pad.force_N, sd_N=pad.force_sd_N)
+    more = (beyond @ kept.T) @ kept
+    return DenoisedForce(force_N=(springs + more.reshape(force.shape)) @ turn.T, sd_N=max(noise, 1e-9))
 
 
 def _slope(

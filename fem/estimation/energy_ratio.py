@@ -58,21 +58,12 @@ def energy_ratio(
     force_sd_N: float,
     gel_scale_sd: float,
     force_scale_sd: float,
-    quiet: tuple[MarkerTracks, Float[np.ndarray, "t n 3"]] | None = None,
 ) -> EnergyRatio:
-    """The ratio above, from forces at the markers and the fruit's rigid motion at them.
-
-    `quiet`, tracks and forces as the air alone would give them (modulus_force_noise), is the share of both
-    energies that is noise times its own response; it is taken out.
-    """
+    """The ratio above, from forces at the markers and the fruit's rigid motion at them."""
     c = since_first_touch(tracks.unit_displacement, tracks.episode)
     u = since_first_touch(tracks.position_mm - motion_mm, tracks.episode)
     d = since_first_touch(tracks.gel_displacement_mm, tracks.episode)
     stored, work = float((force_N * c).sum()), float((force_N * u).sum())
-    if quiet is not None:
-        no_contact, noise_N = quiet
-        stored -= float((noise_N * since_first_touch(no_contact.unit_displacement, no_contact.episode)).sum())
-        work -= float((noise_N * since_first_touch(no_contact.position_mm, no_contact.episode)).sum())
     colour = variance_inflation(tracks.lag1)
     # The noise of a marker's own frames, and of the one frame of first touch that all are compared with.
     leverage = colour * (force_N**2).sum(axis=(0, 2)) + (force_N.sum(axis=0) ** 2).sum(axis=1)

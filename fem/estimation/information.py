@@ -59,20 +59,12 @@ def grasp_information(
     pad_of_marker: Int[np.ndarray, " n"],
     force_sd_N: float,
     scale_sd: float,
-    compliance: float,
 ) -> GraspInformation:
     """The information of one recording, its noise taken as large as what the model leaves of it.
 
-    The forces stand without those of their patterns that noise would make too (`_above_noise`), for the pads'
-    share of the response not to be noise. What is left out leans on all pads alike: their numbers are scaled
-    for their mean to be `compliance`, 1/E of the whole fit with the air's noise taken out
-    (fem.estimation.force_noise). At 0.16 MPa and 5 mN of noise E is 8 % too low otherwise. What noise in the
-    forces does to the pads' numbers (`_of_force_noise`) adds to their variance.
+    What noise in the forces does to the pads' numbers (`_of_force_noise`) adds to their variance.
     """
-    beyond: float | np.ndarray = 0.0
-    if model.displacement_correction is not None:  # what large deformation adds
-        beyond = tracks.unit_displacement - model.unit_displacement(force_N)
-    felt = model.unit_displacement(_above_noise(force_N, force_sd_N)) + beyond
+    felt = tracks.unit_displacement
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)
@@ -88,7 +80,6 @@ def grasp_information(
     each = np.linalg.solve(weight, alone.right)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=moves)
-    each *= compliance * weight.sum() / (weight.sum(axis=0) @ each)
     # What the pads' own fit makes of each field: all of them together are the response itself.
     sees = np.linalg.solve(weight, known.normal[own])
     sees = np.column_stack([np.ones(len(pads)), sees[:, len(pads) :]])
@@ -116,19 +107,6 @@ def _of_force_noise(
     felt = felt.reshape(pads, frames, markers, 3)
     variance_N2 = variance_inflation(tracks.lag1) * moved_sd**2
     return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, variance_N2, optimize=True))
-
-
-def _above_noise(force_N: Float[np.ndarray, "t n 3"], sd_N: float) -> Float[np.ndarray, "t n 3"]:
-    """The forces' patterns whose strength exceeds that of noise alone.
-
-    The greatest singular value of t x 3 n independent noise is sd (sqrt t + sqrt 3n) (Marchenko and Pastur
-    1967); the greatest pattern always stays.
-    """
-    flat = force_N.reshape(len(force_N), -1)
-    left, size, right = np.linalg.svd(flat, full_matrices=False)
-    kept = size > sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
-    kept[0] = True
-    return np.asarray((left[:, kept] * size[kept]) @ right[kept]).reshape(force_N.shape)
 
 
 def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "k n"]:

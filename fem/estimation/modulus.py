@@ -10,7 +10,6 @@ from fem.estimation.absolute_modulus import absolute_compliance
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
 from fem.estimation.energy_ratio import energy_ratio
 from fem.estimation.error_budget import ErrorBudget
-from fem.estimation.force_noise import ForceNoise, force_noise
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.information import GraspInformation, grasp_information
@@ -83,7 +82,8 @@ class ModulusEstimate:
 def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorBudget) -> ModulusEstimate:
     """The modulus that makes the fruit of `model` move under the measured forces as the markers moved.
 
-    `model` is that of the same recording (fem.estimation.grasp_model). Least squares over all frames and
+    `model` is that of the same recording (fem.estimation.grasp_model), which was prepared
+    (fem.estimation.prepared_grasp): noise in its forces would lower 1/E. Least squares over all frames and
     markers (compliance_fit) and the strain-energy ratio (energy_ratio), each marker compared with its own
     first touch; against the scanned surface (absolute_modulus) where only one frame is loaded, or where
     noise makes the first-touch compliance uncertain by more than NOISY. The loaded frames are thinned
@@ -101,10 +101,8 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     advice = "record the frames before and during the closing of the jaws"
     if tracks_compare(tracks):
         fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
-        no_contact = force_noise(history, model, tracks, loaded, scale_sd=budget.gel_scale_sd)
-        fit = fit if no_contact is None else no_contact.taken_out(fit, tracks)
         if fit.compliance_sd < NOISY * abs(fit.compliance):
-            return _from_first_touch(history, model, tracks, force, fit, loaded, no_contact, budget=budget)
+            return _from_first_touch(history, model, tracks, force, fit, loaded, budget=budget)
         reason = (
             f"noise leaves the comparison of {loaded.sum()} loaded frames with each marker's first touch a "
             f"spread of more than {NOISY:.0%}"
@@ -123,19 +121,18 @@ def _from_first_touch(
     force: Float[np.ndarray, "f n 3"],
     fit: CompliantFit,
     loaded: Bool[np.ndarray, " t"],
-    no_contact: ForceNoise | None,
     *,
     budget: ErrorBudget,
 ) -> ModulusEstimate:
     """The estimate by displacement since first touch: the fit's 1/E, its error from fit and energy ratio."""
+    force_sd_N = max(pad.force_sd_N for pad in history.pads)
     ratio = energy_ratio(
         tracks,
         force,
         fit.motion_mm,
-        force_sd_N=max(pad.force_sd_N for pad in history.pads),
+        force_sd_N=force_sd_N,
         gel_scale_sd=budget.gel_scale_sd,
         force_scale_sd=budget.force_scale_sd,
-        quiet=(no_contact.tracks, no_contact.force_N) if no_contact else None,
     )
     modulus = require_positive(fit.compliance)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
@@ -147,9 +144,8 @@ def _from_first_touch(
             model,
             force,
             pad_of_marker=history.pad_of_marker,
-            force_sd_N=max(pad.force_sd_N for pad in history.pads),
+            force_sd_N=force_sd_N,
             scale_sd=budget.gel_scale_sd,
-            compliance=fit.compliance,
         ),
         E_MPa=modulus,
         misfit_sd=misfit,
@@ -161,6 +157,7 @@ def _from_first_touch(
     noise = float(np.linalg.norm([*share.values(), ratio.displacement_noise, ratio.gel_scale]))
     energy = MethodEstimate(E_MPa=ratio.modulus_MPa, sd_MPa=noise * ratio.modulus_MPa) if elastic else None
     frames = modulus_per_frame(history, tracks, fit, loaded)
+    feigned_mm = fit.compliance * force_sd_N * float(np.sqrt((model.compliance**2).sum(axis=1).mean()))
     return ModulusEstimate(
         E_MPa=modulus,
         E_sd_MPa=modulus * float(np.linalg.norm(list(share.values()))),
@@ -176,9 +173,7 @@ def _from_first_touch(
             least_squares_MPa=modulus,
             energy_MPa=energy.E_MPa if energy else None,
             residual_rms_mm=fit.residual_rms_mm,
-            noise_mm=float(
-                np.hypot(tracks.sd_mm.mean(), no_contact.moved_mm * fit.compliance if no_contact else 0.0)
-            ),
+            noise_mm=float(np.hypot(tracks.sd_mm.mean(), feigned_mm)),
             fruit_moves=model.fruit_moves,
         ),
         evidence=evidence,

@@ -25,17 +25,28 @@ def marker_tracks(
     """
     force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
     beyond = 0.0 if model.displacement_correction is None else model.displacement_correction[frames]
-    tracks = MarkerTracks(
+    unit_displacement = model.unit_displacement(force_N) + beyond
+    return tracks_of(history, frames, normal=model.normal, unit_displacement=unit_displacement), force_N
+
+
+def tracks_of(
+    history: GraspHistory,
+    frames: Bool[np.ndarray, " t"],
+    *,
+    normal: Float[np.ndarray, "n 3"],
+    unit_displacement: Float[np.ndarray, "f n 3"],
+) -> MarkerTracks:
+    """The chosen frames of all pads side by side, with a response to their forces."""
+    return MarkerTracks(
         place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
-        normal=model.normal,
+        normal=normal,
         position_mm=np.concatenate([pad.position_mm[frames] for pad in history.pads], axis=1),
-        unit_displacement=model.unit_displacement(force_N) + beyond,
+        unit_displacement=unit_displacement,
         gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
         episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
         sd_mm=_per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
         lag1=_per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
     )
-    return tracks, force_N
 
 
 def _per_marker(history: GraspHistory, value: Callable[[PadHistory], float]) -> Float[np.ndarray, " n"]:

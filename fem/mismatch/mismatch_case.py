@@ -39,6 +39,11 @@ class GraspCase:
     pads: tuple[PadMotion, ...]
     support: Support
 
+    @property
+    def turns(self) -> Float[np.ndarray, "p 3 3"]:
+        """Each pad's axes in the fruit frame, as columns, where it presses most."""
+        return np.stack([pad.pose[int(np.argmax(pad.normal_N)), :3, :3] for pad in self.pads])
+
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchCase:

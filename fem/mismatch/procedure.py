@@ -18,11 +18,10 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import best_beyond_quantile, null_statistic, p_values
 from fem.mismatch.selection.model_selection import NullCase, select_model
-from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -31,9 +30,16 @@ from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 
 
 def explain(
-    case: MismatchCase, *, progress: Callable[[str], None] | None = None, workers: int = 1
+    case: MismatchCase,
+    *,
+    plain: Modulus,
+    progress: Callable[[str], None] | None = None,
+    workers: int = 1,
 ) -> Explanation:
     """The explanation of all recordings of a case together, computed by so many threads.
+
+    `plain`: E without an effect, as it is graded (fem.estimation.fruit_modulus): the one that stands where no
+    effect is found.
 
     Raises FemFailure where the plain model cannot be fitted at all.
     """
@@ -66,7 +72,6 @@ def explain(
     best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
-    before = modulus_of(forward)
     ranking = candidates(found, linear)
     with stage("proof"):
         proof = held_out(forward, recorded, null, after)
@@ -83,8 +88,8 @@ def explain(
         component=place.component,
         ranking=ranking,
         verdict=found.verdict,
-        before=before,
-        after=before if best is None else ranking[0].modulus or before,
+        before=plain,
+        after=plain if best is None else ranking[0].modulus or plain,
         heldout=proof,
         next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
         cells=modulus_cells(forward, fits),

@@ -7,12 +7,14 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from fem.fem_failure import FemFailure
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.result import Explanation
+from fem.mismatch.result import Explanation, Modulus
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
+from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
@@ -87,30 +89,53 @@ def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
     """The fruit as the finder takes it."""
-    budget, placed = fruit.budget, fruit.placed
-    if case.mesh_sd_mm is not None:
-        budget = replace(budget, surface_sd_mm=case.mesh_sd_mm)
-        placed = tuple(replace(grasp, surface_sd_mm={}) for grasp in placed)
+    fruit = with_stated_surface(case, fruit)
     return MismatchCase(
         mesh=fruit.mesh,
-        grasps=tuple(map(grasp_case, placed)),
+        grasps=tuple(map(grasp_case, fruit.placed)),
         poisson_ratio=fruit.poisson_ratio,
-        budget=budget,
+        budget=fruit.budget,
     )
 
 
-def find(case: MismatchCase, log: StageLog, *, jobs: int) -> Explanation:
+def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
+    """The fruit with the error of its surface that the case states, where it states one."""
+    if case.mesh_sd_mm is None:
+        return fruit
+    return replace(
+        fruit,
+        budget=replace(fruit.budget, surface_sd_mm=case.mesh_sd_mm),
+        placed=tuple(replace(grasp, surface_sd_mm={}) for grasp in fruit.placed),
+    )
+
+
+def plain_modulus(case: Case, fruit: GraspedFruit) -> Modulus:
+    """E without an effect, as `drupe grade` gives it for these recordings; raises FemFailure."""
+    fruit = with_stated_surface(case, fruit)
+    try:
+        found = fruit_modulus(
+            case.task, fruit.placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
+        ).modulus
+    except ExceptionGroup as failures:
+        first = failures.exceptions[0]
+        raise first if isinstance(first, FemFailure) else failures from None
+    return Modulus(value=found.E_MPa, sd=found.E_sd_MPa)
+
+
+def find(case: MismatchCase, plain: Modulus, log: StageLog, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.procedure import explain
 
-    return explain(case, progress=log.report, workers=jobs)
+    return explain(case, plain=plain, progress=log.report, workers=jobs)
 
 
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, log)
     handed = mismatch_case(case, fruit)
+    with log.stage("modulus"):
+        plain = plain_modulus(case, fruit)
     with log.stage("explanation"):
-        found = find(handed, log, jobs=jobs)
+        found = find(handed, plain, log, jobs=jobs)
     notes = dict.fromkeys(
         [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, log.warnings)]
     )

@@ -4,22 +4,25 @@ import hashlib
 import itertools
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Int
 
-from fem.elements.assembly import assemble
+from fem.elements.assembly import Stiffness, assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.hyperelastic_grasp import with_large_deformation
 from fem.estimation.joint_inference import FruitModulus
+from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
 from fem.estimation.sensitivity import POISSON_RATIO
+from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
-from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.batch.cache import Artifact, cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
@@ -49,14 +52,27 @@ def fruit_modulus(
 
     The responses on each mesh that is tried are kept as `stage` and a number.
     """
-    histories = [history(grasp) for grasp in grasps]
+    prepared = [_prepared(grasp) for grasp in grasps]
+    histories = [
+        history(grasp) if isinstance(one, FemFailure) else one.history
+        for grasp, one in zip(grasps, prepared, strict=True)
+    ]
     number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
         name = f"{stage}-{next(number)}"
-        return responses(task, name, grasps, histories, moved, poisson_ratio=poisson_ratio, budget=budget)
+        return responses(task, name, grasps, prepared, moved, poisson_ratio=poisson_ratio, budget=budget)
 
     return infer_modulus(histories, mesh, respond, budget=budget)
+
+
+def _prepared(grasp: PlacedGrasp) -> PreparedGrasp | FemFailure:
+    """The recording as models are driven by it, or why it drives none."""
+    case = grasp_case(grasp)
+    try:
+        return prepared_grasp(case.history, case.turns)
+    except FemFailure as failure:
+        return failure
 
 
 def modulus_record(
@@ -117,7 +133,7 @@ def responses(
     task: FruitTask,
     stage: str,
     grasps: Sequence[PlacedGrasp],
-    histories: Sequence[GraspHistory],
+    prepared: Sequence[PreparedGrasp | FemFailure],
     mesh: FleshMesh,
     *,
     poisson_ratio: float,
@@ -125,7 +141,8 @@ def responses(
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
-    Kept on disk as `stage`, by content; what confirmed effects add to it beside it.
+    Markers sit where they touched (fem.estimation.touched_skin). Kept on disk as `stage`, by content; what
+    confirmed effects add to it beside it.
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
@@ -133,48 +150,24 @@ def responses(
     holds_it = any(one.spec.holds_large_deformation for one in effects)
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
-    assumed = [poisson_ratio, *([budget.gel_scale_sd] if large else [])]
+    assumed = [poisson_ratio, budget.gel_scale_sd, large]
+    digest = _digest(mesh, prepared)
     key = stage_key(
         "response",
         files=[],
-        settings=[_digest(mesh, histories, motion=large), supports, names, assumed],
+        settings=[digest, supports, names, assumed],
         rooms=("pipeline", "fem"),
     )
 
-    def model(k: int, solid: UnitModulusSolid) -> GraspModel | FemFailure:
-        try:
-            small = grasp_model(histories[k], solid)
-            if large:
-                law = NeoHookean(poisson_ratio=poisson_ratio)
-                small = with_large_deformation(small, histories[k], solid, law, scale_sd=budget.gel_scale_sd)
-            return small
-        except FemFailure as failure:
-            return failure
-
     def compute() -> list[GraspModel | FemFailure]:
-        parts = assemble(mesh.nodes_mm, mesh.tets)
+        flesh = _Flesh(mesh, poisson_ratio, assemble(mesh.nodes_mm, mesh.tets))
         models: dict[int, GraspModel | FemFailure] = {}
         for support in dict.fromkeys(supports):
-            nodes = {}
-            for k in (k for k, one in enumerate(supports) if one == support):
-                try:
-                    nodes[k] = contact_nodes(mesh, [histories[k]])
-                except FemFailure as failure:
-                    models[k] = failure
-            if not nodes:
-                continue
-            try:
-                solid = UnitModulusSolid.factorise(
-                    mesh,
-                    poisson_ratio=poisson_ratio,
-                    support=support,
-                    parts=parts,
-                    contact_nodes=np.unique(np.concatenate(list(nodes.values()))),
-                )
-            except FemFailure as failure:
-                models |= dict.fromkeys(nodes, failure)
-                continue
-            models |= {k: model(k, solid) for k in nodes}
+            own = [k for k, one in enumerate(supports) if one == support]
+            found = _models(
+                flesh, support, [prepared[k] for k in own], gel_scale_sd=budget.gel_scale_sd, large=large
+            )
+            models |= dict(zip(own, found, strict=True))
         return [models[k] for k in range(len(grasps))]
 
     plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))
@@ -194,22 +187,94 @@ def responses(
     key = stage_key(
         "effects",
         files=[],
-        settings=[key, _digest(mesh, histories, motion=True), keyed(effects), budget.gel_scale_sd],
+        settings=[key, digest, keyed(effects)],
         rooms=("pipeline", "fem"),
     )
     found = cached(task.results.cache, f"{stage}-effects", key, beyond).arrays
     return with_corrections(plain, [found[str(k)] for k in range(len(modelled))])
 
 
-def _digest(mesh: FleshMesh, histories: Sequence[GraspHistory], *, motion: bool) -> str:
-    """Of the mesh, the contacts and their forces; with the markers' `motion` over time where it counts."""
+@dataclass(frozen=True)
+class _Flesh:
+    """One mesh, assembled once for all supports and contacts."""
+
+    mesh: FleshMesh
+    poisson_ratio: float
+    parts: Stiffness
+
+    def factorised(self, support: Support, nodes: Int[np.ndarray, " c"]) -> UnitModulusSolid:
+        """Held as `support` says, with the compliance of these contact nodes."""
+        return UnitModulusSolid.factorise(
+            self.mesh,
+            poisson_ratio=self.poisson_ratio,
+            support=support,
+            parts=self.parts,
+            contact_nodes=nodes,
+        )
+
+
+def _models(
+    flesh: _Flesh,
+    support: Support,
+    prepared: Sequence[PreparedGrasp | FemFailure],
+    *,
+    gel_scale_sd: float,
+    large: bool,
+) -> list[GraspModel | FemFailure]:
+    """Of the grasps on one support; `large`: with large deformation."""
+    usable: dict[int, PreparedGrasp] = {}
+    nodes = [np.zeros(0, dtype=np.int64)]
+    models: dict[int, GraspModel | FemFailure] = {}
+    for k, grasp in enumerate(prepared):
+        if isinstance(grasp, FemFailure):
+            models[k] = grasp
+            continue
+        try:
+            nodes.append(contact_nodes(flesh.mesh, [grasp.history]))
+            usable[k] = grasp
+        except FemFailure as failure:
+            models[k] = failure
+    if usable:
+        try:
+            solid = flesh.factorised(support, np.unique(np.concatenate(nodes)))
+        except FemFailure as failure:
+            models |= dict.fromkeys(usable, failure)
+            usable = {}
+    for k, grasp in usable.items():
+        try:
+            models[k] = _model(flesh, solid, grasp, gel_scale_sd=gel_scale_sd, large=large)
+        except FemFailure as failure:
+            models[k] = failure
+    return [models[k] for k in range(len(prepared))]
+
+
+def _model(
+    flesh: _Flesh, solid: UnitModulusSolid, grasp: PreparedGrasp, *, gel_scale_sd: float, large: bool
+) -> GraspModel:
+    """With the markers where they touched; raises FemFailure."""
+    history = on_touched_skin(grasp, solid, gel_scale_sd=gel_scale_sd)
+    nodes = contact_nodes(flesh.mesh, [history])
+    if not np.isin(nodes, solid.contact_nodes).all():
+        solid = flesh.factorised(solid.support, nodes)
+    small = grasp_model(history, solid)
+    if not large:
+        return small
+    law = NeoHookean(poisson_ratio=flesh.poisson_ratio)
+    return with_large_deformation(small, history, solid, law, scale_sd=gel_scale_sd)
+
+
+def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> str:
+    """Of the mesh and of all that a recording drives a model with and is compared with."""
     digest = hashlib.sha256()
-    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
+    arrays = [mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes]
+    for one in prepared:
+        if isinstance(one, FemFailure):
+            digest.update(one.detail.encode())
+            continue
+        arrays += [one.history.time_s, one.used, one.touched, one.patterns, one.shares]
+        for pad in one.history.pads:
+            arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
+            arrays += [pad.force_N, pad.episode]
+    for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
-    for one in histories if motion else ():
-        digest.update(one.time_s.tobytes())
-    for pad in (pad for one in histories for pad in one.pads):
-        seen = (pad.position_mm, pad.gel_displacement_mm) if motion else ()
-        for array in (pad.rest_mm, pad.surface_mm, pad.force_N, pad.episode, *seen):
-            digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

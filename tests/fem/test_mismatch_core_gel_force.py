@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from planted_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
 
-from fem.estimation.denoised_force import DenoisedForce, denoised_force
+from fem.estimation import denoised_force as module
+from fem.estimation.denoised_force import DenoisedForce
 from fem.grasp_history import PadHistory
 
 FORCE = true_force()
@@ -32,6 +33,13 @@ def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray |
         force_sd_N=NOISE_N,
         lag1=0.0,
     )
+
+
+def denoised_force(pad: PadHistory, turn: np.ndarray, used: np.ndarray) -> DenoisedForce:
+    """In the frames used."""
+    found = module.denoised_force(pad, turn, used)
+    assert found.force_N.shape == pad.force_N.shape
+    return replace(found, force_N=found.force_N[used])
 
 
 def off(found: DenoisedForce, truth: np.ndarray) -> float:

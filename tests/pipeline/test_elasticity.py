@@ -9,6 +9,8 @@ import trimesh
 
 import pipeline.fruit.elasticity as elasticity
 from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import tetrahedralise
@@ -81,6 +83,12 @@ def histories(mesh):
     return {"along-x": pressed(mesh, 0), "along-y": pressed(mesh, 1)}
 
 
+def turns_of(name):
+    """Axes of both pads: the third one into the fruit."""
+    axis = 0 if name == "along-x" else 1
+    return np.stack([np.roll(np.eye(3), 2 - axis, axis=1) * [1.0, 1.0, into] for into in (1.0, -1.0)])
+
+
 def off_the_skin(history):
     return replace(history, pads=tuple(replace(p, surface_mm=1.5 * p.surface_mm) for p in history.pads))
 
@@ -90,6 +98,11 @@ def workplace(tmp_path, monkeypatch, histories):
     """A fruit's task with an empty cache, its grasps by name, and a count of the factorisations."""
     known = dict(histories, lost=off_the_skin(histories["along-y"]))
     monkeypatch.setattr(elasticity, "history", lambda grasp: known[grasp.name])
+    monkeypatch.setattr(
+        elasticity,
+        "grasp_case",
+        lambda grasp: SimpleNamespace(history=known[grasp.name], turns=turns_of(grasp.name)),
+    )
     made = []
     factorise = UnitModulusSolid.factorise
 
@@ -130,11 +143,12 @@ def test_a_second_run_with_the_same_content_factorises_nothing(workplace, mesh):
 
 def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, histories):
     task, _ = workplace
+    prepared = prepared_grasp(histories["along-x"], turns_of("along-x"))
     (kept,) = elasticity.responses(
         task,
         "response-0",
         grasps("along-x"),
-        [histories["along-x"]],
+        [prepared],
         mesh,
         poisson_ratio=NU,
         budget=ErrorBudget(),
@@ -142,7 +156,8 @@ def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, 
     solid = UnitModulusSolid.factorise(
         mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [histories["along-x"]])
     )
-    made = elasticity.grasp_model(histories["along-x"], solid)
+    touched = on_touched_skin(prepared, solid, gel_scale_sd=ErrorBudget().gel_scale_sd)
+    made = elasticity.grasp_model(touched, solid)
     np.testing.assert_allclose(kept.compliance, made.compliance, atol=2e-7 * np.abs(made.compliance).max())
     np.testing.assert_array_equal(kept.compliance, kept.compliance.T)
     np.testing.assert_array_equal(kept.place_mm, made.place_mm)

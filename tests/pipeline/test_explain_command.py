@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
-from fem.mismatch.result import Where
+from fem.mismatch.result import Modulus, Where
 from pipeline.cli import main
 from tactile.io.recording import IndenterPad, Recording, write_recording
 
@@ -65,18 +65,22 @@ def drupe(monkeypatch, capsys):
     return run
 
 
+PLAIN = Modulus(value=0.5, sd=0.01)
+
+
 @pytest.fixture
 def finder(monkeypatch):
     """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
     handed = {}
 
-    def find(case, log, *, jobs):
+    def find(case, plain, log, *, jobs):
         log.report("naming")
-        handed["case"], handed["jobs"] = case, jobs
+        handed["case"], handed["plain"], handed["jobs"] = case, plain, jobs
         handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
         return handed.get("answer", fake_explanation())
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "plain_modulus", lambda *_: PLAIN)
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
     return handed
 

@@ -1,6 +1,7 @@
 """The plain model of the fruit and of its recordings, with all that an effect may change.
 
-Per recording the measured forces are brought to their few leading patterns; each is solved for once,
+Each of the patterns f_r that a recording's forces are brought to (fem.estimation.prepared_grasp) is solved
+for once,
 
     U_r = K0^-1 L f_r,        c(t) = sum_r a_r(t) L' U_r,        U(t) = sum_r a_r(t) U_r
 
@@ -17,20 +18,15 @@ from jaxtyping import Bool, Float, Int
 from fem.elements.assembly import assemble
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import MarkerTracks
-from fem.estimation.denoised_force import ABOVE_NOISE, denoised_force
-from fem.estimation.frame_thinning import loaded_frames, spacing
-from fem.estimation.unit_response import SMALLEST_SD_MM
-from fem.estimation.zero_drift import zero_drift
+from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp
+from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
-from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.parallel_map import parallel_map
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
-MOST_PATTERNS = 10
-"""Patterns of the forces at most: a solution each. Set by hand."""
 PROBES = 8
 """Random draws of errors of single markers' forces, from which the unevenness by them is estimated."""
 
@@ -160,34 +156,20 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
 def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> GraspResponse:
     """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces."""
     history = case.history
-    used = loaded_frames(history)
-    pairs = [
-        (own, pad.pose[int(np.argmax(pad.normal_N)), :3, :3])
-        for own, pad in zip(history.pads, case.pads, strict=True)
-    ]
-    contacts = [_contacts(*pair)[used] for pair in pairs]
-    for own, contact in zip(history.pads, contacts, strict=True):
-        if not (contact >= 0).any():
+    try:
+        prepared = prepared_grasp(history, case.turns)
+    except FemFailure as failure:
+        raise FemFailure(failure.problem, f"{case.name}: {failure.detail}") from failure
+    used, patterns, shares = prepared.used, prepared.patterns, prepared.shares
+    for own in prepared.history.pads:
+        if not (own.episode >= 0).any():
             raise FemFailure(
                 FemProblem.NO_LOAD,
                 f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
                 "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
             )
-    grown, drift = _drift(history, np.stack([turn[:, 2] for _, turn in pairs]))
-    whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
-    steady = [
-        replace(own, force_N=own.force_N - own_drift)
-        for (own, _), own_drift in zip(
-            pairs, np.split(np.tensordot(grown, drift, axes=1), whose, axis=1), strict=True
-        )
-    ]
-    felt = [denoised_force(own, turn, used) for own, (_, turn) in zip(steady, pairs, strict=True)]
-    force = np.concatenate([pad.force_N for pad in felt], axis=1)
-    sd_N = max(pad.sd_N for pad in felt)
+    force, sd_N = prepared.force_N, prepared.force_sd_N
     noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
-    patterns, shares = _patterns(force, noisy_N)
-    patterns, shares = np.concatenate([patterns, drift]), np.column_stack([shares, grown[used]])
-    force = force + np.tensordot(grown[used], drift, axes=1)
     links = tuple(pad_link(pad, solid) for pad in history.pads)
     size = np.linalg.norm(force, axis=2).sum(axis=1)
     rng = np.random.default_rng(0)
@@ -199,24 +181,15 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
     on_skin = moved[:, solid.contact_nodes]
     response = np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
-    counts = [len(pad.rest_mm) for pad in history.pads]
-    sd = [max(pad.displacement_sd_mm, SMALLEST_SD_MM) for pad in history.pads]
-    lag1 = [pad.lag1 ** spacing(used) for pad in history.pads]
     return GraspResponse(
         case=case,
         used=used,
         links=links,
-        tracks=MarkerTracks(
-            place_mm=np.concatenate([pad.surface_mm for pad in history.pads]),
+        tracks=tracks_of(
+            prepared.history,
+            used,
             normal=np.vstack([link.place.normal for link in links]),
-            position_mm=np.concatenate([pad.position_mm[used] for pad in history.pads], axis=1),
             unit_displacement=np.tensordot(shares, response, axes=(1, 0)),
-            gel_displacement_mm=np.concatenate(
-                [pad.gel_displacement_mm[used] for pad in history.pads], axis=1
-            ),
-            episode=np.concatenate(contacts, axis=1),
-            sd_mm=np.repeat(sd, counts),
-            lag1=np.repeat(lag1, counts),
         ),
         force_N=force,
         force_sd_N=sd_N,
@@ -228,57 +201,6 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
         load=size / size.max(),
         uneven=_spread(links, probed[:, solid.contact_nodes]),
     )
-
-
-def _drift(
-    history: GraspHistory, normals: Float[np.ndarray, "p 3"]
-) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
-    """Zero drift in the recorded forces of pads that surely drift: its time course, and unit patterns.
-
-    It is evenly spread and so small on each marker that noise would hide it: it is separated before patterns
-    are told from noise.
-    """
-    shares, patterns = [], []
-    for pad, normal in enumerate(normals):
-        drifting = zero_drift(history, pad, normal)
-        if drifting is None or not drifting.sure:
-            continue
-        own = history.pad_of_marker == pad
-        size = np.sqrt(own.sum())
-        shares.append(drifting.rate_N_per_s * (history.time_s - drifting.from_s) / size)
-        patterns.append(own[:, None] * normal / size)
-    count = len(history.pad_of_marker)
-    return (
-        np.reshape(shares, (len(shares), len(history.time_s))).T,
-        np.reshape(patterns, (len(patterns), count, 3)),
-    )
-
-
-PRESSED = 3.0
-"""A marker presses when its normal force exceeds so many standard deviations of its noise."""
-FEWEST_PRESSED = 6
-"""Markers of a pad, at least, in a frame that counts. Set by hand: two tell its motion alone, and nothing
-about the flesh."""
-RIM, PEAK = 0.25, 20
-"""Markers that press less than this share of the mean of the PEAK that press most are on the patch's rim. The
-skin bends away there within a marker's width, a model is micrometres off, and they are left out."""
-
-
-def _contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
-    """Numbers of contacts without rims and frames in which the pad has let go, and counted anew after these.
-
-    A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be
-    noise. Where hardly any marker of the pad presses, all of them have let go.
-    """
-    normal = pad.force_N @ turn[:, 2]
-    pressed = (normal > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
-    loose = pressed.sum(axis=1) < FEWEST_PRESSED
-    gone = np.cumsum(loose)[:, None]
-    peak = np.sort(normal, axis=1)[:, -PEAK:].mean(axis=1)
-    inside = pressed & (normal > RIM * peak[:, None]) & ~loose[:, None]
-    number = np.where(inside, pad.episode + gone, -1)
-    known = np.unique(number[number >= 0])
-    return np.where(number >= 0, np.searchsorted(known, number), -1)
 
 
 def _noise_of_patterns(shares: Float[np.ndarray, "f r"], frame: int) -> float:
@@ -297,17 +219,6 @@ def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Floa
         own = recording - recording.mean(axis=1, keepdims=True)
         found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
     return np.concatenate(found)
-
-
-def _patterns(
-    force_N: Float[np.ndarray, "f n 3"], sd_N: float
-) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
-    """The leading patterns that exceed what noise alone would make (Marchenko and Pastur 1967)."""
-    flat = force_N.reshape(len(force_N), -1)
-    left, size, right = np.linalg.svd(flat, full_matrices=False)
-    above = size[:MOST_PATTERNS] > ABOVE_NOISE * sd_N * (np.sqrt(flat.shape[0]) + np.sqrt(flat.shape[1]))
-    count = max(1, int(above.sum()))
-    return right[:count].reshape(count, -1, 3), left[:, :count] * size[:count]
 
 
 def _nodal(

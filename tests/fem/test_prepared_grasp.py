@@ -1,0 +1,144 @@
+"""Prepared recordings: noise in the forces pulls 1/E down no longer, and only markers that press count."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.estimation.compliance_fit import fit_compliance
+from fem.estimation.prepared_grasp import FEWEST_PRESSED, RIM, prepared_grasp, pressing_contacts
+from fem.estimation.unit_response import tracks_of
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory, PadHistory
+
+COMPLIANCE = 4.0
+GEL_N_PER_MM = 0.2
+FORCE_SD_N, MOVED_SD_MM = 0.008, 0.004
+COUNT, AIR, LOADED = 120, 12, 40
+TURN = np.eye(3)[None]
+PLACE = np.random.default_rng(7).uniform(-6, 6, (COUNT, 3))
+NEAR = np.exp(-(((PLACE[:, None] - PLACE[None]) ** 2).sum(-1)) / 18)
+
+
+def moved(force):
+    """The response of a field of springs, for 1/E = 1."""
+    return np.einsum("nm,tmx->tnx", NEAR, force)
+
+
+def truth(peak_N=0.05):
+    """Forces that grow and fade between frames in the air."""
+    load = np.pad(np.sin(np.linspace(0.05, np.pi - 0.05, LOADED)), AIR)
+    each = load[:, None] * np.exp(-(PLACE**2).sum(1) / 40)
+    return peak_N * np.stack([0.1 * each, 0.05 * each, each], axis=2)
+
+
+def recorded(rng, *, peak_N=0.05, more=0.0):
+    """A recording of them by a gel of springs; `more`: forces of which neither gel nor fruit knows."""
+    force = truth(peak_N)
+    touching = np.linalg.norm(force, axis=2) > 0
+    gel = -force / GEL_N_PER_MM + rng.normal(0, MOVED_SD_MM, force.shape)
+    pad = PadHistory(
+        name="left",
+        rest_mm=PLACE,
+        surface_mm=PLACE,
+        position_mm=PLACE + COMPLIANCE * moved(force) + rng.normal(0, MOVED_SD_MM, force.shape),
+        gel_displacement_mm=gel,
+        force_N=force + more + rng.normal(0, FORCE_SD_N, force.shape),
+        episode=np.where(touching, 0, -1),
+        displacement_sd_mm=MOVED_SD_MM,
+        force_sd_N=FORCE_SD_N,
+        lag1=0.0,
+    )
+    phase = ("air",) * AIR + ("load",) * LOADED + ("air",) * AIR
+    return GraspHistory(time_s=0.1 * np.arange(len(force)), phase=phase, pads=(pad,))
+
+
+def found_compliance(history, used):
+    force = history.pads[0].force_N[used]
+    tracks = tracks_of(history, used, normal=np.tile([0.0, 0, 1], (COUNT, 1)), unit_displacement=moved(force))
+    return fit_compliance(tracks, scale_sd=0.004, fruit_moves=False).compliance
+
+
+def test_noise_in_the_forces_lowers_the_compliance_of_a_raw_recording_and_not_of_a_prepared_one():
+    raw, prepared = [], []
+    for seed in range(30):
+        history = recorded(np.random.default_rng(seed))
+        ready = prepared_grasp(history, TURN)
+        raw.append(found_compliance(history, ready.used))
+        prepared.append(found_compliance(ready.history, ready.used))
+    spread = np.std(prepared) / np.sqrt(len(prepared))
+    assert np.mean(raw) < 0.97 * COMPLIANCE
+    assert np.mean(prepared) == pytest.approx(COMPLIANCE, abs=max(3 * spread, 0.004 * COMPLIANCE))
+    assert spread < 0.01 * COMPLIANCE
+
+
+def test_the_patterns_are_the_forces_of_the_prepared_recording():
+    ready = prepared_grasp(recorded(np.random.default_rng(1)), TURN)
+    driving = np.tensordot(ready.shares, ready.patterns, axes=1)
+    np.testing.assert_allclose(driving, ready.history.pads[0].force_N[ready.used], atol=1e-12)
+    off = driving - truth()[ready.used]
+    assert np.sqrt((off**2).mean()) < 0.15 * FORCE_SD_N
+    assert ready.force_sd_N == pytest.approx(GEL_N_PER_MM * MOVED_SD_MM, rel=0.1)
+
+
+def test_a_sure_drift_of_the_zero_stays_in_the_forces_that_drive_the_model():
+    drift_N = np.zeros((LOADED + 2 * AIR, COUNT, 3))
+    drift_N[:, :, 2] = np.linspace(0, 0.02, len(drift_N))[:, None]
+    history = recorded(np.random.default_rng(2), more=drift_N)
+    ready = prepared_grasp(history, TURN)
+    between = (ready.history.pads[0].force_N - truth())[:, :, 2].mean(axis=1)
+    grown = between[-AIR:].mean() - between[:AIR].mean()
+    assert grown == pytest.approx(np.ptp(drift_N) * (LOADED + AIR) / (LOADED + 2 * AIR), rel=0.05)
+
+
+def pressing(normal_N, *, noise_N=0.001):
+    """A pad whose markers press so, all of them in one contact."""
+    normal = np.asarray(normal_N, dtype=float)
+    still = np.zeros((*normal.shape, 3))
+    place = np.arange(3.0 * normal.shape[1]).reshape(-1, 3)
+    return PadHistory(
+        name="left",
+        rest_mm=place,
+        surface_mm=place,
+        position_mm=place + still,
+        gel_displacement_mm=still,
+        force_N=normal[:, :, None] * [0.0, 0, 1],
+        episode=np.zeros(normal.shape, dtype=np.int64),
+        displacement_sd_mm=0.001,
+        force_sd_N=noise_N,
+        lag1=0.0,
+    )
+
+
+def test_markers_on_the_rim_of_a_patch_are_no_contact():
+    normal = np.ones((4, 30))
+    normal[:, -3:] = 0.8 * RIM
+    contact = pressing_contacts(pressing(normal), TURN[0])
+    assert (contact[:, :-3] == 0).all()
+    assert (contact[:, -3:] == -1).all()
+
+
+def test_a_pad_that_let_go_in_between_counts_its_contacts_anew():
+    normal = np.ones((6, 30))
+    normal[2, FEWEST_PRESSED - 1 :] = 0.0
+    contact = pressing_contacts(pressing(normal), TURN[0])
+    assert [set(row) for row in contact.tolist()] == [{0}, {0}, {-1}, {1}, {1}, {1}]
+
+
+def test_a_marker_that_stops_for_a_frame_is_still_in_its_contact():
+    normal = np.ones((5, 30))
+    normal[2, 4] = 0.0
+    contact = pressing_contacts(pressing(normal), TURN[0])
+    assert contact[:, 4].tolist() == [0, 0, -1, 0, 0]
+
+
+def test_a_touch_by_too_few_markers_is_no_load():
+    normal = np.zeros((5, 30))
+    normal[:, : FEWEST_PRESSED - 1] = 1.0
+    pad = pressing(normal)
+    history = GraspHistory(time_s=np.arange(5.0), phase=("load",) * 5, pads=(pad,))
+    with pytest.raises(FemFailure, match=f"presses at {FEWEST_PRESSED} markers at once") as caught:
+        prepared_grasp(history, TURN)
+    assert caught.value.problem is FemProblem.NO_LOAD
+    enough = replace(history, pads=(pressing(np.ones((5, 30))),))
+    assert prepared_grasp(enough, TURN).used.all()
