@@ -58,11 +58,11 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
         signal.SIGHUP: signal.SIG_DFL,
         signal.SIGINT: signal.default_int_handler,
     }
-    told = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
-    for number in told:
+    handled = [number for number, handler in usual.items() if signal.getsignal(number) == handler]
+    for number in handled:
         signal.signal(number, interrupt)
     try:
         yield came
     finally:
-        for number in told:
+        for number in handled:
             signal.signal(number, usual[number])

@@ -43,8 +43,8 @@ def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
         white = max(_rough_N(trace.force_N), least)
         return NoContactNoise(white_N=white, coloured_N=0.0, fade=0.0, frames=len(trace.force_N) // 4)
     time, force = trace.time_s[:calm], trace.force_N[:calm]
-    left = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
-    c0, c1, c2 = (float(left[: calm - k] @ left[k:]) / (calm - 2) for k in range(3))
+    detrended = force - np.polynomial.Polynomial.fit(time, force, 1)(time)
+    c0, c1, c2 = (float(detrended[: calm - k] @ detrended[k:]) / (calm - 2) for k in range(3))
     if c0 <= least**2 or c1 < 2 / np.sqrt(calm) * c0:
         return NoContactNoise(white_N=max(np.sqrt(c0), least), coloured_N=0.0, fade=0.0, frames=calm - 2)
     fade = float(np.clip(c2 / c1, c1 / c0, 0.95))

@@ -91,8 +91,8 @@ def verdict_of(
         return NONE
     if log_odds < np.log(2 / ALARM):
         return UNKNOWN if best[NONE].share > NOTICED else NONE
-    left = best[candidates[0].effect].share
-    if left > max(LEFT_OVER, LEFT_OF_LINEAR * best[NONE].share):
+    unexplained = best[candidates[0].effect].share
+    if unexplained > max(LEFT_OVER, LEFT_OF_LINEAR * best[NONE].share):
         return UNKNOWN
     limit = np.log(candidates[0].probability) - APART
     close = [c.effect for c in candidates if np.log(max(c.probability, 1e-300)) >= limit]

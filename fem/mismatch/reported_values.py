@@ -124,7 +124,7 @@ def traces(
             return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))
 
         plain = approach(response)
-        left = [
+        residuals = [
             approach(products.marker_residual(k, products.fit(columns, keep=others)))
             for products, columns in (before, after)
         ]
@@ -136,9 +136,9 @@ def traces(
                 time_s=recording.time_s,
                 phase=phase,
                 force_N=force,
-                given_mm=plain + left[0],
+                given_mm=plain + residuals[0],
                 before_mm=plain,
-                after_mm=plain + left[0] - left[1],
+                after_mm=plain + residuals[0] - residuals[1],
             )
         )
     return tuple(found)

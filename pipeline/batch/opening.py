@@ -99,9 +99,9 @@ def survey(root: Path) -> Survey:
     rows = mat = category = prior = None
     settings = _gather(problems, lambda: read_settings(folder.settings))
     if root.is_dir():
-        told = _gather(problems, lambda: read_fruits(folder.table))
-        if told is not None:
-            rows, faults = told
+        table = _gather(problems, lambda: read_fruits(folder.table))
+        if table is not None:
+            rows, faults = table
             problems += faults
         lies = folder.mat.exists() or folder.mat.is_symlink()
         mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None

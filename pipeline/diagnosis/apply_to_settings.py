@@ -47,11 +47,11 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
         path.chmod(mode)
     except OSError as error:
         return f"Not applied: {path} cannot be written ({error.strerror})."
-    told = " and ".join(
+    applied_effects = " and ".join(
         f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
         for one in effects
     )
-    return f"Applied: {path} now holds {told}; run `drupe grade` again to use it."
+    return f"Applied: {path} now holds {applied_effects}; run `drupe grade` again to use it."
 
 
 def why_not(found: Explanation) -> str:

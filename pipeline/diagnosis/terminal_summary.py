@@ -43,8 +43,10 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")
     else:
-        told = zip(("without", "with", "noise"), found.rms, strict=True)
-        line("held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in told))
+        residuals = zip(("without", "with", "noise"), found.rms, strict=True)
+        line(
+            "held-out recordings, residual: " + ", ".join(f"{name} {number(rms)}" for name, rms in residuals)
+        )
     if found.next_grasp:
         line(f"record next: {found.next_grasp}")
     for note in found.notes:

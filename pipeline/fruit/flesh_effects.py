@@ -51,10 +51,10 @@ def with_corrections(
     correction.
     """
     changed: list[GraspModel | FemFailure] = []
-    left = iter(beyond)
+    remaining = iter(beyond)
     for model in models:
         if isinstance(model, GraspModel):
-            own = next(left)
+            own = next(remaining)
             displacement_correction = (
                 own if model.displacement_correction is None else model.displacement_correction + own
             )

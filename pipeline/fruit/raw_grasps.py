@@ -48,8 +48,8 @@ def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> 
 
 
 def _in_quarters(grasp: str, report: Callable[[str], None]) -> Callable[[str, int, int], None]:
-    def told(pad: str, done: int, total: int) -> None:
+    def progress(pad: str, done: int, total: int) -> None:
         if done in (0, total) or done * 4 // total != (done - 1) * 4 // total:
             report(f"{grasp}: {pad}, frame {done} of {total}")
 
-    return told
+    return progress

@@ -53,11 +53,11 @@ def _doubted(
         others = [one for one in holders.get(grasp.digest, ()) if one[0] != record.fruit_id]
         if others:
             said.append(in_two_fruit(grasp.grasp, (_file(folder, *one) for one in others)))
-    told = with_copies(record, said)
+    marked = with_copies(record, said)
     if not said or record.modulus is None:
-        return told
+        return marked
     modulus = doubted_modulus(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used), shared=False)
-    return told.model_copy(update={"modulus": modulus})
+    return marked.model_copy(update={"modulus": modulus})
 
 
 def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:

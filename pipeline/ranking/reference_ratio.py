@@ -167,12 +167,12 @@ def against_references(
         corrected=corrected,
         sentences=tuple(_sentences(bodies, asked, ratio, corrected=corrected)),
     )
-    return [_told(record, finding) for record in records], finding
+    return [_with_reference(record, finding) for record in records], finding
 
 
-def as_measured(record: FruitRecord, told: FruitRecord) -> FruitRecord:
+def as_measured(record: FruitRecord, corrected: FruitRecord) -> FruitRecord:
     """The record as it is kept: its own modulus as measured, and beside it what the reports say of it."""
-    return record.model_copy(update={"reference": told.reference})
+    return record.model_copy(update={"reference": corrected.reference})
 
 
 def _body(record: FruitRecord, modulus: ModulusRecord) -> BodyFound:
@@ -276,7 +276,7 @@ def _with_sd(ratio: Ratio) -> str:
     return f"{ratio.ratio:.{places}f} ± {ratio.sd:.{places}f}"
 
 
-def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
+def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
     """A fruit's record with the reference bodies' ratio: its E divided by it, doubted, or as it was."""
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
@@ -290,7 +290,7 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
         modulus = doubted_modulus(modulus, doubt.relative_sd, shared=True)
         changed["doubts"] = (*record.doubts, doubt.sentence)
         changed["warnings"] = (doubt.sentence, *record.warnings)
-    told = ReferenceRecord(
+    reference = ReferenceRecord(
         bodies=tuple(one.fruit_id for one in finding.bodies),
         ratio=ratio.ratio,
         ratio_sd=ratio.sd,
@@ -298,7 +298,7 @@ def _told(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
         E_MPa=modulus.E_MPa,
         E_sd_MPa=modulus.E_sd_MPa,
     )
-    return record.model_copy(update={**changed, "modulus": modulus, "reference": told})
+    return record.model_copy(update={**changed, "modulus": modulus, "reference": reference})
 
 
 def _doubt(ratio: Ratio, bodies: Sequence[BodyFound]) -> Doubt:

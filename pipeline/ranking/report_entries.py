@@ -148,8 +148,8 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
 
 def _uncorrected_MPa(record: FruitRecord) -> float | None:
     """E as it was measured, where the reference bodies corrected it."""
-    told = record.reference
-    return told.E_MPa * told.ratio if told is not None and told.corrected else None
+    reference = record.reference
+    return reference.E_MPa * reference.ratio if reference is not None and reference.corrected else None
 
 
 def _explained(record: FruitRecord, files: FruitResults) -> str | None:
@@ -189,9 +189,11 @@ def _curves(grasps: Sequence[GraspRecord]) -> list[ForceCurve]:
 def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
     """(label, value) of a fruit's details in the report, in their order."""
     facts: list[tuple[str, str]] = []
-    if (told := record.reference) is not None and told.corrected:
-        by = f"divided by {told.ratio:.3f} ± {told.ratio_sd:.3f}, from {', '.join(told.bodies)}"
-        facts.append(("E as measured", f"{told.E_MPa * told.ratio:.4g} MPa ({by})"))
+    if (reference := record.reference) is not None and reference.corrected:
+        by = (
+            f"divided by {reference.ratio:.3f} ± {reference.ratio_sd:.3f}, from {', '.join(reference.bodies)}"
+        )
+        facts.append(("E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"))
     if place:
         span = f"{place.rank_low} to {place.rank_high}"
         facts.append(("Rank, 90 % range", span if place.rank_low < place.rank_high else str(place.rank)))

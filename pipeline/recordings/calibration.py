@@ -193,11 +193,11 @@ def _stiffness(
 ) -> list[str]:
     """The gel's table for sensor.toml, its stiffness scaled to the load cell's force; raises BatchRefused."""
 
-    def told(pad: str, done: int, of: int) -> None:
+    def report_pad(pad: str, done: int, of: int) -> None:
         if done == of:
             report(f"{pad}: {done} of {of} frames")
 
-    recording = recording_of(read_raw_grasp(press, sensor=path), progress=told).recording
+    recording = recording_of(read_raw_grasp(press, sensor=path), progress=report_pad).recording
     pad = recording.pads[0]
     if recording.wrench_N is None or not isinstance(pad, GelPad):
         raise BatchRefused([Problem(str(press), "has no load cell; log fx_N, fy_N and fz_N in log.csv.")])

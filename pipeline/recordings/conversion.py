@@ -111,12 +111,12 @@ def _read(
 ) -> tuple[Converted, list[Tac3D]]:
     """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any."""
 
-    def told(pad: str, done: int, of: int) -> None:
+    def report_pad(pad: str, done: int, of: int) -> None:
         if done % TELL_EVERY == 0 or done == of:
             report(f"{pad}: {done} of {of} frames")
 
     if (source / "grasp.toml").is_file():
-        return recording_of(read_raw_grasp(source, sensor=wanted.sensor), progress=told), []
+        return recording_of(read_raw_grasp(source, sensor=wanted.sensor), progress=report_pad), []
     if folders := sensor_folders(source):
         sensors = [read_tac3d(folder) for folder in folders]
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
@@ -133,7 +133,7 @@ def _read(
     if kind in (".h5", ".hdf5") and holds_images_only(source):
         file = stack.enter_context(opened(source))
         raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=told), []
+        return recording_of(raw, progress=report_pad), []
     if kind in (".h5", ".hdf5"):
         read_recording(source)
         raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])

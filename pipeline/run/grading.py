@@ -154,9 +154,9 @@ def grade(
         for fruit_id, record in records.items():
             records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), results)
         measured = [records[row.fruit_id] for row in batch.rows]
-        told = copies_doubted(measured, batch.folder)
-        in_order, finding = against_references(told, correct=batch.settings.reference.correct)
-        _keep_what_is_told(measured, in_order, results)
+        compared = copies_doubted(measured, batch.folder)
+        in_order, finding = against_references(compared, correct=batch.settings.reference.correct)
+        _keep_comparisons(measured, in_order, results)
         chart, own = ControlChart(), []
         if chart_at is not None and finding is not None:
             own = own_points(finding, lot=batch.settings.lot, moment=started, inputs=inputs)
@@ -182,21 +182,21 @@ def grade(
     return status, entry
 
 
-def _status(told: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
+def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
     """The exit status of a run that went to its end; what staff must look into is no 0."""
-    if not all(record.graded for record in told):
+    if not all(one.graded for one in records):
         return UNUSABLE
     alarm = finding is not None and finding.alarm
-    return DOUBTED if alarm or any(record.doubts for record in told) else DONE
+    return DOUBTED if alarm or any(one.doubts for one in records) else DONE
 
 
-def _keep_what_is_told(
-    measured: Sequence[FruitRecord], told: Sequence[FruitRecord], results: Results
+def _keep_comparisons(
+    measured: Sequence[FruitRecord], compared: Sequence[FruitRecord], results: Results
 ) -> None:
     """Every record.json says what the reference bodies make of its fruit, and which of its recordings other
     fruit have too, beside what was measured.
     """
-    for record, one in zip(measured, told, strict=True):
+    for record, one in zip(measured, compared, strict=True):
         kept = with_copies(as_measured(record, one), one.copied)
         if kept != record:
             write_record(results.fruit(record.fruit_id).record, kept)

@@ -60,8 +60,8 @@ def _of_groups(own: Path, groups: Path) -> Iterator[float]:
 def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
     try:
         most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
-        told = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
+        counters = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
     except (OSError, ValueError):
         return
     if most.isdigit() and int(most) < 2**60:
-        yield max(0.0, int(most) - used + float(told.get(cache, 0)))
+        yield max(0.0, int(most) - used + float(counters.get(cache, 0)))

@@ -68,9 +68,9 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     points = np.column_stack([found.scene.ground, np.zeros(len(found.scene.ground))])
     whole = world @ level
     names = [p.name for p in photos]
-    left = [name for i, name in enumerate(names) if i not in members]
+    unplaced = [name for i, name in enumerate(names) if i not in members]
     places = np.array([c.place for c in cameras])
-    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names, unplaced=left)
+    plan = view_plan([names[i] for i in members], places, np.zeros(3), given=names, unplaced=unplaced)
     return Poses(
         cameras=tuple(c.moved(world) for c in cameras),
         used=np.array(members, int),
@@ -79,8 +79,8 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         focal_sd_px=found.focal_sd * cameras[0].focal_px,
         points=points @ whole[:3, :3].T + whole[:3, 3],
         box=box,
-        warnings=(f"{len(left)} of {len(photos)} photos could not be placed. {plan_words(plan)}",)
-        if left
+        warnings=(f"{len(unplaced)} of {len(photos)} photos could not be placed. {plan_words(plan)}",)
+        if unplaced
         else (),
     )
 
@@ -104,8 +104,8 @@ def _apart(
         )
     scene = _started(pairs, largest, size, focal_px)
     places = np.array([-p[:3, :3].T @ p[:3, 3] for p in scene.poses])
-    left = [name for i, name in enumerate(names) if i not in largest]
-    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=left)
+    unplaced = [name for i, name in enumerate(names) if i not in largest]
+    plan = view_plan([names[i] for i in largest], places, _aim(scene), given=names, unplaced=unplaced)
     return ReconFailure(
         ReconProblem.NO_OVERLAP,
         f"The ground joins {listed([names[i] for i in largest])} alone. {plan_words(plan)}",

@@ -91,8 +91,8 @@ def plan_words(plan: ViewPlan) -> str:
             f"photos at {stand} degrees."
         )
     at = dict(zip(plan.names, plan.azimuth_deg, strict=True))
-    told = [*plan.unplaced[:3]]
-    for name in told:
+    named = [*plan.unplaced[:3]]
+    for name in named:
         before, after = _neighbours(name, plan.given, at)
         where = " and ".join(x for x in (before, after) if x is not None)
         said.append(
@@ -100,8 +100,8 @@ def plan_words(plan: ViewPlan) -> str:
             if before and after and before != after
             else f"{name} shares too little with any other: take it again, nearer to {where}."
         )
-    if len(plan.unplaced) > len(told):
-        said.append(f"The same holds for {listed(plan.unplaced[len(told) :])}.")
+    if len(plan.unplaced) > len(named):
+        said.append(f"The same holds for {listed(plan.unplaced[len(named) :])}.")
     return " ".join(said)
 
 

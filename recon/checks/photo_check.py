@@ -79,8 +79,8 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
         kept = _with_first(distinct[0], good, kept, lost)
     used = {look.photo.name for look in kept}
     for done, these in (("left out", False), ("used all the same, for want of better ones", True)):
-        told = {n: r for n, r in weak.items() if n not in lost and (n in used) == these}
-        for reason, names in _by_reason(told).items():
+        reasons = {n: r for n, r in weak.items() if n not in lost and (n in used) == these}
+        for reason, names in _by_reason(reasons).items():
             warnings.append(f"{listed(names)}: {reason}; {done}.")
     if len(kept) < FEWEST_PHOTOS:
         _refuse_rest(looks, lost, known)
@@ -115,12 +115,12 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
             copies.append((photo.name, original.name))
     if not copies:
         return list(photos), []
-    told = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
+    pairs = ", ".join(f"{a} = {b}" for a, b in copies[:FEW_NAMES]) + (
         ", ..." if len(copies) > FEW_NAMES else ""
     )
     noun = "photo is a copy" if len(copies) == 1 else "photos are copies"
     return list(first.values()), [
-        f"{len(copies)} {noun} of another ({told}) and count once; take a photo from every direction."
+        f"{len(copies)} {noun} of another ({pairs}) and count once; take a photo from every direction."
     ]
 
 

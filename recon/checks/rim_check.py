@@ -142,10 +142,10 @@ def rim_doubts(
     odd = sorted((o for o in found if _odd(o)), key=lambda o: -o.apart)
     if not odd:
         return ()
-    told = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
+    misses = listed([f"{o.name} by {o.apart * largest:.1f} mm" for o in odd])
     noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
     return (
-        f"In {noun} the fruit lies elsewhere, or is larger or smaller, than in the rest ({told}): it "
+        f"In {noun} the fruit lies elsewhere, or is larger or smaller, than in the rest ({misses}): it "
         f"was moved "
         "or changed between photos, something hides its edge, or the zoom was changed; photograph it again "
         "without "

@@ -136,8 +136,8 @@ def surface_error(
     floor_mm = float(np.median(floor)) if len(floor) else 0.0
     agreed = mean**2 / (mean**2 + scatter / (INDEPENDENT * np.maximum(held, LEAST_HELD)) + 1e-12)
     rim = mean**2 + scatter / np.maximum(held, 1.0) + floor_mm**2
-    told = held / np.maximum(held + unknown, 1e-9)
-    rim = told * rim + (1 - told) * (UNKNOWN_RIM * diameter) ** 2
+    known_share = held / np.maximum(held + unknown, 1e-9)
+    rim = known_share * rim + (1 - known_share) * (UNKNOWN_RIM * diameter) ** 2
     normals = vertex_normals(vertices, faces)
     graze = np.min([np.arcsin(np.clip(np.abs(facing(vertices, normals, p)), 0, 1)) for p in places], axis=0)
     blind = (NEVER_GRAZED * diameter * graze**2) ** 2 + floor_mm**2

@@ -51,8 +51,8 @@ def ball_print(
 
     Raises TactileFailure (unreadable-frames) where no print is seen: nothing changed by 15 %.
     """
-    untold = SlopeLookup(coefficients=np.zeros((1, 2)))
-    shading = PhotometricDepth(camera, reference, untold, gamma=gamma)
+    uncalibrated = SlopeLookup(coefficients=np.zeros((1, 2)))
+    shading = PhotometricDepth(camera, reference, uncalibrated, gamma=gamma)
     change = shading.change(image).reshape(-1, 3)
     face = on_face(camera, shading.pixels.reshape(-1, 2))[:, :2]
     change_size = np.linalg.norm(change, axis=1)

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from tactile.gel.photometric import PhotometricDepth, SlopeLookup, lambert_lookup
-from tactile.io.plain_file import NotReadable
+from tactile.io.named_file import FileNotReadable
 from tactile.io.plain_numpy import load_npz
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -27,7 +27,7 @@ def read_lookup(path: Path) -> SlopeLookup:
     """The look-up in `path`; raises TactileFailure (unreadable-sensor) where it holds none."""
     try:
         coefficients = load_npz(path)["coefficients"]
-    except NotReadable as cause:
+    except FileNotReadable as cause:
         raise _refused(path, f"that it {cause}") from cause
     except KeyError as cause:
         raise _refused(path, "no array of coefficients") from cause

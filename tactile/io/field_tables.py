@@ -16,8 +16,8 @@ from jaxtyping import Float
 
 from tactile.io.converted import Converted
 from tactile.io.grasp_log import LARGEST, increasing, read_columns
+from tactile.io.named_file import FileNotReadable
 from tactile.io.pictures import unusable
-from tactile.io.plain_file import NotReadable
 from tactile.io.plain_numpy import load_npz
 from tactile.io.recording import GelPad, Loading, Recording
 from tactile.layer_stiffness import layer_stiffness
@@ -79,7 +79,7 @@ def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor
 def _npz(path: Path) -> dict[str, np.ndarray]:
     try:
         return load_npz(path)
-    except NotReadable as cause:
+    except FileNotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
 
 

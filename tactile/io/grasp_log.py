@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.io.decimal_number import decimal_number, meant
+from tactile.io.named_file import FileNotReadable, not_plain, read_text
 from tactile.io.pictures import unusable
-from tactile.io.plain_file import NotReadable, not_plain, read_text
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
@@ -44,7 +44,7 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " t"]]:
         raise unusable(path.name, found, "a table with the columns " + ", ".join(NEEDED))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
-    except NotReadable as cause:
+    except FileNotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a CSV file in UTF-8") from cause
     lines = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows, begun = [], 1

@@ -7,8 +7,8 @@ import numpy as np
 
 from tactile.io.converted import Converted
 from tactile.io.grasp_log import increasing, read_columns
+from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
-from tactile.io.plain_file import not_plain
 from tactile.io.recording import IndenterPad, Recording
 
 TRAVEL = ("travel_mm", "aperture_mm")

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
-from tactile.io.plain_file import NotReadable, not_plain, printable, read_bytes
+from tactile.io.named_file import FileNotReadable, not_plain, printable, read_bytes
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -46,7 +46,7 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
     named = f"{path.parent.name}/{path.name}"
     try:
         data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
-    except NotReadable as cause:
+    except FileNotReadable as cause:
         raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
     _require_size(named, data)
     picture = None

@@ -39,8 +39,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
+from tactile.io.named_file import named_in_utf8, not_plain
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
-from tactile.io.plain_file import named_in_utf8, not_plain
 from tactile.io.recording import PADS_OF_LOADING, Loading, Support
 from tactile.io.sensor_file import is_rigid, look_up_of, read_sensor
 from tactile.io.toml_table import Table, read_table

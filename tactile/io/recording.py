@@ -17,7 +17,7 @@ from jaxtyping import Float, UInt8
 from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
-from tactile.io.plain_file import named_in_utf8, not_plain, size
+from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import GroupReader, Limit, first_line, unreadable
 from tactile.tactile_failure import TactileFailure
 

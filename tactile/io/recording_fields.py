@@ -8,7 +8,7 @@ import h5py
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from tactile.io.plain_file import printable
+from tactile.io.named_file import printable
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIGID_TOLERANCE = 1e-4

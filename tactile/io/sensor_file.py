@@ -41,7 +41,7 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.plain_file import NotReadable, read_bytes
+from tactile.io.named_file import FileNotReadable, read_bytes
 from tactile.io.plain_numpy import MOST_BYTES
 from tactile.io.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
 from tactile.io.recording_fields import Limit
@@ -216,7 +216,7 @@ def _calibration(top: Table) -> Path | None:
     if name and wanted:
         try:
             digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
-        except NotReadable as cause:
+        except FileNotReadable as cause:
             raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
         if digest != wanted.lower():
             found = f"{name} of another calibration (SHA-256 {digest[:12]}...)"

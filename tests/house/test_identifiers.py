@@ -32,6 +32,8 @@ HOME_MADE = {
     "softness": "compliance ratio",
     "stance": "orientation",
     "strength": "hyperparameters",
+    "told": "said; named; reported",
+    "untold": "unknown",
 }
 """Home-made word: the field's term in its place."""
 

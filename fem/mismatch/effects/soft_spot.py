@@ -86,7 +86,7 @@ class SoftSpot:
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
-        spots = best_spots(forward, forward.adjoint_basis.observed(_left(forward)))
+        spots = best_spots(forward, forward.adjoint_basis.observed(_residual(forward)))
         sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
         return [
             Signature(
@@ -110,7 +110,7 @@ class SoftSpot:
         largest = drop_of(RATIOS[0], forward.poisson_ratio)
         radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
         inside = _inside(forward, centre_mm, radius_mm)
-        left = forward.adjoint_basis.observed(_left(forward))
+        residual = forward.adjoint_basis.observed(_residual(forward))
         grasps = forward.base.grasps
         moved = softened(forward.base, inside, RATIOS)
         lost = []
@@ -119,8 +119,8 @@ class SoftSpot:
                 unit - recording.tracks.unit_displacement
                 for unit, recording in zip(units, grasps, strict=True)
             ]
-            beyond = left - forward.compliance * forward.adjoint_basis.observed(more)
-            lost.append(float(beyond @ beyond))
+            remaining = residual - forward.compliance * forward.adjoint_basis.observed(more)
+            lost.append(float(remaining @ remaining))
         centre = dict(zip(CENTRE, place.centre_mm, strict=True))
         return {**centre, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
 
@@ -150,7 +150,7 @@ def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm:
     return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
 
 
-def _left(forward: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
+def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
     tracks = [recording.tracks for recording in forward.base.grasps]
     return [own.position_mm - own.place_mm - forward.compliance * own.unit_displacement for own in tracks]

@@ -109,8 +109,8 @@ class Stiffening:
         except FemFailure as failure:  # flesh so soft that the search from the linear answer does not settle
             return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(), untried=failure.detail)]
         large = state.at_markers(moved)
-        beyond = [ObservationDelta(markers=s * own) for own in large]
-        column = Regressor(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=beyond)
+        excess = [ObservationDelta(markers=s * own) for own in large]
+        column = Regressor(name=NEO_HOOKEAN, sd=1.0, positive=True, fields=excess)
         return [*found, Signature(variant=InMode(mode=NEO_HOOKEAN), columns=(column,))]
 
     def start(

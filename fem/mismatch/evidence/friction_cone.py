@@ -52,8 +52,8 @@ class ShearRatios:
         z = (self.ratio - mu) / self.sd
         most = np.zeros(int(self.marker.max(initial=-1)) + 1)
         np.maximum.at(most, self.marker, z)
-        beyond = (most**2 - BEYOND**2) / 2
-        return float(np.minimum(beyond[most > BEYOND], MOST_PER_MARKER).sum())
+        excess = (most**2 - BEYOND**2) / 2
+        return float(np.minimum(excess[most > BEYOND], MOST_PER_MARKER).sum())
 
     def pile_up(self, mu: float) -> float:
         """How much more likely so many markers at mu are with a pile-up than with none, in ln likelihood."""
@@ -118,7 +118,7 @@ def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
     """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
     found, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
-        work = moved = left = noise = 0.0
+        work = moved = residual = noise = 0.0
         pairs = [
             (
                 in_pad_frame(recording, pad, recording.force_N)[..., part],
@@ -134,9 +134,9 @@ def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
             moved += float((gel**2).sum()) - gel.size * gel_sd**2
         stiffness = work / moved if work > 0 and moved > 0 else 0.0
         for force, gel, (gel_sd, force_sd) in pairs:
-            left += float(((force + stiffness * gel) ** 2).sum())
+            residual += float(((force + stiffness * gel) ** 2).sum())
             noise += force.size * (force_sd**2 + (stiffness * gel_sd) ** 2)
-        local &= stiffness > 0 and left < LOCAL * noise
+        local &= stiffness > 0 and residual < LOCAL * noise
         found.append(max(stiffness, NO_SPRING))
     return found[0], found[1], local
 

@@ -103,9 +103,9 @@ def plain_data(
     """
     tracks = recorded.recording.tracks
     response = tracks.unit_displacement if unit is None else unit
-    beyond = tracks.position_mm - tracks.place_mm - forward.compliance * response
+    excess = tracks.position_mm - tracks.place_mm - forward.compliance * response
     return ObservationDelta(
-        markers=beyond if shift_mm is None else beyond - shift_mm,
+        markers=excess if shift_mm is None else excess - shift_mm,
         balance=None if recorded.balance is None else recorded.balance.measured,
         rest=recorded.rest.measured,
     )
@@ -206,13 +206,13 @@ class GramMatrix:
 
     def marker_residual(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
         """Residual of a fit at recording k's markers, mm; places, scales and motions are fitted out."""
-        left = self.data[k].markers
-        assert left is not None, "data show markers"
+        remaining = self.data[k].markers
+        assert remaining is not None, "data show markers"
         for amount, column in zip(fit.amounts, fit.chosen, strict=True):
             field = self.columns[column].fields[k]
             if field is not None and field.markers is not None:
-                left = left - amount * field.markers
-        return self._recorded[k].markers.residual(left)
+                remaining = remaining - amount * field.markers
+        return self._recorded[k].markers.residual(remaining)
 
     def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
         """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""

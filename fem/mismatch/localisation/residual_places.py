@@ -76,13 +76,13 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3
         zip(grasps, forward.adjoint_basis.grasps, residual, strict=True)
     ):
         touching = recording.tracks.episode >= 0
-        left = basis.equations.residual(field)
+        scaled = basis.equations.residual(field)
         for pad in range(len(recording.links)):
             own = np.flatnonzero(recording.pad_of_marker == pad)
-            left[:, own] -= _rigid(left[:, own], recording.tracks.place_mm[own], touching[:, own])
-        left /= recording.tracks.sd_mm[:, None]
-        normal = np.einsum("tnx,nx->tn", left, recording.tracks.normal) ** 2
-        shear = (left**2).sum(axis=2) - normal
+            scaled[:, own] -= _rigid(scaled[:, own], recording.tracks.place_mm[own], touching[:, own])
+        scaled /= recording.tracks.sd_mm[:, None]
+        normal = np.einsum("tnx,nx->tn", scaled, recording.tracks.normal) ** 2
+        shear = (scaled**2).sum(axis=2) - normal
         phase = np.array(recording.case.history.phase)[recording.used]
         for pad in range(len(recording.links)):
             for at, name in enumerate(PHASES):

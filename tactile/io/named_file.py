@@ -26,7 +26,7 @@ _KINDS = (
 )
 
 
-class NotReadable(Exception):
+class FileNotReadable(Exception):
     """What is wrong with the file itself, as the end of a sentence: "is a named pipe, not a file"."""
 
 
@@ -55,48 +55,48 @@ def named_in_utf8(path: Path) -> bool:
 
 
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
-    """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
+    """All bytes of a plain file of at most `most_bytes`; raises FileNotReadable."""
     if wrong := not_plain(path):
-        raise NotReadable(wrong)
+        raise FileNotReadable(wrong)
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as file:
             if wrong := _kind(os.fstat(handle).st_mode):
-                raise NotReadable(wrong)
+                raise FileNotReadable(wrong)
             data = file.read(most_bytes + 1)
     except OSError as error:
-        raise NotReadable(f"cannot be opened ({_why(error)})") from error
+        raise FileNotReadable(f"cannot be opened ({_why(error)})") from error
     if len(data) > most_bytes:
-        raise NotReadable(f"is larger than {size(most_bytes)}, the most that is read")
+        raise FileNotReadable(f"is larger than {size(most_bytes)}, the most that is read")
     return data
 
 
 def read_text(path: Path, *, most_bytes: int) -> str:
-    """The text of a UTF-8 file, without a byte order mark; raises NotReadable."""
+    """The text of a UTF-8 file, without a byte order mark; raises FileNotReadable."""
     data = read_bytes(path, most_bytes=most_bytes)
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         found = f"byte 0x{data[error.start]:02x} in line {line}"
-        raise NotReadable(f"is not UTF-8 text ({found})") from error
+        raise FileNotReadable(f"is not UTF-8 text ({found})") from error
     if "\0" in text:
-        raise NotReadable("is no text (it holds zero bytes)")
+        raise FileNotReadable("is no text (it holds zero bytes)")
     return text
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """The table that a TOML text holds; raises NotReadable with the line of the fault."""
+    """The table that a TOML text holds; raises FileNotReadable with the line of the fault."""
     if _LONG_KEY.search(text):
-        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)")
+        raise FileNotReadable(f"is nested too deep (more than {DEEPEST} levels)")
     try:
         held = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise NotReadable(f"is not valid TOML: {printable(str(error))[:200]}") from error
+        raise FileNotReadable(f"is not valid TOML: {printable(str(error))[:200]}") from error
     except RecursionError as error:
-        raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
+        raise FileNotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
     except ValueError as error:  # Python's own limit on digits
-        raise NotReadable("is not valid TOML: it holds a number of thousands of digits") from error
+        raise FileNotReadable("is not valid TOML: it holds a number of thousands of digits") from error
     _require_shallow(held)
     return held
 
@@ -106,7 +106,7 @@ def _require_shallow(held: Any) -> None:
     level = [held]
     for _ in range(DEEPEST + 1):
         if any(isinstance(one, int) and not -(2**63) <= one < 2**63 for one in level):
-            raise NotReadable("holds a whole number beyond 64 bits")
+            raise FileNotReadable("holds a whole number beyond 64 bits")
         level = [
             inner
             for one in level
@@ -115,7 +115,7 @@ def _require_shallow(held: Any) -> None:
         ]
         if not level:
             return
-    raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)")
+    raise FileNotReadable(f"is nested too deep (more than {DEEPEST} levels)")
 
 
 def size(count: int) -> str:
