@@ -3,17 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from recon import underside
+from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo, read_photos
-from recon.checks.quality import NOTHING_KNOWN
+from recon.checks.quality import NOTHING_KNOWN, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.flipped import ScannedSide, both_sides
-from recon.triangle_mesh import vertex_normals
+from recon.triangle_mesh import vertex_normals, volume_mm3
 from recon.underside import with_underside
 from samples.fruit import skin_mesh
 from samples.kinds import fruit_of_kind
@@ -123,3 +126,61 @@ def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_pa
     assert left.warnings[0] == "a"
     assert left.warnings[1].startswith("photos-flipped/ was not used: ")
     assert "holds 1 photo" in left.warnings[1]
+
+
+def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
+    """A scanned side as a reconstruction from the cameras around it."""
+    cameras = []
+    for k, place in enumerate(around(height_mm)):
+        pose = np.eye(4)
+        pose[:3, 3] = -place
+        cameras.append(
+            Camera(name=f"{k}.jpg", width_px=640, height_px=480, focal_px=900.0, k1=0.0, cam_from_world=pose)
+        )
+    quality = replace(NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6)
+    made = Reconstruction(
+        vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
+        warnings=seen_doubts(quality), seconds={"outlines": 1.0}, frame="mat", cameras=tuple(cameras),
+    )  # fmt: skip
+    return replace(made, **said)
+
+
+def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_saw(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(4)
+    true, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=24)
+    over, _ = laid_over(true, 12.0, 250.0)
+    high = float(np.ptp(true[:, 2])), float(np.ptp(over[:, 2]))
+    upright = reconstruction(photographed(true, faces, rng), faces, high[0])
+    second = reconstruction(
+        photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
+    )
+    checked = SimpleNamespace(photos=(), warnings=())
+    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
+    found = with_underside(upright, tuple, lambda photos: second, mat=None)
+    before, after = (volume_mm3(x, faces) for x in (upright.vertices, true))
+    gained = volume_mm3(found.vertices, found.faces)
+    assert abs(gained - after) < 0.4 * abs(before - after)
+    assert found.quality.flipped_views == 36
+    assert 0.0 < found.quality.flipped_miss_mm < 3 * NOISE_MM
+    assert found.quality.seen_share > 0.95  # each set alone sees no underside
+    assert seen_doubts(upright.quality)
+    assert found.warnings == ("In photos-flipped/: one is dark.",)
+    assert found.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
+    assert found.surface_sd_mm == pytest.approx(max(0.08, found.quality.flipped_miss_mm / np.sqrt(2)))
+
+
+def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    true, faces = skin_mesh(fruit_of_kind("plum", seed=3).skin, cells=12)
+    side = ScannedSide.of(true, faces, around(30.0))
+    upright = reconstruction(side, faces, 30.0)
+    few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
+    checked = SimpleNamespace(photos=(), warnings=())
+    monkeypatch.setattr(underside, "checked_photos", lambda photos, mat: checked)
+    found = with_underside(upright, tuple, lambda photos: few, mat=None)
+    assert np.array_equal(found.vertices, upright.vertices)
+    assert found.warnings[:-1] == upright.warnings
+    assert found.warnings[-1].startswith("photos-flipped/ was not used: Too few views: only 2 of 36")
