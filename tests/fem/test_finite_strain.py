@@ -274,6 +274,7 @@ def test_another_poisson_ratio_than_the_solids_is_refused(free):
         FiniteStrainSolid(solid=free.solid, law=NeoHookean(poisson_ratio=0.3))
 
 
+@pytest.mark.slow
 def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
     """benchmarks/cube_calculix.py, hexahedra of another program; linear flesh would be 10 % off."""
     truth = np.loadtxt("tests/data/cube-around-ball-calculix.csv", delimiter=",")

@@ -141,6 +141,7 @@ def found():
     return infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
 
 
+@pytest.mark.slow
 def test_the_modulus_comes_nearer_than_with_the_priors_pit(found):
     by_prior = [abs(one.E_MPa / E_MPA - 1) for one in found.grasps]
     assert np.mean(by_prior) > 0.04
@@ -148,12 +149,14 @@ def test_the_modulus_comes_nearer_than_with_the_priors_pit(found):
     assert abs(found.modulus.E_MPa - E_MPA) < 2 * found.modulus.E_sd_MPa
 
 
+@pytest.mark.slow
 def test_the_pit_is_found_within_its_error_bar(found):
     pit = found.modulus.pit
     off = np.append(pit.offset_mm - OFFSET_MM, pit.ln_size - np.log(SIZE))
     assert (np.abs(off) < 2.5 * pit.sd).all()
 
 
+@pytest.mark.slow
 def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(found):
     """Both grasps change with the pit's y and size; nothing presses along z.
 
@@ -171,6 +174,7 @@ def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(
     assert size > 3 * abs(z)
 
 
+@pytest.mark.slow
 def test_the_pit_was_moved_in_the_mesh_and_each_grasp_keeps_its_modulus_with_the_priors_pit(found):
     assert 1 <= found.moves <= 4
     assert len(found.grasps) == found.modulus.grasps == 2

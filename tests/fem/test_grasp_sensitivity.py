@@ -66,6 +66,7 @@ def strained(field, support):
     return (flat - rigid @ np.linalg.lstsq(rigid, flat, rcond=None)[0]).T.reshape(field.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("support", SUPPORTS)
 @pytest.mark.parametrize(
     ("cause", "step"), [("pit shift", SHIFT_MM), (PIT_SIZE, SIZE), (POISSON_RATIO, RATIO)]

@@ -97,6 +97,7 @@ def case_of(history: GraspHistory) -> MismatchCase:
     return MismatchCase(mesh=coarse_ball(), grasps=(one,), poisson_ratio=NU, budget=BUDGET)
 
 
+@pytest.mark.slow
 def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
     history = creeping_grasp()
     model = grasp_model(history, solid_of(coarse_ball(), history))

@@ -63,6 +63,7 @@ def neo_hookean_signature(forward: ForwardModel) -> np.ndarray:
     return found.columns[0].fields[0].markers
 
 
+@pytest.mark.slow
 def test_neo_hookean_signature_is_what_newtons_method_makes_of_the_law(monkeypatch):
     monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
     forward = forward_of()
@@ -73,6 +74,7 @@ def test_neo_hookean_signature_is_what_newtons_method_makes_of_the_law(monkeypat
     assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
 
 
+@pytest.mark.slow
 def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
     softer = replace(forward_of(), compliance=12.0)
     recording = softer.base.grasps[0]

@@ -52,6 +52,7 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
     return vertices, np.vstack(faces)
 
 
+@pytest.mark.slow
 def test_a_grasp_gives_the_planted_modulus_both_ways():
     found = found_in(grasp(noise=0.5))
     assert found.form == "first-touch"
@@ -61,6 +62,7 @@ def test_a_grasp_gives_the_planted_modulus_both_ways():
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_a_press_on_a_base_gives_the_planted_modulus():
     mesh = tetrahedralise(
         *puck_surface(),
@@ -121,6 +123,7 @@ def turned(history: GraspHistory, turn: np.ndarray, shift: np.ndarray) -> GraspH
     )
 
 
+@pytest.mark.slow
 def test_the_frame_of_reference_does_not_matter():
     history = grasp()
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
@@ -141,6 +144,7 @@ def test_twice_the_force_is_twice_the_modulus():
     assert b.E_MPa == pytest.approx(2 * a.E_MPa, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_poisson_ratio_moves_the_modulus_as_the_budget_says():
     history = grasp()
     other = grasp_model(history, solid_of(ball_mesh(), history, poisson_ratio=NU + 0.02))
@@ -152,6 +156,7 @@ def test_poisson_ratio_moves_the_modulus_as_the_budget_says():
     )
 
 
+@pytest.mark.slow
 def test_misfit_that_neighbours_share_widens_the_tactile_part():
     rng = np.random.default_rng(5)
     plain = grasp(noise=0.5)

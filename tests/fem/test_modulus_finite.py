@@ -129,6 +129,7 @@ def found(grasp):
     return linear_MPa, modulus_MPa, departure
 
 
+@pytest.mark.slow
 def test_large_deformation_is_taken_out_of_the_modulus(found):
     linear_MPa, modulus_MPa, departure = found
     assert abs(linear_MPa / E_MPA - 1) > 0.008
@@ -136,6 +137,7 @@ def test_large_deformation_is_taken_out_of_the_modulus(found):
     assert departure.modulus_MPa == pytest.approx(modulus_MPa, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_refit_that_does_not_settle_is_refused(grasp, found):
     _, modulus_MPa, departure = found
     guesses = iter(np.tile([1.0, 2.0], 100))
@@ -144,6 +146,7 @@ def test_a_refit_that_does_not_settle_is_refused(grasp, found):
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
+@pytest.mark.slow
 def test_few_frames_are_computed_and_foretell_the_others(grasp, found):
     _, modulus_MPa, departure = found
     assert len(departure.computed) < len(PATCH_MM)
@@ -160,6 +163,7 @@ def test_few_frames_are_computed_and_foretell_the_others(grasp, found):
     assert all_frames == pytest.approx(modulus_MPa, rel=3e-4)
 
 
+@pytest.mark.slow
 def test_the_departure_leaves_less_unexplained(grasp, found):
     _, _, departure = found
 
@@ -176,6 +180,7 @@ def test_linear_flesh_departs_by_nothing_but_the_turn_of_the_pit(grasp):
     assert np.abs(none.displacement_correction).max() < 1e-3 * np.abs(grasp.unit).max()
 
 
+@pytest.mark.slow
 def test_forces_that_pull_are_refused(grasp, found):
     linear_MPa, _, _ = found
     with pytest.raises(FemFailure, match="above zero") as refused:

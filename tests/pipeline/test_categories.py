@@ -175,6 +175,7 @@ def test_an_effect_of_the_pit_is_refused_where_there_is_none(made):
     assert open_batch(made(none + effect.format("A"))).prior.category == "phantom"
 
 
+@pytest.mark.slow
 def test_own_files_are_among_the_inputs_of_the_results(made):
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
     status, _ = grade(root, None, jobs=1, time_limit_s=600, console=Console(quiet=True))

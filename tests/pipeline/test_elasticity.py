@@ -128,6 +128,7 @@ def modulus(task, mesh, *names, poisson_ratio=NU):
     )
 
 
+@pytest.mark.slow
 def test_a_second_run_with_the_same_content_factorises_nothing(workplace, mesh):
     task, made = workplace
     first = modulus(task, mesh, "along-x", "along-y")

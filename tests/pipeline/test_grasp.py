@@ -66,6 +66,7 @@ def found(graded):
     return graded[1]
 
 
+@pytest.mark.slow
 def test_within_two_percent_of_the_answer_from_one_grasp(found):
     assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
     assert found.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)

@@ -78,6 +78,7 @@ def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
     assert found.quality.unseen_mm2 == pytest.approx((1 - found.quality.seen_share) * area)
 
 
+@pytest.mark.slow
 def test_a_mesh_that_the_photos_contradict_is_made_again_on_the_same_cameras_and_that_is_said(monkeypatch):
     doubted, placed = [], []
 
@@ -99,11 +100,13 @@ def test_a_mesh_that_the_photos_contradict_is_made_again_on_the_same_cameras_and
     assert on_the_mat()[0].notes == ()
 
 
+@pytest.mark.slow
 def test_same_photos_give_the_same_mesh():
     again = reconstruct(photos(12), mat=standard_mat(), height_mm=None, options=QUICK)
     assert np.array_equal(again.vertices, on_the_mat()[0].vertices)
 
 
+@pytest.mark.slow
 def test_height_alone_gives_scale_without_a_mat():
     height_mm = 2 * EGG.semi_mm[2]
     found = reconstruct(photos(14), mat=None, height_mm=height_mm, options=QUICK)

@@ -16,6 +16,7 @@ def photos():
     return photographed(ring(14), egg=Egg(), mat=standard_mat())
 
 
+@pytest.mark.slow
 def test_x_points_to_where_the_first_photo_was_taken(photos):
     poses = cameras_from_motion(photos, height_mm=48.0)
     x, y, z = poses.cameras[0].place
@@ -24,6 +25,7 @@ def test_x_points_to_where_the_first_photo_was_taken(photos):
     assert abs(np.degrees(np.arctan2(y, x))) < 3
 
 
+@pytest.mark.slow
 def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
     noise = np.random.default_rng(2).integers(0, 255, photos[0].image.shape, dtype=np.uint8)
     with pytest.raises(ReconFailure, match=r"first photo \(front\.png\) shares too few .* retake") as caught:
