@@ -17,7 +17,6 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.fruit_modulus import infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.prepared_grasp import prepared_grasp
-from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
@@ -38,8 +37,7 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
     meshed = time.process_time()
     true = float(truth["E_MPa"])  # type: ignore[arg-type]
     print(f"{folder.name}  {truth['effect']}  true E {true:.4f} MPa  {3 * len(mesh.nodes_mm)} dofs")
-    prepared = [prepared_grasp(one.history, one.turns) for one in map(grasp_case, grasps)]
-    histories = [one.history for one in prepared]
+    histories = [prepared_grasp(one.history, one.turns).history for one in map(grasp_case, grasps)]
 
     def respond(moved: FleshMesh) -> list[GraspModel]:
         solid = UnitModulusSolid.factorise(
@@ -48,8 +46,7 @@ def run_case(folder: Path, truth: dict[str, object], *, edge_mm: float, pad_edge
             support="free",
             contact_nodes=contact_nodes(moved, histories),
         )
-        touched = [on_touched_skin(one, solid, gel_scale_sd=budget.gel_scale_sd) for one in prepared]
-        return [grasp_model(one, solid) for one in touched]
+        return [grasp_model(one, solid) for one in histories]
 
     budget = ErrorBudget(
         pit_offset_sd_mm=case["offset_sd_mm"], pit_size_sd=case["size_sd"], surface_sd_mm=case["mesh_sd_mm"]

@@ -19,7 +19,6 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
 from fem.estimation.prepared_grasp import prepared_grasp
-from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
@@ -50,13 +49,11 @@ def moduli(setting: Setting, files: list[Path], *, poisson_ratio: float) -> np.n
     mesh = tetrahedralise(
         *outer, *pit, edge_mm=setting.edge_mm, refine_at_mm=touched, refine_edge_mm=setting.pad_edge_mm
     )
-    prepared = [prepared_grasp(one.history, one.turns) for one in map(grasp_case, grasps)]
-    histories = [one.history for one in prepared]
+    histories = [prepared_grasp(one.history, one.turns).history for one in map(grasp_case, grasps)]
     solid = UnitModulusSolid.factorise(
         mesh, poisson_ratio=poisson_ratio, support="free", contact_nodes=contact_nodes(mesh, histories)
     )
-    scale_sd = ErrorBudget().gel_scale_sd
-    models = [grasp_model(on_touched_skin(one, solid, gel_scale_sd=scale_sd), solid) for one in prepared]
+    models = [grasp_model(one, solid) for one in histories]
     found = [estimate_modulus(*pair, budget=ErrorBudget()) for pair in zip(histories, models, strict=True)]
     return np.array([one.E_MPa for one in found])
 

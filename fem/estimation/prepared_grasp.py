@@ -37,9 +37,9 @@ skin bends away there within a marker's width, a model is micrometres off, and t
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedGrasp:
-    """`history`: the recording with the forces of the patterns, all frames, the noise that is left in them,
-    and contacts without rims. `used`: its frames that a model is fitted to; `touched`: which markers touch
-    in these, rims too.
+    """`history`: the recording with the forces of the patterns, all frames, and contacts without rims; the
+    noise of its forces stays that of the recording: what patterns leave out of the truth is of its size.
+    `used`: the frames that a model is fitted to.
 
     `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
     `force_sd_N`: noise of one component in one frame of them. `patterns` and `shares`: f_r and a_r(t).
@@ -47,7 +47,6 @@ class PreparedGrasp:
 
     history: GraspHistory
     used: Bool[np.ndarray, " t"]
-    touched: Bool[np.ndarray, "f n"]
     force_N: Float[np.ndarray, "f n 3"]
     force_sd_N: float
     patterns: Float[np.ndarray, "r n 3"]
@@ -82,13 +81,11 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     every = force.reshape(len(force), -1) @ patterns.reshape(len(patterns), -1).T
     driving = np.tensordot(every, patterns, axes=1) + drifted
     pads = tuple(
-        replace(pad, force_N=own, force_sd_N=one.sd_N)
-        for pad, own, one in zip(pressing, np.split(driving, whose, axis=1), felt, strict=True)
+        replace(pad, force_N=own) for pad, own in zip(pressing, np.split(driving, whose, axis=1), strict=True)
     )
     return PreparedGrasp(
         history=replace(history, pads=pads),
         used=used,
-        touched=np.concatenate([pad.episode[used] >= 0 for pad in history.pads], axis=1),
         force_N=force[used] + drifted[used],
         force_sd_N=sd_N,
         patterns=np.concatenate([patterns, drift]),

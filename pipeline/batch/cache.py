@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -43,12 +43,6 @@ HEADER = "__header__"
 """Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
 
 Kept = TypeVar("Kept", bound=StageRecord)
-
-
-class Artifact(StageRecord):
-    """Arrays by name, of a stage that has no record of its own."""
-
-    arrays: dict[str, np.ndarray]
 
 
 def file_hash(path: Path) -> str:
@@ -97,20 +91,7 @@ def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
 
 
-@overload
-def cached(folder: Path, stage: str, key: str, compute: Callable[[], Artifact]) -> Artifact: ...
-@overload
-def cached(
-    folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]
-) -> Kept: ...
-def cached(
-    folder: Path,
-    stage: str,
-    key: str,
-    compute: Callable[[], StageRecord],
-    *,
-    record: type[StageRecord] = Artifact,
-) -> StageRecord:
+def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]) -> Kept:
     """What `stage` keeps, from `folder` if it was made from the same key, else computed and kept.
 
     A file that does not validate as a `record` is computed anew, as is one that cannot be read.

@@ -17,19 +17,19 @@ from fem.estimation.hyperelastic_grasp import with_large_deformation
 from fem.estimation.joint_inference import FruitModulus
 from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
 from fem.estimation.sensitivity import POISSON_RATIO
-from fem.estimation.touched_skin import on_touched_skin
 from fem.fem_failure import FemFailure
+from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
-from pipeline.batch.cache import Artifact, cached, stage_key
+from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
-from pipeline.fruit.kept_models import packed, unpacked
+from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
 
 CONFIRMED = "confirmed effects"
@@ -141,8 +141,7 @@ def responses(
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
-    Markers sit where they touched (fem.estimation.touched_skin). Kept on disk as `stage`, by content; what
-    confirmed effects add to it beside it.
+    Kept on disk as `stage`, by content; what confirmed effects add to it beside it.
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
@@ -170,19 +169,19 @@ def responses(
             models |= dict(zip(own, found, strict=True))
         return [models[k] for k in range(len(grasps))]
 
-    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute())))
+    plain = unpacked(cached(task.results.cache, stage, key, lambda: packed(compute()), record=KeptModels))
     modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
     if not effects or not modelled:
         return plain
 
-    def beyond() -> Artifact:
+    def corrections() -> KeptCorrections:
         case = MismatchCase(
             mesh=mesh,
             grasps=tuple(map(grasp_case, modelled)),
             poisson_ratio=poisson_ratio,
             budget=budget,
         )
-        return Artifact(arrays={str(k): own for k, own in enumerate(added(case, effects))})
+        return KeptCorrections(by_grasp=tuple(added(case, effects)))
 
     key = stage_key(
         "effects",
@@ -190,8 +189,8 @@ def responses(
         settings=[key, digest, keyed(effects)],
         rooms=("pipeline", "fem"),
     )
-    found = cached(task.results.cache, f"{stage}-effects", key, beyond).arrays
-    return with_corrections(plain, [found[str(k)] for k in range(len(modelled))])
+    found = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
+    return with_corrections(plain, found.by_grasp)
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,7 @@ def _models(
     large: bool,
 ) -> list[GraspModel | FemFailure]:
     """Of the grasps on one support; `large`: with large deformation."""
-    usable: dict[int, PreparedGrasp] = {}
+    histories: dict[int, GraspHistory] = {}
     nodes = [np.zeros(0, dtype=np.int64)]
     models: dict[int, GraspModel | FemFailure] = {}
     for k, grasp in enumerate(prepared):
@@ -231,35 +230,29 @@ def _models(
             continue
         try:
             nodes.append(contact_nodes(flesh.mesh, [grasp.history]))
-            usable[k] = grasp
+            histories[k] = grasp.history
         except FemFailure as failure:
             models[k] = failure
-    if usable:
+    if histories:
         try:
             solid = flesh.factorised(support, np.unique(np.concatenate(nodes)))
         except FemFailure as failure:
-            models |= dict.fromkeys(usable, failure)
-            usable = {}
-    for k, grasp in usable.items():
+            models |= dict.fromkeys(histories, failure)
+            histories = {}
+    for k, own in histories.items():
         try:
-            models[k] = _model(flesh, solid, grasp, gel_scale_sd=gel_scale_sd, large=large)
+            models[k] = _model(own, solid, gel_scale_sd=gel_scale_sd, large=large)
         except FemFailure as failure:
             models[k] = failure
     return [models[k] for k in range(len(prepared))]
 
 
-def _model(
-    flesh: _Flesh, solid: UnitModulusSolid, grasp: PreparedGrasp, *, gel_scale_sd: float, large: bool
-) -> GraspModel:
-    """With the markers where they touched; raises FemFailure."""
-    history = on_touched_skin(grasp, solid, gel_scale_sd=gel_scale_sd)
-    nodes = contact_nodes(flesh.mesh, [history])
-    if not np.isin(nodes, solid.contact_nodes).all():
-        solid = flesh.factorised(solid.support, nodes)
+def _model(history: GraspHistory, solid: UnitModulusSolid, *, gel_scale_sd: float, large: bool) -> GraspModel:
+    """Raises FemFailure."""
     small = grasp_model(history, solid)
     if not large:
         return small
-    law = NeoHookean(poisson_ratio=flesh.poisson_ratio)
+    law = NeoHookean(poisson_ratio=solid.poisson_ratio)
     return with_large_deformation(small, history, solid, law, scale_sd=gel_scale_sd)
 
 
@@ -271,7 +264,7 @@ def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> 
         if isinstance(one, FemFailure):
             digest.update(one.detail.encode())
             continue
-        arrays += [one.history.time_s, one.used, one.touched, one.patterns, one.shares]
+        arrays += [one.history.time_s, one.used]
         for pad in one.history.pads:
             arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
             arrays += [pad.force_N, pad.episode]

@@ -9,11 +9,7 @@ from jaxtyping import Float, Float32
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
-from pipeline.batch.cache import Artifact
 from pipeline.batch.stage_record import StageRecord
-
-RECORD = "record"
-"""Name, among an artifact's arrays, of the record's JSON text."""
 
 
 class KeptFailure(StageRecord):
@@ -76,9 +72,15 @@ class KeptModels(StageRecord):
     models: tuple[KeptModel | KeptFailure, ...]
 
 
-def packed(models: Sequence[GraspModel | FemFailure]) -> Artifact:
-    """What is kept of them, as `unpacked` reads it."""
-    kept = KeptModels(
+class KeptCorrections(StageRecord):
+    """The stage "effects": what confirmed effects add to each modelled grasp's displacement, mm."""
+
+    by_grasp: tuple[Float[np.ndarray, "_ _ 3"], ...]
+
+
+def packed(models: Sequence[GraspModel | FemFailure]) -> KeptModels:
+    """What is kept of them."""
+    return KeptModels(
         models=tuple(
             KeptFailure(problem=one.problem, detail=one.detail)
             if isinstance(one, FemFailure)
@@ -86,13 +88,10 @@ def packed(models: Sequence[GraspModel | FemFailure]) -> Artifact:
             for one in models
         )
     )
-    text, arrays = kept.stored()
-    return Artifact(arrays={RECORD: np.array(text), **arrays})
 
 
-def unpacked(artifact: Artifact) -> list[GraspModel | FemFailure]:
-    """What `packed` was given, to single precision; raises ValueError where the artifact is not of it."""
-    kept = KeptModels.restored(str(artifact.arrays[RECORD]), artifact.arrays)
+def unpacked(kept: KeptModels) -> list[GraspModel | FemFailure]:
+    """What `packed` was given, to single precision."""
     return [
         FemFailure(one.problem, one.detail) if isinstance(one, KeptFailure) else one.model()
         for one in kept.models
