@@ -88,20 +88,25 @@ def graded(fruit: Fruit, folder: Path) -> FruitRecord:
     kept = folder / "record.json"
     if kept.is_file() and (record := read_record(kept)) is not None:
         return record
-    where = folder / "batch" / "fruits" / "F"
+    task = fruit_task(open_batch(as_batch(fruit, folder / "batch")), "F", Results(folder / "out"))
+    record = grade_fruit(task, lambda stage: None)
+    write_record(kept, record)
+    return record
+
+
+def as_batch(fruit: Fruit, folder: Path) -> Path:
+    """The folder, written as a batch of this fruit alone, "F"."""
+    where = folder / "fruits" / "F"
     (where / "grasps").mkdir(parents=True, exist_ok=True)
     settings = SETTINGS.format(category=fruit.category) + (PHANTOM if fruit.category == "phantom" else "")
-    (folder / "batch" / "batch.toml").write_text(settings, encoding="utf-8")
-    (folder / "batch" / "fruits.csv").write_text("fruit_id\nF\n", encoding="utf-8")
+    (folder / "batch.toml").write_text(settings, encoding="utf-8")
+    (folder / "fruits.csv").write_text("fruit_id\nF\n", encoding="utf-8")
     write_mesh(where / "fruit.ply", fruit.vertices, fruit.faces)
     if fruit.pit is not None:
         write_mesh(where / "pit.ply", *fruit.pit)
     for k, one in enumerate(fruit.recordings):
         write_recording(where / "grasps" / f"grasp-{k + 1}.h5", replace(one, fruit_id="F"))
-    task = fruit_task(open_batch(folder / "batch"), "F", Results(folder / "out"))
-    record = grade_fruit(task, lambda stage: None)
-    write_record(kept, record)
-    return record
+    return folder
 
 
 def judged(fruit: Fruit, changed: Fruit, mistake: Mistake, cache: Path | None) -> dict[str, object]:

@@ -7,7 +7,7 @@ the same fit makes of its field dC/dp f, or C diag(f) h. The finer pattern withi
 it says of a pit is a few tenths of a micrometre, less than what any model leaves out there.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -38,6 +38,10 @@ class GraspInformation:
     causes: tuple[str, ...]
     normal: Float[np.ndarray, "k k"]
     right: Float[np.ndarray, " k"]
+
+    def weakened(self, factor: float) -> "GraspInformation":
+        """The same numbers with a variance so many times as great."""
+        return replace(self, normal=self.normal / factor, right=self.right / factor)
 
     @classmethod
     def of_one_number(

@@ -25,6 +25,8 @@ from fem.grasp_history import GraspHistory
 
 NOTICED = 0.03
 """Relative scatter between grasps, beyond their errors, that is worth a sentence."""
+RANK = 1e-9
+"""Singular values of a grasp's information below this share of the greatest one are rounding."""
 MOST_ROUNDS, STILL = 50, 1e-5
 """Amounts are s p: the fields are scaled by the s found before, until ln E changes by less than STILL (a
 hundredth of a per cent is a hundredth of the least error bar)."""
@@ -105,6 +107,26 @@ def joint_modulus(
     if not grasps:
         raise ValueError("joint_modulus needs at least one grasp, found none")
     at = np.zeros(4) if pit_at is None else pit_at
+    found, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
+    if infer_pit and (tension := _tension(grasps, found, 1 / modulus)) > 1:
+        grasps = [replace(grasp, information=grasp.information.weakened(tension)) for grasp in grasps]
+        found, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
+    parts = found.parts()
+    pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in found.unknowns) else None
+    return FruitModulus(
+        E_MPa=modulus,
+        E_sd_MPa=modulus * float(np.linalg.norm(list(parts.values()))),
+        parts_sd_MPa={part: share * modulus for part, share in parts.items()},
+        pit=pit,
+        grasps=len(grasps),
+        warnings=_disagreement(grasps, between),
+    )
+
+
+def _converged(
+    grasps: Sequence[GraspEvidence], budget: ErrorBudget, at: Float[np.ndarray, "4"], *, infer_pit: bool
+) -> tuple["_Solution", float, float]:
+    """The solution, the variance between grasps and E (MPa), once ln E no longer changes."""
     ln_s, between = -float(np.mean([np.log(grasp.E_MPa) for grasp in grasps])), 0.0
     for _ in range(MOST_ROUNDS):
         unknowns = _unknowns(grasps, between, budget=budget, pit_at=at)
@@ -120,17 +142,30 @@ def joint_modulus(
             f"ln E of all grasps together still changes by {abs(step):.2g} after {MOST_ROUNDS} rounds, "
             f"expected {STILL:.0e} at most: the grasps contradict each other; grade them one by one",
         )
-    modulus = float(np.exp(-ln_s))
-    parts = found.parts()
-    pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in unknowns) else None
-    return FruitModulus(
-        E_MPa=modulus,
-        E_sd_MPa=modulus * float(np.linalg.norm(list(parts.values()))),
-        parts_sd_MPa={part: share * modulus for part, share in parts.items()},
-        pit=pit,
-        grasps=len(grasps),
-        warnings=_disagreement(grasps, between),
+    return found, between, float(np.exp(-ln_s))
+
+
+def _tension(grasps: Sequence[GraspEvidence], found: "_Solution", s: float) -> float:
+    """chi-square per degree of freedom of the pads' numbers against the solution, all priors counted.
+
+    Above one the pads differ by more than noise and what the priors allow: something else pulls them apart
+    (a contact that the model does not meet), and a pit moved for it would be a false one. Their information
+    is divided by it (Birge 1932, Physical Review 40). One where the pads leave nothing to compare.
+    """
+    known = [grasp.information for grasp in grasps]
+    numbers = sum(int(np.linalg.matrix_rank(one.normal, tol=RANK * one.normal[0, 0])) for one in known)
+    if numbers < 2:
+        return 1.0
+    began = sum(
+        s**2 * one.normal[0, 0]
+        - 2 * s * one.right[0]
+        + one.right @ np.linalg.pinv(one.normal, rcond=RANK, hermitian=True) @ one.right
+        for one in known
     )
+    change = found.mean
+    off = change - [unknown.mean for unknown in found.unknowns]
+    chi2 = began - 2 * found.right @ change + change @ found.normal @ change + found.weight @ off**2
+    return max(1.0, float(chi2) / (numbers - 1))
 
 
 @dataclass(frozen=True, kw_only=True)

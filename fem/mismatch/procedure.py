@@ -138,12 +138,13 @@ def _where(recording: Where, best: Refit) -> Where:
 def plain_forward_model(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
     first = baseline(case, workers=workers)
-    base = with_touched_skin(first, compliance=_median_compliance(_fits(first)), workers=workers)
-    fits = _fits(base)
+    base = with_touched_skin(first, compliance=_median_compliance(plain_fits(first)), workers=workers)
+    fits = plain_fits(base)
     return ForwardModel(base=base, compliance=_median_compliance(fits), workers=workers), fits
 
 
-def _fits(base: Baseline) -> list[CompliantFit]:
+def plain_fits(base: Baseline) -> list[CompliantFit]:
+    """Each recording's own fit of 1/E by the plain model."""
     scale_sd = base.case.budget.gel_scale_sd
     return [
         fit_compliance(recording.tracks, scale_sd=scale_sd, fruit_moves=recording.case.support == "free")

@@ -227,3 +227,28 @@ def test_poisson_ratio_is_common_to_all_grasps_and_no_number_of_them_tells_it():
     for found in (few, many):
         assert found.parts_sd_MPa[POISSON_RATIO] == pytest.approx(0.02 * E_MPA, rel=1e-3)
     assert many.parts_sd_MPa[TACTILE] == pytest.approx(few.parts_sd_MPa[TACTILE] / np.sqrt(10), rel=1e-2)
+
+
+SYMMETRIC = np.array([[0.1, 0, 0, 0], [-0.1, 0, 0, 0]])
+"""A pit nearer to one pad is farther from the other."""
+
+
+def test_pads_that_differ_by_what_noise_and_the_prior_allow_are_taken_at_their_word():
+    place = np.array([0.5, 0.0, 0.0, 0.0])
+    grasps = [planted(SYMMETRIC, place) for _ in range(2)]
+    found = joint_modulus(grasps, budget=ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0), infer_pit=True)
+    known = 2 * 2 * 0.1**2 / NOISE**2  # information of both grasps' two pads about the pit's x, 1/mm2
+    assert found.pit.offset_mm[0] == pytest.approx(0.5 * known / (known + 0.5**-2), rel=0.02)
+
+
+def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
+    """Two grasps show the pit on opposite sides: no place of it is both."""
+    left, right = (planted(SYMMETRIC, np.array([x, 0, 0, 0.0])) for x in (4.0, -3.0))
+    budget = ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0)
+    found = joint_modulus([left, right], budget=budget, infer_pit=True)
+    # What both say together is x = 0.5 mm; chi-square is that of their difference of 7 mm.
+    known = 2 * 0.1**2 / NOISE**2
+    chi2 = (known * 3.5**2 * 2) / 3
+    weak = 2 * known / chi2
+    assert found.pit.offset_mm[0] == pytest.approx(0.5 * weak / (weak + 0.5**-2), rel=0.1)
+    assert found.pit.sd[0] == pytest.approx((weak + 0.5**-2) ** -0.5, rel=0.05)

@@ -1,0 +1,98 @@
+"""E without an effect over the truth: as `drupe grade` infers it, and by the plain model of `drupe explain`.
+
+    python benchmarks/plain_modulus.py DIR [DIR ...] [--half even|odd|all]
+
+DIR is a folder of fruit or holds such folders: `fruit.ply`, `grasp-*.h5` and `truth.json`, or an
+`answers.json` beside them; a case with its `case.toml`, or sound fruit of a bank (benchmarks/field_bank.py).
+The plain model's E is the mean of its recordings' own fits, with the markers where registration puts them;
+in brackets where they touched (fem.mismatch.model.touched_skin).
+"""
+
+import argparse
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from field_fruit import fruit_of, fruits_in
+from field_mistakes import as_batch
+from threadpoolctl import threadpool_limits
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.touched_skin import with_touched_skin
+from fem.mismatch.procedure import plain_fits
+from pipeline.batch.outcome import FruitEnded
+from pipeline.diagnosis.diagnosed_case import Case, open_case
+from pipeline.diagnosis.diagnosis import mismatch_case, plain_modulus
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
+from tactile.tactile_failure import TactileFailure
+
+
+def folders_in(paths: list[Path], half: str) -> Iterator[Path]:
+    """Folders of fruit below the paths, of one half of their numbers."""
+    for path in paths:
+        for folder in [path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()):
+            if folder.is_dir() and fruits_in([folder], half):
+                yield folder
+
+
+def case_of(folder: Path, work: Path) -> tuple[Case, float]:
+    """The fruit as something to explain, and its true E in MPa."""
+    fruit = fruit_of(folder)
+    assert fruit is not None, f"{folder} holds no fruit.ply with a truth"
+    if (folder / "case.toml").is_file():
+        return open_case(folder, fruit_id=None, work=work / "stages", out=None), fruit.E_MPa
+    batch = as_batch(fruit, work / "batch")
+    return open_case(batch, fruit_id="F", work=work / "stages", out=work / "out"), fruit.E_MPa
+
+
+def mean_E_MPa(base: Baseline) -> float:
+    """Over all recordings, in the logarithm."""
+    return float(np.exp(-np.mean([np.log(fit.compliance) for fit in plain_fits(base)])))
+
+
+def main() -> None:
+    """Prints a line per fruit, and root mean squares in the end."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("paths", type=Path, nargs="+")
+    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
+    arguments = parser.parse_args()
+    errors: list[tuple[float, float, float]] = []
+    beyond: list[float] = []
+    for folder in folders_in(arguments.paths, arguments.half):
+        with tempfile.TemporaryDirectory() as work, threadpool_limits(1):
+            try:
+                case, true = case_of(folder, Path(work))
+                fruit = grasped_fruit(case.task, StageLog(lambda _: None))
+                began = time.process_time()
+                graded = plain_modulus(case, fruit)
+                took_s = time.process_time() - began
+                base = baseline(mismatch_case(case, fruit))
+            except (FemFailure, FruitEnded, TactileFailure) as failure:
+                print(f"{folder.name:12s} {failure}", flush=True)
+                continue
+            registered = mean_E_MPa(base)
+            touched = mean_E_MPa(with_touched_skin(base, compliance=1 / registered))
+        errors.append(
+            (100 * (graded.value / true - 1), 100 * (registered / true - 1), 100 * (touched / true - 1))
+        )
+        beyond.append((graded.value - true) / graded.sd)
+        of_grade, plain, shifted = errors[-1]
+        print(
+            f"{folder.name:12s} {true:.3f} MPa  {len(base.grasps)} recordings  grade {of_grade:+.2f} % "
+            f"({beyond[-1]:+.1f} sd)  explain {plain:+.2f} % ({shifted:+.2f} %)  {took_s:.0f} s",
+            flush=True,
+        )
+    if errors:
+        roots = np.sqrt(np.mean(np.square(errors), axis=0))
+        means = np.mean(errors, axis=0)
+        print(f"{len(errors)} fruit, root mean square and mean of grade {roots[0]:.2f}, {means[0]:+.2f} %;")
+        print(f"explain {roots[1]:.2f}, {means[1]:+.2f} % ({roots[2]:.2f}, {means[2]:+.2f} %);")
+        print(f"grade's error over its own standard deviation: {np.sqrt(np.mean(np.square(beyond))):.2f}")
+
+
+if __name__ == "__main__":
+    main()
