@@ -138,12 +138,14 @@ def pinched() -> ForwardModel:
 
 
 def moved_by(unit: np.ndarray) -> ForwardModel:
-    """A recording in which the markers have moved so, times 1/E."""
+    """A recording in which the markers have moved so, times 1/E, in the frames that a model is fitted to."""
     history = coarse_fruit.pinch()
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
+    whole = np.zeros((len(history.time_s), *unit.shape[1:]))
+    whole[pinched().base.grasps[0].used] = COMPLIANCE * unit
     pads = tuple(
-        replace(pad, position_mm=pad.position_mm + COMPLIANCE * own)
-        for pad, own in zip(history.pads, np.split(unit, split, axis=1), strict=True)
+        replace(pad, position_mm=pad.position_mm + own)
+        for pad, own in zip(history.pads, np.split(whole, split, axis=1), strict=True)
     )
     return grounded(replace(history, pads=pads))
 
