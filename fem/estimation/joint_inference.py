@@ -79,7 +79,7 @@ class FruitModulus:
 class GraspEvidence:
     """What a grasp brings to the inference: its information, and by how much its E may be off beyond that.
 
-    `misfit_sd`, `discretisation_sd`: relative, from the departure from the model and the size of elements.
+    `misfit_sd`, `discretisation_sd`: relative, from the misfit of the model and the size of elements.
     `history`: the recording, for what is known under its own pads; None: the budget's numbers alone.
     """
 

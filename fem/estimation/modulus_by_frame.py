@@ -1,4 +1,4 @@
-"""The modulus frame by frame and pad by pad: the table in which a departure from the model first shows."""
+"""The modulus frame by frame and pad by pad: the table in which a deviation from the model first shows."""
 
 from dataclasses import dataclass
 

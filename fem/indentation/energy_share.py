@@ -77,7 +77,7 @@ def force_share(
     With W = mu (a/R)^2 w(x/a) the energy is U = mu a^5/R^2 int psi(w) dv, and F = dU/dd with d = a^2/R:
     F/F_Hertz = (3 int psi dv + 2 int psi'(w) w dv)/(5 int w dv), psi = w being 1.
     It is the force of Hertz's strains under the other law: for a stored energy an upper bound of the true
-    energy (Ritz), exact to first order in the departure from the linear law.
+    energy (Ritz), exact to first order in the deviation from the linear law.
     """
     _, volume = energy_classes(poisson_ratio)
     return np.asarray((3 * density + 2 * slope) @ volume / (5 * whole_energy(poisson_ratio)))
