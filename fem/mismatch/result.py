@@ -86,7 +86,7 @@ class GraspTrace:
 
 @dataclass(frozen=True, kw_only=True)
 class ModulusCell:
-    """The secant modulus of one grasp, pad and frame: a table in which a deviation from the model shows when and where."""
+    """The secant modulus of one grasp, pad and frame: the table shows when and where the model misses."""
 
     grasp: str
     pad: str
