@@ -102,7 +102,8 @@ def joint_modulus(
 
     `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts what their spread does to
     E. `pit_at`: offset (mm) and ln size, against the prior, of the pit the information was computed with.
-    Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird 1986).
+    Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird 1986). With
+    `infer_pit`, pads that contradict each other count less (`_tension`).
     """
     if not grasps:
         raise ValueError("joint_modulus needs at least one grasp, found none")

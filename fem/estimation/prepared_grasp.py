@@ -37,8 +37,9 @@ skin bends away there within a marker's width, a model is micrometres off, and t
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedGrasp:
-    """`history`: the recording with the forces of the patterns, all frames, the noise that is left in them,
-    and contacts without rims. `used`: the frames that a model is fitted to.
+    """`history`: the recording with the forces of the patterns, all frames, and contacts without rims; its
+    noise stays as recorded, though less is left, so that error bars are on the safe side. `used`: the frames
+    that a model is fitted to.
 
     `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
     `force_sd_N`: noise of one component in one frame of them. `patterns` and `shares`: f_r and a_r(t).

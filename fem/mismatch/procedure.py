@@ -22,6 +22,7 @@ from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Parameter, 
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import best_beyond_quantile, null_statistic, p_values
 from fem.mismatch.selection.model_selection import NullCase, select_model
+from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound, screened
@@ -32,14 +33,14 @@ from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 def explain(
     case: MismatchCase,
     *,
-    plain: Modulus,
+    plain: Modulus | None,
     progress: Callable[[str], None] | None = None,
     workers: int = 1,
 ) -> Explanation:
     """The explanation of all recordings of a case together, computed by so many threads.
 
     `plain`: E without an effect, as it is graded (fem.estimation.fruit_modulus): the one that stands where no
-    effect is found.
+    effect is found; None: the mean of the recordings' own fits.
 
     Raises FemFailure where the plain model cannot be fitted at all.
     """
@@ -55,6 +56,7 @@ def explain(
 
     with stage("plain model"):
         forward, fits = plain_forward_model(case, workers=workers)
+        plain = modulus_of(forward) if plain is None else plain
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)

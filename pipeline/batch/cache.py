@@ -122,5 +122,5 @@ def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
                 return None
             arrays = {name: stored[name] for name in stored.files if name != HEADER}
         return record.restored(header["record"], arrays)
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error):
+    except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
         return None

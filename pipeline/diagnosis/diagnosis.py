@@ -27,6 +27,11 @@ TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
 
 
+NOT_GRADED = (
+    "grading gives no E for these recordings ({why}); E without an effect is the mean of their own fits."
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, with the recordings it is of, where the pads touched, and facts for the page."""
@@ -110,19 +115,20 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
 
 
 def plain_modulus(case: Case, fruit: GraspedFruit) -> Modulus:
-    """E without an effect, as `drupe grade` gives it for these recordings; raises FemFailure."""
+    """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
+    widen it; raises FemFailure.
+    """
     fruit = with_stated_surface(case, fruit)
     try:
         found = fruit_modulus(
             case.task, fruit.placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
         ).modulus
     except ExceptionGroup as failures:
-        first = failures.exceptions[0]
-        raise first if isinstance(first, FemFailure) else failures from None
+        raise next(one for one in failures.exceptions if isinstance(one, FemFailure)) from None
     return Modulus(value=found.E_MPa, sd=found.E_sd_MPa)
 
 
-def find(case: MismatchCase, plain: Modulus, log: StageLog, *, jobs: int) -> Explanation:
+def find(case: MismatchCase, plain: Modulus | None, log: StageLog, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.procedure import explain
 
@@ -132,12 +138,21 @@ def find(case: MismatchCase, plain: Modulus, log: StageLog, *, jobs: int) -> Exp
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, log)
     handed = mismatch_case(case, fruit)
+    ungraded = ""
     with log.stage("modulus"):
-        plain = plain_modulus(case, fruit)
+        try:
+            plain = plain_modulus(case, fruit)
+        except FemFailure as failure:
+            plain, ungraded = None, NOT_GRADED.format(why=failure.detail)
     with log.stage("explanation"):
         found = find(handed, plain, log, jobs=jobs)
     notes = dict.fromkeys(
-        [*found.notes, *notes_on_verdict(case, found), *notes_on(case, fruit, log.warnings)]
+        [
+            *([ungraded] if ungraded else []),
+            *found.notes,
+            *notes_on_verdict(case, found),
+            *notes_on(case, fruit, log.warnings),
+        ]
     )
     budget, pit = handed.budget, fruit.pit.record
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"

@@ -67,13 +67,13 @@ class KeptModel(StageRecord):
 
 
 class KeptModels(StageRecord):
-    """The stage "models": one of each grasp, in their order."""
+    """The stages "response-N": one of each grasp, in their order."""
 
     models: tuple[KeptModel | KeptFailure, ...]
 
 
 class KeptCorrections(StageRecord):
-    """The stage "effects": what confirmed effects add to each modelled grasp's displacement, mm."""
+    """The stages "response-N-effects": what confirmed effects add to each grasp's displacement, mm."""
 
     by_grasp: tuple[Float[np.ndarray, "_ _ 3"], ...]
 

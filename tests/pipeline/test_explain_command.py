@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
+from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.result import Modulus, Where
 from pipeline.cli import main
 from tactile.io.recording import IndenterPad, Recording, write_recording
@@ -170,6 +171,21 @@ def test_the_finder_is_handed_the_whole_case(drupe, finder, case):
     assert left.pose.shape == (len(history.time_s), 4, 4)
     assert 0.01 < left.gel_N_per_mm < 10
     assert "air" in history.phase
+
+
+def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
+    drupe, finder, case, tmp_path, monkeypatch
+):
+    def none(*_):
+        raise FemFailure(FemProblem.NOT_CONVERGED, "the grasps contradict each other")
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "plain_modulus", none)
+    ran = drupe("explain", case, "--json", tmp_path / "a.json")
+    assert ran.status == 0, ran.err
+    assert finder["plain"] is None
+    assert "the grasps contradict each other" in " ".join(
+        json.loads((tmp_path / "a.json").read_text())["notes"]
+    )
 
 
 def test_a_case_of_one_grasp_and_several_names_left_still_end_well(drupe, finder, case):
