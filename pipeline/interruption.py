@@ -17,8 +17,8 @@ _loading: list[str] = []
 
 @contextmanager
 def ends_at_once() -> Iterator[None]:
-    """Inside the block native libraries are loaded and nothing is written: an interruption ends the process
-    there and then, SIGTERM at the end of the block.
+    """Inside the block native libraries are loaded and nothing is written: an interruption that
+    `ended_like_ctrl_c` takes ends the process there and then, SIGTERM at the end of the block.
 
     An exception would not do: raised while a library sets itself up, it leaves half a library behind, and
     the interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap). pycolmap takes

@@ -35,14 +35,14 @@ def denoised_force(
     force = pad.force_N @ turn
     moved = pad.gel_displacement_mm @ turn
     stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
+    noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
+    if noise > pad.force_sd_N:  # displacement says less than the forces themselves
+        return DenoisedForce(force_N=pad.force_N, sd_N=pad.force_sd_N)
     springs = moved * stiffness
     beyond = (force - springs).reshape(len(force), -1)
     _, size, right = np.linalg.svd(beyond[used], full_matrices=False)
     sd = pad.force_sd_N * float(np.sqrt(variance_inflation(np.array([pad.lag1]))[0]))
     kept = right[size > ABOVE_NOISE * sd * (np.sqrt(used.sum()) + np.sqrt(beyond.shape[1]))]
-    noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
-    if noise > pad.force_sd_N:  # displacement says less than the forces themselves
-        return DenoisedForce(force_N=pad.force_N, sd_N=pad.force_sd_N)
     more = (beyond @ kept.T) @ kept
     return DenoisedForce(force_N=(springs + more.reshape(force.shape)) @ turn.T, sd_N=max(noise, 1e-9))
 

@@ -22,8 +22,7 @@ from fem.estimation.compliance_fit import MarkerTracks
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRatio:
-    """The modulus and four parts of its relative spread: noise of displacement and force, the markers'
-    scales.
+    """The modulus and two parts of its relative spread: noise of displacement, and the markers' scales.
 
     The scale errors of the markers are independent, so each counts by its share of the energy. `work_Nmm` is
     summed over frames: not above zero where displacement and force do not belong together.
@@ -32,9 +31,7 @@ class EnergyRatio:
     modulus_MPa: float
     work_Nmm: float
     displacement_noise: float
-    force_noise: float
     gel_scale: float
-    force_scale: float
 
 
 def since_first_touch(
@@ -55,9 +52,7 @@ def energy_ratio(
     force_N: Float[np.ndarray, "t n 3"],
     motion_mm: Float[np.ndarray, "t n 3"],
     *,
-    force_sd_N: float,
     gel_scale_sd: float,
-    force_scale_sd: float,
 ) -> EnergyRatio:
     """The ratio above, from forces at the markers and the fruit's rigid motion at them."""
     c = since_first_touch(tracks.unit_displacement, tracks.episode)
@@ -71,9 +66,7 @@ def energy_ratio(
         modulus_MPa=stored / work if work else float("inf"),
         work_Nmm=work,
         displacement_noise=_root(tracks.sd_mm**2 * leverage) / abs(work),
-        force_noise=_root(colour * force_sd_N**2 * (c**2).sum(axis=(0, 2))) / abs(stored),
         gel_scale=gel_scale_sd * _root((force_N * d).sum(axis=(0, 2)) ** 2) / abs(work),
-        force_scale=force_scale_sd * _root((force_N * c).sum(axis=(0, 2)) ** 2) / abs(stored),
     )
 
 

@@ -130,9 +130,7 @@ def _from_first_touch(
         tracks,
         force,
         fit.motion_mm,
-        force_sd_N=force_sd_N,
         gel_scale_sd=budget.gel_scale_sd,
-        force_scale_sd=budget.force_scale_sd,
     )
     modulus = require_positive(fit.compliance)
     elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0

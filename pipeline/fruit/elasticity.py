@@ -3,13 +3,13 @@
 import hashlib
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import astuple
+from functools import partial
 
 import numpy as np
-from jaxtyping import Int
 
-from fem.elements.assembly import Stiffness, assemble
+from fem.elements.assembly import assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
@@ -22,7 +22,7 @@ from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.solid.linear_solid import Support, UnitModulusSolid
+from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
@@ -159,12 +159,19 @@ def responses(
     )
 
     def compute() -> list[GraspModel | FemFailure]:
-        flesh = _Flesh(mesh, poisson_ratio, assemble(mesh.nodes_mm, mesh.tets))
+        parts = assemble(mesh.nodes_mm, mesh.tets)
         models: dict[int, GraspModel | FemFailure] = {}
         for support in dict.fromkeys(supports):
             own = [k for k, one in enumerate(supports) if one == support]
+            factorised = partial(
+                UnitModulusSolid.factorise,
+                mesh,
+                poisson_ratio=poisson_ratio,
+                support=support,
+                parts=parts,
+            )
             found = _models(
-                flesh, support, [prepared[k] for k in own], gel_scale_sd=budget.gel_scale_sd, large=large
+                mesh, factorised, [prepared[k] for k in own], gel_scale_sd=budget.gel_scale_sd, large=large
             )
             models |= dict(zip(own, found, strict=True))
         return [models[k] for k in range(len(grasps))]
@@ -186,41 +193,29 @@ def responses(
     key = stage_key(
         "effects",
         files=[],
-        settings=[key, digest, keyed(effects)],
+        settings=[
+            key,
+            [grasp.digest for grasp in modelled],
+            keyed(task.settings.mismatch),
+            astuple(budget),
+        ],
         rooms=("pipeline", "fem"),
     )
     found = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
     return with_corrections(plain, found.by_grasp)
 
 
-@dataclass(frozen=True)
-class _Flesh:
-    """One mesh, assembled once for all supports and contacts."""
-
-    mesh: FleshMesh
-    poisson_ratio: float
-    parts: Stiffness
-
-    def factorised(self, support: Support, nodes: Int[np.ndarray, " c"]) -> UnitModulusSolid:
-        """Held as `support` says, with the compliance of these contact nodes."""
-        return UnitModulusSolid.factorise(
-            self.mesh,
-            poisson_ratio=self.poisson_ratio,
-            support=support,
-            parts=self.parts,
-            contact_nodes=nodes,
-        )
-
-
 def _models(
-    flesh: _Flesh,
-    support: Support,
+    mesh: FleshMesh,
+    factorised: Callable[..., UnitModulusSolid],
     prepared: Sequence[PreparedGrasp | FemFailure],
     *,
     gel_scale_sd: float,
     large: bool,
 ) -> list[GraspModel | FemFailure]:
-    """Of the grasps on one support; `large`: with large deformation."""
+    """Of the grasps on one support; `factorised`: UnitModulusSolid.factorise but for the contact nodes;
+    `large`: with large deformation.
+    """
     histories: dict[int, GraspHistory] = {}
     nodes = [np.zeros(0, dtype=np.int64)]
     models: dict[int, GraspModel | FemFailure] = {}
@@ -229,13 +224,13 @@ def _models(
             models[k] = grasp
             continue
         try:
-            nodes.append(contact_nodes(flesh.mesh, [grasp.history]))
+            nodes.append(contact_nodes(mesh, [grasp.history]))
             histories[k] = grasp.history
         except FemFailure as failure:
             models[k] = failure
     if histories:
         try:
-            solid = flesh.factorised(support, np.unique(np.concatenate(nodes)))
+            solid = factorised(contact_nodes=np.unique(np.concatenate(nodes)))
         except FemFailure as failure:
             models |= dict.fromkeys(histories, failure)
             histories = {}
@@ -268,6 +263,8 @@ def _digest(mesh: FleshMesh, prepared: Sequence[PreparedGrasp | FemFailure]) -> 
         for pad in one.history.pads:
             arrays += [pad.rest_mm, pad.surface_mm, pad.position_mm, pad.gel_displacement_mm]
             arrays += [pad.force_N, pad.episode]
+            arrays.append(np.array([pad.displacement_sd_mm, pad.force_sd_N, pad.lag1]))
     for array in arrays:
+        digest.update(str(array.shape).encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()

@@ -5,6 +5,7 @@ from typing import Self
 
 import numpy as np
 from jaxtyping import Float, Float32
+from pydantic import model_validator
 
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import Sensitivity
@@ -32,6 +33,14 @@ class KeptModel(StageRecord):
     discretisation: float
     fruit_moves: bool
     displacement_correction: Float32[np.ndarray, "t n 3"] | None
+
+    @model_validator(mode="after")
+    def _of_its_markers(self) -> Self:
+        """Raises ValueError where the triangle or the causes are those of another number of them."""
+        size = 3 * len(self.place_mm)
+        if len(self.triangle) != size * (size + 1) // 2 or len(self.causes) != len(self.sensitivity):
+            raise ValueError(f"triangle or causes do not belong to {len(self.place_mm)} markers")
+        return self
 
     @classmethod
     def of(cls, model: GraspModel) -> Self:
