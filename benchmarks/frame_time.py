@@ -144,7 +144,7 @@ def main() -> None:
     )
     print(f"  {f'a recording of {args.frames} frames, median':44s} {np.median(whole):8.3f} s CPU")
     print(
-        f"  E: planted {E_MPA}, frame at the peak {estimates[peak]:.4f}, recording {found.E_MPa:.4f} "
+        f"  E: injected {E_MPA}, frame at the peak {estimates[peak]:.4f}, recording {found.E_MPa:.4f} "
         f"+- {found.E_sd_MPa:.4f} MPa"
     )
     print(f"  peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024:.0f} MiB")

@@ -2,7 +2,7 @@
 
     python benchmarks/indentation_confusion.py [--traces N] [--nulls N] [--only NAME ...]
 
-The presses are those of tests/fem/planted_presses.py: force-depth curves from axisymmetric finite elements,
+The presses are those of tests/fem/injected_presses.py: force-depth curves from axisymmetric finite elements,
 memory by Ting's own integrals; modulus, speed, onset, noise (white or coloured) and air time are drawn.
 """
 
@@ -18,7 +18,7 @@ from fem.indentation.account import account_for
 from fem.indentation.trace import IndenterTrace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
-from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 #: a machine's give (mm/N) times E (MPa): half a millimetre at the deepest point
 GIVE = 0.04
@@ -68,7 +68,7 @@ def draw(kind: str, rng: np.random.Generator) -> tuple[IndenterTrace, dict[str, 
     )
     truth["onset_mm"] = press.onset_mm
     noise = 12 * E / rng.choice([300, 1000, 3000])
-    time_s, force, travel = planted(
+    time_s, force, travel = injected(
         rng, E_MPa=E, noise_N=noise, fade=rng.choice([0.0, 0.5]), press=press, **wanted
     )
     return IndenterTrace(time_s=time_s, force_N=force, travel_mm=travel, radius_mm=RADIUS_MM), truth

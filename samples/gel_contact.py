@@ -88,8 +88,8 @@ def traction(
     return force, slope
 
 
-def settled(gel: Gel, before: Anchors, position_mm: Float[np.ndarray, "n 3"]) -> Anchors:
-    """The memory after a converged step: the anchors of slipping nodes are dragged along."""
+def slid_anchors(gel: Gel, before: Anchors, position_mm: Float[np.ndarray, "n 3"]) -> Anchors:
+    """The anchors after a converged step: those of slipping nodes are dragged along."""
     anchor = gel_points(before, position_mm)
     force, _ = traction(gel, position_mm, anchor)
     touching = position_mm[:, 2] < 0

@@ -144,7 +144,7 @@ def _dots(at: Float[np.ndarray, "h w 2"], look: GelLook, *, pitch_mm: float) -> 
     return np.clip(0.5 - inside / pitch_mm, 0.0, 1.0).reshape(at.shape[:2])
 
 
-def _vignette(camera: GelCamera, strength: float) -> Float[np.ndarray, "h w"]:
+def _vignette(camera: GelCamera, darkening: float) -> Float[np.ndarray, "h w"]:
     width, height = camera.image_px
     x, y = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
-    return np.asarray(1.0 - strength * (x**2 + y**2) / 2)
+    return np.asarray(1.0 - darkening * (x**2 + y**2) / 2)

@@ -129,7 +129,7 @@ def pressed(block: GelBlock, path: Sequence[BallPose], *, radius_mm: float, fric
         turn = Rotation.from_rotvec([0.0, 0.0, pose.turn_rad])
         centre = np.asarray(pose.centre_mm)
         law = _ball_law(at, centre, turn, held, touching, radius_mm, friction)
-        u, force = _settled(small, law, weight, u)
+        u, force = _equilibrium(small, law, weight, u)
         if np.any(force[edge]):
             raise NotInEquilibrium("the ball's contact grew past the part of the gel that can be loaded")
         # what a node holds on to is a point of the ball, in the ball's own frame
@@ -178,7 +178,9 @@ def _ball_law(
     return law
 
 
-def _settled(small: np.ndarray, law: Law, weight: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _equilibrium(
+    small: np.ndarray, law: Law, weight: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Solve u = C f(u) by Newton with halved steps; the force on the gel, N."""
     for _ in range(80):
         traction, slope = law(u)

@@ -13,7 +13,7 @@ DEEPEST_MM = 1.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class Programme:
+class LoadProtocol:
     """How the jaws move: `travel_mm` of each jaw past first touch (negative: in the air), by frame."""
 
     time_s: Float[np.ndarray, " t"]
@@ -32,7 +32,7 @@ class Hold:
         return self.touch_mm + travel_mm * np.stack([turn[:, 2] for turn in self.turns])
 
 
-def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> Programme:
+def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> LoadProtocol:
     """Ten frames in the air, a load to two thirds, off, a load to the deepest, a hold, off, five in air."""
     air, away = np.full(10, -clearance_mm), -0.12
     first = np.linspace(0, 0.66 * deepest_mm, 7)[1:]
@@ -45,7 +45,7 @@ def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float 
     pause = np.where(still, 0.1, np.abs(np.diff(travel)) / speed_mm_per_s)
     at_hold = np.abs(travel[1:] - deepest_mm) < 1e-9
     pause[still & at_hold] = 0.5
-    return Programme(time_s=np.concatenate([[0.0], np.cumsum(pause)]), travel_mm=travel)
+    return LoadProtocol(time_s=np.concatenate([[0.0], np.cumsum(pause)]), travel_mm=travel)
 
 
 def hold_along(fruit: SampleFruit, *, azimuth_deg: float, tilt_deg: float, uneven_mm: float = 0.02) -> Hold:
@@ -70,7 +70,7 @@ class PlannedGrasp:
 
     name: str
     hold: Hold
-    programme: Programme
+    protocol: LoadProtocol
 
 
 def planned_grasps(fruit: SampleFruit, *, count: int) -> tuple[PlannedGrasp, ...]:
@@ -81,6 +81,6 @@ def planned_grasps(fruit: SampleFruit, *, count: int) -> tuple[PlannedGrasp, ...
     for k in range(count):
         azimuth = first + 90.0 * (k % 2) + rng.normal(0.0, 3.0)
         hold = hold_along(fruit, azimuth_deg=azimuth, tilt_deg=rng.normal(0.0, 3.0))
-        programme = two_cycles(deepest_mm=DEEPEST_MM, speed_mm_per_s=float(rng.uniform(0.8, 2.5)))
-        plans.append(PlannedGrasp(name=f"grasp-{k + 1}", hold=hold, programme=programme))
+        protocol = two_cycles(deepest_mm=DEEPEST_MM, speed_mm_per_s=float(rng.uniform(0.8, 2.5)))
+        plans.append(PlannedGrasp(name=f"grasp-{k + 1}", hold=hold, protocol=protocol))
     return tuple(plans)

@@ -14,7 +14,7 @@ from jaxtyping import Float, Int
 from samples.anderson_mixing import AndersonMixing
 from samples.brick_flesh import BrickFlesh
 from samples.factors import Solve, factorise
-from samples.gel_contact import Anchors, Gel, gel_areas, gel_points, settled, traction, untouched
+from samples.gel_contact import Anchors, Gel, gel_areas, gel_points, slid_anchors, traction, untouched
 from samples.sample_failure import NotInEquilibrium
 
 REACH_MM = 9.9
@@ -37,7 +37,7 @@ class Face:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Squeeze:
+class QuasiStaticContact:
     """Everything that stays the same over a recording."""
 
     flesh: BrickFlesh
@@ -58,12 +58,12 @@ class LoadStep:
     residual: float
 
 
-def squeeze_of(
+def quasi_static_contact(
     flesh: BrickFlesh,
     gel: Gel,
     turns: tuple[Float[np.ndarray, "3 3"], ...],
     origins: Float[np.ndarray, "p 3"],
-) -> Squeeze:
+) -> QuasiStaticContact:
     """Prepare: faces in front of pads with the given rotations (pad to fruit) that point at `origins`."""
     bricks = flesh.bricks
     faces = []
@@ -90,13 +90,15 @@ def squeeze_of(
         unit[flat[part], np.arange(len(part))] = 1.0
         columns.append(solve(unit)[flat])
     compliance = np.concatenate(columns, axis=1)
-    return Squeeze(flesh=flesh, gel=gel, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance)
+    return QuasiStaticContact(
+        flesh=flesh, gel=gel, faces=tuple(faces), solve=solve, dofs=dofs, compliance=compliance
+    )
 
 
-def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> LoadStep:
-    """The moment before anything touches."""
-    q = np.zeros(squeeze.flesh.unknowns)
-    places = _positions(squeeze, q, origins)
+def at_rest(contact: QuasiStaticContact, origins: Float[np.ndarray, "p 3"]) -> LoadStep:
+    """The load step before anything touches."""
+    q = np.zeros(contact.flesh.unknowns)
+    places = _positions(contact, q, origins)
     return LoadStep(
         q=q,
         anchors=tuple(untouched(x) for x in places),
@@ -106,31 +108,31 @@ def at_rest(squeeze: Squeeze, origins: Float[np.ndarray, "p 3"]) -> LoadStep:
 
 
 def step(
-    squeeze: Squeeze, before: LoadStep, origins: Float[np.ndarray, "p 3"], *, rounds: int = 60
+    contact: QuasiStaticContact, before: LoadStep, origins: Float[np.ndarray, "p 3"], *, rounds: int = 60
 ) -> LoadStep:
-    """The next moment, with the pads' faces at `origins` (fruit frame, mm).
+    """The next load step, with the pads' faces at `origins` (fruit frame, mm).
 
     Raises NotInEquilibrium when `rounds` rounds leave more than TOLERANCE of the force unbalanced, or
     when the patch leaves the pad. A step that is too long for the alternation may do so too: take it in two.
     """
-    flesh = squeeze.flesh
+    flesh = contact.flesh
     rest = np.zeros(flesh.unknowns)
-    if not np.any(_forces(squeeze, rest, origins, *_lagged(squeeze, before, rest, origins))):
-        return _finished(squeeze, before, rest, origins, 0.0)
+    if not np.any(_forces(contact, rest, origins, *_lagged(contact, before, rest, origins))):
+        return _finished(contact, before, rest, origins, 0.0)
     q, history = before.q.copy(), AndersonMixing(DEPTH)
     residual = np.inf
     for _ in range(rounds):
         excess = flesh.excess(q)
-        freely = -squeeze.solve(excess)
-        anchors, areas = _lagged(squeeze, before, q, origins)
-        loads = _contact(squeeze, freely, origins, anchors, areas, start=q)
-        mapped = freely + squeeze.solve(_spread(squeeze, loads))
-        forces = _forces(squeeze, mapped, origins, *_lagged(squeeze, before, mapped, origins))
-        balance = flesh.stiffness @ mapped + flesh.excess(mapped) - _spread(squeeze, forces)
+        freely = -contact.solve(excess)
+        anchors, areas = _lagged(contact, before, q, origins)
+        loads = _contact(contact, freely, origins, anchors, areas, start=q)
+        mapped = freely + contact.solve(_spread(contact, loads))
+        forces = _forces(contact, mapped, origins, *_lagged(contact, before, mapped, origins))
+        balance = flesh.stiffness @ mapped + flesh.excess(mapped) - _spread(contact, forces)
         size = max(float(np.linalg.norm(forces)), 1e-3)
         residual = float(np.linalg.norm(balance)) / size
         if residual < TOLERANCE:
-            return _finished(squeeze, before, mapped, origins, residual)
+            return _finished(contact, before, mapped, origins, residual)
         if not residual < 1e3:
             break
         q = history.mixed(q, mapped)
@@ -138,17 +140,20 @@ def step(
 
 
 def _positions(
-    squeeze: Squeeze, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
+    contact: QuasiStaticContact, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
 ) -> list[Float[np.ndarray, "n 3"]]:
-    now = squeeze.flesh.bricks.nodes_mm + squeeze.flesh.displacement(q)
-    return [(now[f.nodes] - o) @ f.turn for f, o in zip(squeeze.faces, origins, strict=True)]
+    now = contact.flesh.bricks.nodes_mm + contact.flesh.displacement(q)
+    return [(now[f.nodes] - o) @ f.turn for f, o in zip(contact.faces, origins, strict=True)]
 
 
 def _lagged(
-    squeeze: Squeeze, before: LoadStep, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
+    contact: QuasiStaticContact,
+    before: LoadStep,
+    q: Float[np.ndarray, " u"],
+    origins: Float[np.ndarray, "p 3"],
 ) -> tuple[list[np.ndarray], list[np.ndarray]]:
     anchors, areas = [], []
-    for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
+    for face, held, x in zip(contact.faces, before.anchors, _positions(contact, q, origins), strict=True):
         anchor = gel_points(held, x)
         anchors.append(anchor)
         areas.append(gel_areas(anchor, face.cells))
@@ -156,19 +161,23 @@ def _lagged(
 
 
 def _forces(
-    squeeze: Squeeze, q: np.ndarray, origins: np.ndarray, anchors: list[np.ndarray], areas: list[np.ndarray]
+    contact: QuasiStaticContact,
+    q: np.ndarray,
+    origins: np.ndarray,
+    anchors: list[np.ndarray],
+    areas: list[np.ndarray],
 ) -> Float[np.ndarray, "r 3"]:
     """Force on every reachable node, fruit frame."""
     found = []
-    places = _positions(squeeze, q, origins)
-    for face, x, anchor, area in zip(squeeze.faces, places, anchors, areas, strict=True):
-        load, _ = traction(squeeze.gel, x, anchor)
+    places = _positions(contact, q, origins)
+    for face, x, anchor, area in zip(contact.faces, places, anchors, areas, strict=True):
+        load, _ = traction(contact.gel, x, anchor)
         found.append((load * area[:, None])[face.reachable] @ face.turn.T)
     return np.concatenate(found)
 
 
 def _contact(
-    squeeze: Squeeze,
+    contact: QuasiStaticContact,
     freely: np.ndarray,
     origins: np.ndarray,
     anchors: list[np.ndarray],
@@ -177,9 +186,9 @@ def _contact(
     start: np.ndarray,
 ) -> Float[np.ndarray, "r 3"]:
     """Solve u = freely + C f(u) for the reachable nodes; returns f. Semi-smooth Newton with halved steps."""
-    base = squeeze.flesh.bricks.nodes_mm
+    base = contact.flesh.bricks.nodes_mm
     rest, turns, feet, area = [], [], [], []
-    for face, origin, anchor, a in zip(squeeze.faces, origins, anchors, areas, strict=True):
+    for face, origin, anchor, a in zip(contact.faces, origins, anchors, areas, strict=True):
         r = face.reachable
         rest.append(base[face.nodes[r]] - origin)
         turns.append(np.broadcast_to(face.turn, (len(r), 3, 3)))
@@ -190,14 +199,14 @@ def _contact(
 
     def load(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = np.einsum("ni,nij->nj", at + u, turn)
-        force, slope = traction(squeeze.gel, x, foot)
+        force, slope = traction(contact.gel, x, foot)
         force = np.einsum("nij,nj->ni", turn, force) * weight[:, None]
         return force, np.einsum("nij,njk,nlk->nil", turn, slope, turn) * weight[:, None, None]
 
-    given = freely[squeeze.dofs]
-    u = start[squeeze.dofs]
+    given = freely[contact.dofs]
+    u = start[contact.dofs]
     force, slope = load(u)
-    miss = u - given - (squeeze.compliance @ force.ravel()).reshape(-1, 3)
+    miss = u - given - (contact.compliance @ force.ravel()).reshape(-1, 3)
     for _ in range(40):
         if np.abs(miss).max() < 1e-10:
             break
@@ -205,42 +214,42 @@ def _contact(
         move = -miss
         if len(active):
             block = (3 * active[:, None] + np.arange(3)).ravel()
-            small = squeeze.compliance[np.ix_(block, block)]
+            small = contact.compliance[np.ix_(block, block)]
             product = np.einsum("anj,njk->ank", small.reshape(len(block), -1, 3), slope[active])
             inner = np.linalg.solve(
                 np.eye(len(block)) - product.reshape(len(block), -1), -miss[active].ravel()
             ).reshape(-1, 3)
             pushed = np.einsum("nij,nj->ni", slope[active], inner)
-            move = -miss + (squeeze.compliance[:, block] @ pushed.ravel()).reshape(-1, 3)
+            move = -miss + (contact.compliance[:, block] @ pushed.ravel()).reshape(-1, 3)
         best = np.linalg.norm(miss)
         for share in (1.0, 0.5, 0.25, 0.125):
             trial = u + share * move
             force, slope = load(trial)
-            left = trial - given - (squeeze.compliance @ force.ravel()).reshape(-1, 3)
+            left = trial - given - (contact.compliance @ force.ravel()).reshape(-1, 3)
             if np.linalg.norm(left) < best:
                 break
         u, miss = trial, left
     return force
 
 
-def _spread(squeeze: Squeeze, loads: Float[np.ndarray, "r 3"]) -> Float[np.ndarray, " u"]:
-    full = np.zeros(squeeze.flesh.unknowns)
-    np.add.at(full, squeeze.dofs.ravel(), loads.ravel())
+def _spread(contact: QuasiStaticContact, loads: Float[np.ndarray, "r 3"]) -> Float[np.ndarray, " u"]:
+    full = np.zeros(contact.flesh.unknowns)
+    np.add.at(full, contact.dofs.ravel(), loads.ravel())
     return full
 
 
 def _finished(
-    squeeze: Squeeze, before: LoadStep, q: np.ndarray, origins: np.ndarray, residual: float
+    contact: QuasiStaticContact, before: LoadStep, q: np.ndarray, origins: np.ndarray, residual: float
 ) -> LoadStep:
     anchors, forces = [], []
-    for face, held, x in zip(squeeze.faces, before.anchors, _positions(squeeze, q, origins), strict=True):
+    for face, held, x in zip(contact.faces, before.anchors, _positions(contact, q, origins), strict=True):
         anchor = gel_points(held, x)
-        load, _ = traction(squeeze.gel, x, anchor)
+        load, _ = traction(contact.gel, x, anchor)
         force = load * gel_areas(anchor, face.cells)[:, None]
-        outside = np.ones(len(x), dtype=bool)
-        outside[face.reachable] = False
-        if np.any(force[outside]):
-            raise NotInEquilibrium("the contact patch grew past the pad: squeeze less or move the pads")
-        anchors.append(settled(squeeze.gel, held, x))
+        beyond_reach = np.ones(len(x), dtype=bool)
+        beyond_reach[face.reachable] = False
+        if np.any(force[beyond_reach]):
+            raise NotInEquilibrium("the contact patch grew past the pad: close less or move the pads")
+        anchors.append(slid_anchors(contact.gel, held, x))
         forces.append(force @ face.turn.T)
     return LoadStep(q=q, anchors=tuple(anchors), force_N=tuple(forces), residual=residual)

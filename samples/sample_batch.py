@@ -149,7 +149,7 @@ def write_grasps(
         grasp = simulate(
             fruit,
             plan.hold,
-            plan.programme,
+            plan.protocol,
             rng=np.random.default_rng([fruit.seed, 7, k]),
             fineness=fineness,
             progress=None if progress is None else _named(progress, plan.name),

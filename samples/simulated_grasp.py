@@ -9,9 +9,9 @@ from jaxtyping import Float
 from samples.brick_flesh import Law, flesh_of
 from samples.fruit import SampleFruit
 from samples.gel_contact import Gel, at_markers
-from samples.grasp_plan import Hold, Programme
+from samples.grasp_plan import Hold, LoadProtocol
 from samples.hexahedra import SHIPPED, Fineness, flesh_bricks
-from samples.quasi_static_contact import LoadStep, Squeeze, at_rest, squeeze_of, step
+from samples.quasi_static_contact import LoadStep, QuasiStaticContact, at_rest, quasi_static_contact, step
 from samples.sample_failure import NotInEquilibrium
 from samples.sensor_noise import SensorNoise, measured
 from tactile.io.recording import GelPad, Recording
@@ -23,19 +23,19 @@ MARKER_AREA_MM2 = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class Grasp:
-    """A simulated recording and its truth: marker values without noise, and every moment."""
+    """A simulated recording and its truth: marker values without noise, and every load step."""
 
     recording: Recording
     true_displacement_mm: tuple[Float[np.ndarray, "t n 3"], ...]
     true_force_N: tuple[Float[np.ndarray, "t n 3"], ...]
-    moments: tuple[LoadStep, ...]
-    squeeze: Squeeze
+    steps: tuple[LoadStep, ...]
+    contact: QuasiStaticContact
 
 
 def simulate(
     fruit: SampleFruit,
     hold: Hold,
-    programme: Programme,
+    protocol: LoadProtocol,
     *,
     rng: np.random.Generator,
     gel: Gel | None = None,
@@ -51,33 +51,39 @@ def simulate(
     gel = gel or Gel()
     bricks = flesh_bricks(fruit, hold.turns[0][:, 2], fineness)
     flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law=law)
-    squeeze = squeeze_of(flesh, gel, hold.turns, hold.touch_mm)
-    moments: list[LoadStep] = []
-    travels = programme.travel_mm.tolist()
+    contact = quasi_static_contact(flesh, gel, hold.turns, hold.touch_mm)
+    steps: list[LoadStep] = []
+    travels = protocol.travel_mm.tolist()
     for k, travel in enumerate(travels):
         if k == 0:
-            moments.append(at_rest(squeeze, hold.origins(travel)))
+            steps.append(at_rest(contact, hold.origins(travel)))
         elif travel == travels[k - 1]:
-            moments.append(moments[-1])
+            steps.append(steps[-1])
         else:
-            moments.append(_moved(squeeze, moments[-1], hold, travels[k - 1], travel))
+            steps.append(_moved(contact, steps[-1], hold, travels[k - 1], travel))
         if progress is not None:
             progress(f"{fruit.fruit_id}: frame {k + 1} of {len(travels)}")
-    return _recorded(fruit, hold, programme, squeeze, tuple(moments), noise or SensorNoise(), rng)
+    return _recorded(fruit, hold, protocol, contact, tuple(steps), noise or SensorNoise(), rng)
 
 
 def _moved(
-    squeeze: Squeeze, before: LoadStep, hold: Hold, from_mm: float, to_mm: float, *, halvings: int = 3
+    contact: QuasiStaticContact,
+    before: LoadStep,
+    hold: Hold,
+    from_mm: float,
+    to_mm: float,
+    *,
+    halvings: int = 3,
 ) -> LoadStep:
     """One frame on; a step that does not converge is taken in two."""
     try:
-        return step(squeeze, before, hold.origins(to_mm))
+        return step(contact, before, hold.origins(to_mm))
     except NotInEquilibrium:
         if halvings == 0:
             raise
     middle = (from_mm + to_mm) / 2
-    halfway = _moved(squeeze, before, hold, from_mm, middle, halvings=halvings - 1)
-    return _moved(squeeze, halfway, hold, middle, to_mm, halvings=halvings - 1)
+    halfway = _moved(contact, before, hold, from_mm, middle, halvings=halvings - 1)
+    return _moved(contact, halfway, hold, middle, to_mm, halvings=halvings - 1)
 
 
 def marker_grid() -> Float[np.ndarray, "400 3"]:
@@ -88,21 +94,21 @@ def marker_grid() -> Float[np.ndarray, "400 3"]:
 
 
 def _recorded(
-    fruit: SampleFruit, hold: Hold, programme: Programme, squeeze: Squeeze, moments: tuple[LoadStep, ...],
-    noise: SensorNoise, rng: np.random.Generator,
+    fruit: SampleFruit, hold: Hold, protocol: LoadProtocol, contact: QuasiStaticContact,
+    steps: tuple[LoadStep, ...], noise: SensorNoise, rng: np.random.Generator,
 ) -> Grasp:  # fmt: skip
     """The contact's true motion as the sensors record it, noise included."""
     rest = marker_grid()
     pads, shifts, forces = [], [], []
     for side, name in enumerate(("left", "right")):
-        shift = np.stack([_marker_shift(squeeze, m, side, rest) for m in moments])
+        shift = np.stack([_marker_shift(contact, m, side, rest) for m in steps])
         stiffness = np.array(
-            [squeeze.gel.kt_MPa_per_mm, squeeze.gel.kt_MPa_per_mm, squeeze.gel.kn_MPa_per_mm]
+            [contact.gel.kt_MPa_per_mm, contact.gel.kt_MPa_per_mm, contact.gel.kn_MPa_per_mm]
         )
         force = -stiffness * MARKER_AREA_MM2 * shift
-        poses = np.broadcast_to(np.eye(4), (len(moments), 4, 4)).copy()
+        poses = np.broadcast_to(np.eye(4), (len(steps), 4, 4)).copy()
         poses[:, :3, :3] = hold.turns[side]
-        poses[:, :3, 3] = [hold.origins(travel)[side] for travel in programme.travel_mm.tolist()]
+        poses[:, :3, 3] = [hold.origins(travel)[side] for travel in protocol.travel_mm.tolist()]
         felt, pushed = measured(shift, force, noise, rng)
         pads.append(
             GelPad(
@@ -111,8 +117,8 @@ def _recorded(
                 rest_mm=rest,
                 displacement_mm=felt,
                 force_N=pushed,
-                gel_kn_MPa_per_mm=squeeze.gel.kn_MPa_per_mm,
-                gel_kt_MPa_per_mm=squeeze.gel.kt_MPa_per_mm,
+                gel_kn_MPa_per_mm=contact.gel.kn_MPa_per_mm,
+                gel_kt_MPa_per_mm=contact.gel.kt_MPa_per_mm,
             )
         )
         shifts.append(shift)
@@ -124,30 +130,30 @@ def _recorded(
         loading="grasp",
         support="free",
         sensor=SENSOR,
-        time_s=programme.time_s,
-        aperture_mm=gap - 2 * programme.travel_mm,
+        time_s=protocol.time_s,
+        aperture_mm=gap - 2 * protocol.travel_mm,
         pads=tuple(pads),
     )
     return Grasp(
         recording=recording,
         true_displacement_mm=tuple(shifts),
         true_force_N=tuple(forces),
-        moments=moments,
-        squeeze=squeeze,
+        steps=steps,
+        contact=contact,
     )
 
 
 def _marker_shift(
-    squeeze: Squeeze, moment: LoadStep, side: int, rest_mm: Float[np.ndarray, "n 3"]
+    contact: QuasiStaticContact, at: LoadStep, side: int, rest_mm: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "n 3"]:
     """How far the skin has carried each marker from its rest place; zero where it does not touch."""
-    anchors = moment.anchors[side]
+    anchors = at.anchors[side]
     carried = anchors.position_mm[:, :2] - anchors.gel_point_mm
     values = np.concatenate([carried, anchors.position_mm[:, 2:]], axis=1)
-    seen = at_markers(rest_mm[:, :2], anchors.gel_point_mm, values, squeeze.faces[side].cells)
+    seen = at_markers(rest_mm[:, :2], anchors.gel_point_mm, values, contact.faces[side].cells)
     touches = np.nan_to_num(seen[:, 2], nan=1.0) < 0
     shift = np.where(touches[:, None], seen, 0.0)
-    gel = squeeze.gel
+    gel = contact.gel
     reach = -gel.friction * gel.kn_MPa_per_mm / gel.kt_MPa_per_mm * shift[:, 2]
     size = np.linalg.norm(shift[:, :2], axis=1)
     # between nodes, too, the shear stays within the cone

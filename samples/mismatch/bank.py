@@ -5,7 +5,7 @@ from pathlib import Path
 
 from samples.mismatch.case_simulation import write_first_that_balances
 from samples.mismatch.injected import EFFECTS
-from samples.mismatch.out_of_catalogue import OUTSIDE
+from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 
 SEED = 2026
 """Of all cases but the null ones; any number does. The published figures (docs/validation.md) are of this
@@ -33,7 +33,7 @@ class BankCase:
     case_id: str
     effects: tuple[tuple[str, int], ...]
     seed: tuple[int, ...]
-    outside: str | None = None
+    out_of_catalogue: str | None = None
 
 
 def singles() -> tuple[BankCase, ...]:
@@ -58,11 +58,13 @@ def pairs() -> tuple[BankCase, ...]:
 def outsiders() -> tuple[BankCase, ...]:
     """One case of each physics that the catalogue does not have."""
     return tuple(
-        BankCase(case_id=f"outside-{k + 1:02d}", effects=(), seed=(SEED, 3, k), outside=name)
-        for k, name in enumerate(OUTSIDE)
+        BankCase(case_id=f"outside-{k + 1:02d}", effects=(), seed=(SEED, 3, k), out_of_catalogue=name)
+        for k, name in enumerate(OUT_OF_CATALOGUE)
     )
 
 
 def write_bank_case(folder: Path, case: BankCase) -> None:
     """Write one case below `folder` with the first draw that balances."""
-    write_first_that_balances(folder, case.case_id, case.effects, seed=case.seed, outside=case.outside)
+    write_first_that_balances(
+        folder, case.case_id, case.effects, seed=case.seed, out_of_catalogue=case.out_of_catalogue
+    )

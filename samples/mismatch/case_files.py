@@ -36,7 +36,7 @@ mesh_sd_mm = 0.1
 
 @dataclass(frozen=True, kw_only=True)
 class Label:
-    """What was planted in a case, as its label says it."""
+    """What was injected in a case, as its label says it."""
 
     effect: str
     parameters: dict[str, Any]

@@ -12,12 +12,13 @@ from samples.fruit import POISSON_RATIO
 from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit
+from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.freestone import LoosePitBody, loose_stiffness, pit_contact
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
-    Planted,
+    InjectedEffect,
     altered_stiffness,
     flesh_law,
     gel_of,
@@ -34,11 +35,15 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, MeshedFruit, standing
+from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.out_of_catalogue import Outside, drawn_outside, outside_body, outside_recorded
+from samples.mismatch.out_of_catalogue import (
+    OutOfCatalogue,
+    drawn_out_of_catalogue,
+    out_of_catalogue_body,
+    out_of_catalogue_recorded,
+)
 from samples.mismatch.schur import schur_complement
-from samples.mismatch.strengths import drawn_parameters
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import NotInEquilibrium, SampleFailure
@@ -53,8 +58,8 @@ class CasePlan:
     case_id: str
     drawn: DrawnFruit
     grasps: tuple[CaseGrasp, ...]
-    planted: tuple[Planted, ...]
-    outside: Outside | None = None
+    injected: tuple[InjectedEffect, ...]
+    out_of_catalogue: OutOfCatalogue | None = None
 
 
 def planned(
@@ -63,18 +68,19 @@ def planned(
     *,
     seed: tuple[int, ...],
     category: Category | None = None,
-    outside: str | None = None,
+    out_of_catalogue: str | None = None,
 ) -> CasePlan:
     """A case with the given effects, each at its level; the fruit and all the rest from the seed.
 
-    `outside` names a physics that is not in the catalogue, instead of effects.
+    `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
     """
     rng = np.random.default_rng(list(seed))
     kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
-    planted = tuple(
-        Planted(effect=effect, parameters=drawn_parameters(effect, level, rng)) for effect, level in effects
+    injected = tuple(
+        InjectedEffect(effect=effect, parameters=drawn_parameters(effect, level, rng))
+        for effect, level in effects
     )
-    offset, size, ratio = (named(planted, e) for e in ("pit_offset", "pit_size", "poisson_ratio"))
+    offset, size, ratio = (named(injected, e) for e in ("pit_offset", "pit_size", "poisson_ratio"))
     drawn = drawn_fruit(
         case_id,
         category=kind,
@@ -84,14 +90,14 @@ def planned(
         poisson_ratio=POISSON_RATIO if ratio is None else ratio.number("nu"),
     )
     grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
-    planted = tuple(_placed(p, drawn, grasps, rng) for p in planted)
-    foreign = None if outside is None else drawn_outside(outside, rng)
-    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, planted=planted, outside=foreign)
+    injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
+    foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
+    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
 
 
 def _placed(
-    one: Planted, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
-) -> Planted:
+    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
+) -> InjectedEffect:
     if one.effect != "soft_spot":
         return one
     number, pad = int(rng.integers(3)), str(rng.choice(["left", "right"]))
@@ -114,23 +120,23 @@ def write_case(
     salt = rng.bytes(16).hex()
     truths = true_recordings(plan, progress=progress)
     peaks = tuple(t.peak_force_N for t in truths)
-    settled = tuple(_with_amount(p, max(peaks)) for p in plan.planted)
-    label = _label(plan, settled)
+    labelled = tuple(_with_amount(p, max(peaks)) for p in plan.injected)
+    label = _label(plan, labelled)
     entry = answer(plan.drawn, label)
     seal(folder, plan.case_id, entry, salt=salt)
-    recordings = tuple(as_recorded(t, settled, plan.outside) for t in truths)
+    recordings = tuple(as_recorded(t, labelled, plan.out_of_catalogue) for t in truths)
     write_case_files(folder / plan.case_id, plan.drawn, recordings, peaks_N=peaks, rng=rng)
     reveal(folder, plan.case_id, entry, salt=salt)
 
 
-def _label(plan: CasePlan, settled: tuple[Planted, ...]) -> Label:
-    if plan.outside is not None:
-        parameters = {"physics": plan.outside.name, **plan.outside.parameters}
+def _label(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
+    if plan.out_of_catalogue is not None:
+        parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
         return Label(effect="unknown", parameters=parameters)
-    return Label(effect=joined_name(settled), parameters=joined_parameters(settled))
+    return Label(effect=joined_name(labelled), parameters=joined_parameters(labelled))
 
 
-def _with_amount(one: Planted, peak_N: float) -> Planted:
+def _with_amount(one: InjectedEffect, peak_N: float) -> InjectedEffect:
     """A drift is planned as a share of the peak force per second; its label is in newtons."""
     if one.effect != "sensor_drift":
         return one
@@ -140,14 +146,14 @@ def _with_amount(one: Planted, peak_N: float) -> Planted:
 
 def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tuple[TrueRecording, ...]:
     """The four grasps, mesh by mesh; what grasp 1 did to the flesh is there in grasp 4."""
-    lag = named(plan.planted, "clock_lag")
+    lag = named(plan.injected, "clock_lag")
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = standing(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.planted))
-        body, inner = body_of(stands, plan.planted, plan.outside)
+        stands = meshed_fruit(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.injected))
+        body, inner = body_of(stands, plan.injected, plan.out_of_catalogue)
         for grasp in here:
-            grip = grip_of(stands, gel=gel_of(plan.planted), inner=inner)
+            grip = grip_of(stands, gel=gel_of(plan.injected), inner=inner)
             if lag is None:
                 found[grasp.name] = grasped(grasp, grip, body, progress)
                 continue
@@ -159,20 +165,20 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
 
 
 def body_of(
-    stands: MeshedFruit, planted: tuple[Planted, ...], outside: Outside | None = None
+    stands: MeshedFruit, injected: tuple[InjectedEffect, ...], out_of_catalogue: OutOfCatalogue | None = None
 ) -> tuple[GrippedBody, InnerContact | None]:
-    """The flesh of one mesh with everything planted in it, and the pit's contact where the pit is loose.
+    """The flesh of one mesh with everything injected into it, and the pit's contact where the pit is loose.
 
     Raises SampleFailure for two effects that are not simulated together.
     """
-    if outside is not None:
-        return outside_body(stands, outside), None
+    if out_of_catalogue is not None:
+        return out_of_catalogue_body(stands, out_of_catalogue), None
     flesh = stands.flesh
-    stiffness = altered_stiffness(flesh, planted)
-    laws = [p for p in planted if p.effect in (*MATERIAL_LAWS, "viscoelastic", "loose_pit")]
+    stiffness = altered_stiffness(flesh, injected)
+    laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, "viscoelastic", "loose_pit")]
     if len(laws) > 1:
         names = " and ".join(p.effect for p in laws)
-        raise SampleFailure(f"{names} cannot be planted together: each needs a flesh of its own.")
+        raise SampleFailure(f"{names} cannot be injected together: each needs a flesh of its own.")
     if laws and laws[0].effect == "loose_pit":
         dense = loose_stiffness(flesh, stands.dofs, extra=csr_array(stiffness - flesh.stiffness))
         return LoosePitBody(dense), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
@@ -186,12 +192,12 @@ def body_of(
 
 
 def as_recorded(
-    truth: TrueRecording, planted: tuple[Planted, ...], outside: Outside | None = None
+    truth: TrueRecording, injected: tuple[InjectedEffect, ...], out_of_catalogue: OutOfCatalogue | None = None
 ) -> TrueRecording:
     """What the machine's faults make of a true recording; a late clock is in it already."""
-    if outside is not None:
-        return outside_recorded(truth, outside)
-    for one in planted:
+    if out_of_catalogue is not None:
+        return out_of_catalogue_recorded(truth, out_of_catalogue)
+    for one in injected:
         p: dict[str, Any] = one.parameters
         if one.effect == "sensor_gain":
             truth = with_gain(truth, pad=p["pad"], gain=p["gain"])
@@ -211,12 +217,12 @@ def write_first_that_balances(
     effects: tuple[tuple[str, int], ...],
     *,
     seed: tuple[int, ...],
-    outside: str | None = None,
+    out_of_catalogue: str | None = None,
     attempts: int = 4,
 ) -> CasePlan:
     """Write the case of the first draw whose grasps all find their balance."""
     for attempt in range(attempts):
-        plan = planned(case_id, effects, seed=(*seed, attempt), outside=outside)
+        plan = planned(case_id, effects, seed=(*seed, attempt), out_of_catalogue=out_of_catalogue)
         try:
             write_case(folder, plan, seed=(*seed, attempt))
         except NotInEquilibrium:

@@ -93,7 +93,7 @@ def drawn_fruit(
 def _true_pit(
     prior: SamplePit, rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
 ) -> SamplePit:
-    """Off the prior by the category's spread; a planted shift or scale takes the place of that spread."""
+    """Off the prior by the category's spread; an injected shift or scale takes the place of that spread."""
     centre = rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     sizes = rng.normal(1.0, PIT_SIZE_SD, 3)
     if shift_mm is not None:
@@ -107,7 +107,7 @@ def _true_pit(
 
 
 def with_new_prior(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
-    """The same truth seen with another draw of the prior's error (for fruits without a planted pit)."""
+    """The same truth seen with another draw of the prior's error (for fruits without an injected pit)."""
     centre = np.array(drawn.fruit.pit.centre_mm) - rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     sizes = np.array(drawn.fruit.pit.semi_axes_mm) / rng.normal(1.0, PIT_SIZE_SD, 3)
     return replace(drawn, prior=SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))

@@ -51,7 +51,7 @@ def loose_stiffness(
     )
     bonded = rigid_tie(bricks, flesh.free_nodes, flesh.pit_centre_mm)
     own = _own_motion(flesh)
-    tie = csr_array(coo_array(_beside(bonded, own)))
+    tie = csr_array(coo_array(_side_by_side(bonded, own)))
     stiffness = csr_array(tie.T @ full @ tie)
     count, nodes = flesh.unknowns, len(bricks.pit_nodes)
     diagonal = np.zeros(stiffness.shape[0])
@@ -112,5 +112,5 @@ def _own_motion(flesh: BrickFlesh) -> coo_array:
     return coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
 
 
-def _beside(a: csr_array, b: coo_array) -> coo_array:
+def _side_by_side(a: csr_array, b: coo_array) -> coo_array:
     return coo_array(hstack([a, b]))

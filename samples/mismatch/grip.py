@@ -31,7 +31,7 @@ TOLERANCE_N = 2e-7
 """N, norm over all nodes: seven orders below the pads' force of some newtons."""
 LOOKS = 4
 """How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
-SETTLED_MM = 2e-4
+CONVERGED_MM = 2e-4
 """mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
 (samples.sensor_noise)."""
 SERVES = 0.4
@@ -143,7 +143,7 @@ def next_instant(
             look = max(look, 1)
             continue
         look += 1
-        if (look > 1 or start is not None) and change < SETTLED_MM:
+        if (look > 1 or start is not None) and change < CONVERGED_MM:
             break
     now = [grip.local(s, u, origins) for s in (0, 1)]
     if any(np.any(x[p.rim, 2] < 0) for x, p in zip(now, grip.patches, strict=True)):

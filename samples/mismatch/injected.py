@@ -1,4 +1,4 @@
-"""What is planted in a case: effects of the catalogue by name, with the parameters that labels carry."""
+"""What is injected into a case: effects of the catalogue by name, with the parameters that labels carry."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,7 +27,7 @@ STIFFENING_IS_FIRMER = 3.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Planted:
+class InjectedEffect:
     """One effect; `parameters` are those of its label."""
 
     effect: str
@@ -42,39 +42,39 @@ class Planted:
         return float(self.parameters[name])
 
 
-def named(planted: tuple[Planted, ...], effect: str) -> Planted | None:
-    """The planted effect of that name, if any."""
-    return next((p for p in planted if p.effect == effect), None)
+def named(injected: tuple[InjectedEffect, ...], effect: str) -> InjectedEffect | None:
+    """The injected effect of that name, if any."""
+    return next((p for p in injected if p.effect == effect), None)
 
 
-def touches_widely(planted: tuple[Planted, ...]) -> bool:
+def touches_widely(injected: tuple[InjectedEffect, ...]) -> bool:
     """Whether one of them is in TOUCHES_WIDELY."""
-    return any(p.effect in TOUCHES_WIDELY for p in planted)
+    return any(p.effect in TOUCHES_WIDELY for p in injected)
 
 
-def joined_name(planted: tuple[Planted, ...]) -> str:
+def joined_name(injected: tuple[InjectedEffect, ...]) -> str:
     """The label's effect: names sorted and joined by +, or none."""
-    return "+".join(sorted(p.effect for p in planted)) or "none"
+    return "+".join(sorted(p.effect for p in injected)) or "none"
 
 
-def joined_parameters(planted: tuple[Planted, ...]) -> dict[str, Any]:
+def joined_parameters(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
     """The parameters of a single effect; of several, one group per effect."""
-    if len(planted) == 1:
-        return dict(planted[0].parameters)
-    return {p.effect: dict(p.parameters) for p in planted}
+    if len(injected) == 1:
+        return dict(injected[0].parameters)
+    return {p.effect: dict(p.parameters) for p in injected}
 
 
-def gel_of(planted: tuple[Planted, ...]) -> Gel:
+def gel_of(injected: tuple[InjectedEffect, ...]) -> Gel:
     """The pads' gel; with slip its friction is low, else high enough never to matter. It may stick."""
-    slip, adhesion = named(planted, "slip"), named(planted, "adhesion")
+    slip, adhesion = named(injected, "slip"), named(injected, "adhesion")
     gel = Gel() if slip is None else Gel(friction=slip.number("mu"))
     return gel if adhesion is None else replace(gel, reach_mm=adhesion.number("reach_mm"))
 
 
-def altered_stiffness(flesh: BrickFlesh, planted: tuple[Planted, ...]) -> Any:
-    """The flesh's stiffness with every planted effect that is linear in it."""
+def altered_stiffness(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> Any:
+    """The flesh's stiffness with every injected effect that is linear in it."""
     total = flesh.stiffness
-    for one in planted:
+    for one in injected:
         if one.effect == "graded_modulus":
             total = total + graded(flesh, gamma=one.number("gamma"))
         elif one.effect == "soft_spot":
@@ -90,8 +90,8 @@ def altered_stiffness(flesh: BrickFlesh, planted: tuple[Planted, ...]) -> Any:
     return total
 
 
-def flesh_law(one: Planted, flesh: BrickFlesh) -> tuple[FleshLaw, float]:
-    """The law of a planted effect, and how much firmer than linear the solver had better take the flesh."""
+def flesh_law(one: InjectedEffect, flesh: BrickFlesh) -> tuple[FleshLaw, float]:
+    """The law of an injected effect, and how much firmer than linear the solver had better take the flesh."""
     lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
     modulus = lame.mu * (3 * lame.lam + 2 * lame.mu) / (lame.lam + lame.mu)
     if one.effect == "stiffening":

@@ -28,7 +28,7 @@ class MeshedFruit:
     dofs: Int[np.ndarray, " d"]
 
 
-def standing(
+def meshed_fruit(
     drawn: DrawnFruit, grasp: CaseGrasp, *, fineness: Fineness = CASE, wide: bool = False
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.

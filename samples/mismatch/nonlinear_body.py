@@ -14,7 +14,7 @@ from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
 from samples.sample_failure import NotInEquilibrium
 
-SETTLED_MM = 4e-4
+CONVERGED_MM = 4e-4
 """mm, the largest change of a skin node in a round: a tenth of a frame's noise of 4 um
 (samples.sensor_noise)."""
 REST_S = 1e4
@@ -47,7 +47,7 @@ class NonlinearBody:
         shift, mixing = self._shift, AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
             mapped, state = self._mapped(-shift, REST_S)
-            if np.abs(mapped - shift).max() < SETTLED_MM / 10:
+            if np.abs(mapped - shift).max() < CONVERGED_MM / 10:
                 break
             shift = mixing.mixed(shift, mapped)
         self._state, self._shift, self._trend = state, mapped, np.zeros_like(mapped)
@@ -86,7 +86,7 @@ class NonlinearBody:
             q = whole.solve(whole.spread(instant.force_N)) / self._firmer - shift
             mapped, state = self._mapped(q, pause_s)
             start = instant.u
-            if np.abs((mapped - shift)[whole.dofs]).max() < SETTLED_MM:
+            if np.abs((mapped - shift)[whole.dofs]).max() < CONVERGED_MM:
                 self._trend = (mapped - self._shift) if np.any(instant.force_N) else np.zeros_like(mapped)
                 self._state, self._shift = state, mapped
                 return instant

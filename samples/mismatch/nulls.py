@@ -9,7 +9,7 @@ from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import CATEGORIES, DrawnFruit, drawn_fruit, with_new_prior
 from samples.mismatch.four_grasps import four_grasps
-from samples.mismatch.meshed_fruit import standing
+from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.schur import schur_complement
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.sample_failure import NotInEquilibrium
@@ -51,7 +51,7 @@ def elastic_truths(drawn: DrawnFruit, rng: np.random.Generator) -> tuple[TrueRec
     truths = {}
     for mesh in range(3):
         here = [g for g in grasps if g.mesh == mesh]
-        stands = standing(drawn, here[0])
+        stands = meshed_fruit(drawn, here[0])
         body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
         for grasp in here:
             truths[grasp.name] = grasped(grasp, grip_of(stands, gel=Gel()), body)

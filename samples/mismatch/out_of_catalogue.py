@@ -27,27 +27,27 @@ from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
 
-OUTSIDE = ("split_pit", "palm", "gel_hysteresis", "thermal_drift", "gel_creep", "drainage")
+OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_hysteresis", "thermal_drift", "gel_creep", "drainage")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Outside:
+class OutOfCatalogue:
     """One of the physics above with what it takes."""
 
     name: str
     parameters: dict[str, Any]
 
 
-def drawn_outside(name: str, rng: np.random.Generator) -> Outside:
-    """At a strength that is plain to be seen. Raises SampleFailure for a name that is not in the list."""
-    if name not in OUTSIDE:
+def drawn_out_of_catalogue(name: str, rng: np.random.Generator) -> OutOfCatalogue:
+    """At a level that is plain to be seen. Raises SampleFailure for a name that is not in the list."""
+    if name not in OUT_OF_CATALOGUE:
         raise SampleFailure(
-            f"There is no physics {name!r} outside the catalogue; there are: {', '.join(OUTSIDE)}."
+            f"There is no physics {name!r} outside the catalogue; there are: {', '.join(OUT_OF_CATALOGUE)}."
         )
-    return Outside(name=name, parameters=_strength(name, rng))
+    return OutOfCatalogue(name=name, parameters=_parameters(name, rng))
 
 
-def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
+def _parameters(name: str, rng: np.random.Generator) -> dict[str, Any]:
     """Parameters of an effect outside of the catalogue, drawn at random."""
     if name == "palm":
         return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
@@ -63,30 +63,30 @@ def _strength(name: str, rng: np.random.Generator) -> dict[str, Any]:
     return {}
 
 
-def outside_body(stands: MeshedFruit, outside: Outside) -> GrippedBody:
+def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue) -> GrippedBody:
     """The fruit of one mesh, with what is not in the catalogue."""
-    flesh, p = stands.flesh, outside.parameters
-    if outside.name == "split_pit":
+    flesh, p = stands.flesh, out_of_catalogue.parameters
+    if out_of_catalogue.name == "split_pit":
         return ElasticBody(schur_complement(split_pit_stiffness(flesh), stands.dofs))
-    if outside.name == "palm":
+    if out_of_catalogue.name == "palm":
         return ElasticBody(schur_complement(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
     dense = schur_complement(flesh.stiffness, stands.dofs)
-    if outside.name == "gel_creep":
+    if out_of_catalogue.name == "gel_creep":
         return CreepingGelBody(dense, g=p["g"], tau_s=p["tau_s"])
-    if outside.name == "drainage":
+    if out_of_catalogue.name == "drainage":
         lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
         law = Draining(lame=lame, volume_share=p["volume_share"], tau_s=p["tau_s"])
         return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), dense, law)
     return ElasticBody(dense)
 
 
-def outside_recorded(truth: TrueRecording, outside: Outside) -> TrueRecording:
+def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:
     """What the sensor makes of it."""
-    if outside.name == "gel_hysteresis":
-        return with_hysteresis(truth, **outside.parameters)
-    if outside.name == "thermal_drift":
-        return with_thermal_drift(truth, **outside.parameters)
-    if outside.name == "gel_creep":
+    if out_of_catalogue.name == "gel_hysteresis":
+        return with_hysteresis(truth, **out_of_catalogue.parameters)
+    if out_of_catalogue.name == "thermal_drift":
+        return with_thermal_drift(truth, **out_of_catalogue.parameters)
+    if out_of_catalogue.name == "gel_creep":
         return believed(truth, Gel())
     return truth
 

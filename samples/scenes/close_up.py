@@ -104,5 +104,5 @@ def _enlarged(view: Viewpoint, factor: float) -> Viewpoint:
 def _ground_level(light: Float[np.ndarray, "s s 3"], cover: Float[np.ndarray, "s s"]) -> float:
     """The 70th percentile of the luminance beside the fruit; of all where the fruit fills the picture."""
     luminance = light @ np.array([0.2126, 0.7152, 0.0722], np.float32)
-    beside = luminance[cover < 0.02]
-    return float(max(np.percentile(beside if beside.size > 100 else luminance, 70), 1e-4))
+    around = luminance[cover < 0.02]
+    return float(max(np.percentile(around if around.size > 100 else luminance, 70), 1e-4))

@@ -141,5 +141,5 @@ def _stained(
     tint = np.array(
         ((0.80, 0.35, 0.22), (0.85, 0.68, 0.35), (0.45, 0.32, 0.22), (0.55, 0.15, 0.25))[rng.integers(4)]
     )
-    strength = rng.uniform(0.35, 1.0) * (0.6 * cover + 0.4 * dried_edge)[..., None]
-    return np.asarray(print_rgb * (1 - strength * (1 - tint)))
+    dirt = rng.uniform(0.35, 1.0) * (0.6 * cover + 0.4 * dried_edge)[..., None]
+    return np.asarray(print_rgb * (1 - dirt * (1 - tint)))

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planted_presses import NU, RADIUS_MM, THICK_MM, Press, curve, ting_force
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, curve, ting_force
 from scipy.optimize import brentq
 from scipy.special import dawsn
 

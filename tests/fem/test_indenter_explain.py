@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.explain_trace import explain_trace
@@ -14,7 +14,7 @@ def explained(columns, *, thickness_mm=THICK_MM, nu=NU):
 
 
 def test_linear_flesh_is_nothing_to_report():
-    said = explained(planted(np.random.default_rng(1), press=Press(rate_hz=5.0)))
+    said = explained(injected(np.random.default_rng(1), press=Press(rate_hz=5.0)))
     assert said.verdict == "none"
     assert not said.detected
     assert said.before.value == pytest.approx(0.3, rel=0.02)
@@ -23,7 +23,7 @@ def test_linear_flesh_is_nothing_to_report():
 
 def test_relaxing_flesh_is_named_with_its_share_its_time_and_its_modulus():
     said = explained(
-        planted(np.random.default_rng(2), g=(0.4,), tau_s=(5.0,), press=Press(rate_hz=5.0, onset_mm=1.0))
+        injected(np.random.default_rng(2), g=(0.4,), tau_s=(5.0,), press=Press(rate_hz=5.0, onset_mm=1.0))
     )
     top = said.ranking[0]
     assert said.verdict == top.effect == "viscoelastic"
@@ -39,7 +39,7 @@ def test_relaxing_flesh_is_named_with_its_share_its_time_and_its_modulus():
 
 def test_two_effects_at_work_are_named_together():
     said = explained(
-        planted(
+        injected(
             np.random.default_rng(3),
             law="stiffening b=8",
             g=(0.4,),
@@ -52,21 +52,21 @@ def test_two_effects_at_work_are_named_together():
 
 
 @pytest.mark.parametrize(
-    ("planting", "name"),
+    ("injecting", "name"),
     [
         ({"law": "damage dmax=0.5 W0_over_E=0.01"}, "damage"),
         ({"law": "plastic_set yield_over_E=0.1"}, "plastic_set"),
         ({"newton_per_s": 0.006}, "sensor_drift"),
     ],
 )
-def test_an_effect_of_another_solver_is_named(planting, name):
-    said = explained(planted(np.random.default_rng(4), press=Press(rate_hz=5.0), **planting))
+def test_an_effect_of_another_solver_is_named(injecting, name):
+    said = explained(injected(np.random.default_rng(4), press=Press(rate_hz=5.0), **injecting))
     assert said.verdict == name
     assert said.where.region == ("tip" if name == "sensor_drift" else "flesh")
 
 
 def test_what_no_effect_explains_is_unknown():
-    assert explained(planted(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=5.0))).verdict == (
+    assert explained(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=5.0))).verdict == (
         "unknown"
     )
 
@@ -78,7 +78,7 @@ def failure_of(columns, **kind):
 
 
 def test_refusals_say_what_was_found_and_what_to_do():
-    time, force, travel = planted(np.random.default_rng(6))
+    time, force, travel = injected(np.random.default_rng(6))
     back = time.copy()
     back[10] = back[9]
     assert "strictly increasing" in failure_of((back, force, travel)).detail

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planted_presses import NU, RADIUS_MM, THICK_MM, curve
+from injected_presses import NU, RADIUS_MM, THICK_MM, curve
 from pressed_slab import Linear, PressedSlab
 
 from fem.indentation.ball import BallOnSlab

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from planted_presses import NU, RADIUS_MM, THICK_MM, Press, planted
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_damage import EFFECT as DAMAGE
@@ -18,7 +18,7 @@ def short_ramp():
     """A ramp with hardly a hold, in which relaxing, damaged and compliant look alike; their fits."""
     rng = np.random.default_rng(3)
     press = Press(hold_s=0.5, unload=False)
-    time_s, force_N, travel_mm = planted(rng, g=(0.3,), tau_s=(4.0,), press=press)
+    time_s, force_N, travel_mm = injected(rng, g=(0.3,), tau_s=(4.0,), press=press)
     trace = IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
     air = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_mismatch import (
+from injected_mismatch import (
     FLAT,
     GEL_N_PER_MM,
     NOISE_MM,
@@ -14,7 +14,7 @@ from planted_mismatch import (
     TIME_S,
     Altered,
     Recording,
-    planted_case,
+    injected_case,
 )
 
 from fem.mismatch.catalogue import EFFECTS
@@ -59,7 +59,7 @@ def drifting(newton_per_s: float) -> Altered:
 
 
 def forward_of(altered: Altered) -> ForwardModel:
-    return plain_forward_model(planted_case(altered))[0]
+    return plain_forward_model(injected_case(altered))[0]
 
 
 @pytest.fixture(scope="module")

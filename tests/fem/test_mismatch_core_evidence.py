@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from planted_mismatch import only_grasp, planted_case
+from injected_mismatch import injected_case, only_grasp
 from scipy.stats import multivariate_normal
 
 from fem.estimation.zero_drift import ZeroDrifts
@@ -124,14 +124,14 @@ def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evid
 
 
 @pytest.fixture(scope="module")
-def planted():
-    """A recording of the planted fruit, with a case's own nuisances eliminated."""
-    forward, _ = plain_forward_model(only_grasp(planted_case(), 0))
+def injected():
+    """A recording of the injected fruit, with a case's own nuisances eliminated."""
+    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
     return forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
 
 
-def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted):
-    forward, recorded = planted
+def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(injected):
+    forward, recorded = injected
     known = common_nuisances(forward)
     products = GramMatrix(forward, recorded, known)
     chosen = tuple(range(1, len(known) + 1))
@@ -155,8 +155,8 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(planted
     assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
 
 
-def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(planted):
-    forward, recorded = planted
+def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(injected):
+    forward, recorded = injected
     known = common_nuisances(forward)
     products = GramMatrix(forward, recorded, known)
     fit = products.fit(tuple(range(1, len(known) + 1)))

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from planted_mismatch import E_MPA, Recording, on_pad, planted_case
+from injected_mismatch import E_MPA, Recording, injected_case, on_pad
 
 from fem.mismatch import procedure as start_to_end
 from fem.mismatch.effects import (
@@ -31,7 +31,7 @@ def answer():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
-        return start_to_end.explain(planted_case(on_pad("left", louder)), plain=PLAIN)
+        return start_to_end.explain(injected_case(on_pad("left", louder)), plain=PLAIN)
 
 
 def test_a_pads_gain_is_seen_and_named(answer):
@@ -50,7 +50,7 @@ def test_its_gain_comes_back_with_an_interval(answer):
     assert gain.interval[0] < gain.value < gain.interval[1]
 
 
-def test_the_modulus_without_the_gain_is_the_planted_one(answer):
+def test_the_modulus_without_the_gain_is_the_injected_one(answer):
     pad = answer.ranking[0].parameters["pad"].value
     expected = E_MPA * (1.0 if pad == "left" else 1.2)
     assert abs(answer.after.value - expected) < 0.02 * expected

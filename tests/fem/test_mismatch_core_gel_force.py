@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
+from injected_mismatch import FLAT, GEL_N_PER_MM, NOISE_MM, NOISE_N, pad_axes, true_force
 
 from fem.estimation import denoised_force as module
 from fem.estimation.denoised_force import DenoisedForce

@@ -5,19 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from jaxtyping import Float
-from planted_mismatch import (
+from injected_mismatch import (
     E_MPA,
     FLAT,
     GEL_N_PER_MM,
     TIME_S,
     Altered,
     Recording,
+    injected_case,
     linear_and_refitted,
     on_pad,
     only_grasp,
-    planted_case,
 )
+from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response, Signature
@@ -100,7 +100,7 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
 
 def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
     """Parameters, choice and modulus after a refit of one recording."""
-    forward, _, again = linear_and_refitted(only_grasp(planted_case(altered, **options), 0), effect)
+    forward, _, again = linear_and_refitted(only_grasp(injected_case(altered, **options), 0), effect)
     return again.parameters[0], again.variants[0].label, modulus(forward, again)
 
 
@@ -111,7 +111,7 @@ def modulus(forward: ForwardModel, again) -> float:
 
 @pytest.mark.parametrize("pad", ["left", "right"])
 def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
-    case = only_grasp(planted_case(on_pad(pad, gained(0.8))), 0)
+    case = only_grasp(injected_case(on_pad(pad, gained(0.8))), 0)
     grasp = case.grasps[0]
     known = tuple(replace(own, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for own in grasp.pads)
     case = replace(case, grasps=(replace(grasp, pads=known),))
@@ -189,7 +189,7 @@ def beyond_motions(
 
 @pytest.fixture(scope="module")
 def sound() -> ForwardModel:
-    return plain_forward_model(planted_case(noise=0.0))[0]
+    return plain_forward_model(injected_case(noise=0.0))[0]
 
 
 @pytest.mark.parametrize(
@@ -203,7 +203,7 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
     sound, effect, altered, parameters, variant
 ):
     """The gel's displacement drives the model, so its forces are those of springs with each pad's gain."""
-    forward, _ = plain_forward_model(only_grasp(planted_case(altered, noise=0.0), 0))
+    forward, _ = plain_forward_model(only_grasp(injected_case(altered, noise=0.0), 0))
     names = [spec.name for spec in effect.spec.searched]
     response = effect.respond(forward, dict(zip(names, parameters, strict=True)), variant)
     true, recording = sound.base.grasps[0], forward.base.grasps[0]
@@ -218,7 +218,7 @@ def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happ
 
 
 def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the_other():
-    forward, _ = plain_forward_model(planted_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
+    forward, _ = plain_forward_model(injected_case(on_pad("left", misplaced((0.5, 2.0), 2.2))))
     linear = screened(
         forward,
         [GraspEquations.of(forward, recording) for recording in forward.base.grasps],
@@ -240,14 +240,14 @@ def turning(pad: Recording) -> Recording:
 
 def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
     wrong = on_pad("left", misplaced((2.0, -1.5), 4.0))
-    forward, _ = plain_forward_model(only_grasp(planted_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
+    forward, _ = plain_forward_model(only_grasp(injected_case(lambda pad: wrong(turning(pad)), noise=0.0), 0))
     names = [spec.name for spec in pose_error.EFFECT.spec.searched]
     response = pose_error.EFFECT.respond(
         forward, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), OfPad(pad="left")
     )
     assert response.shift_mm is not None
     left = beyond_motions(forward, response.unit[0], response.shift_mm[0])
-    still, _ = plain_forward_model(only_grasp(planted_case(wrong, noise=0.0), 0))
+    still, _ = plain_forward_model(only_grasp(injected_case(wrong, noise=0.0), 0))
     as_still = pose_error.EFFECT.respond(
         still, dict(zip(names, (2.0, -1.5, 4.0), strict=True)), OfPad(pad="left")
     )
@@ -258,7 +258,7 @@ def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
 
 
 def test_a_misplaced_pad_rides_by_the_slope_of_its_model():
-    forward, _ = plain_forward_model(only_grasp(planted_case(turning, noise=0.0), 0))
+    forward, _ = plain_forward_model(only_grasp(injected_case(turning, noise=0.0), 0))
     (recording,) = forward.base.grasps
     _, slopes, _ = pose_error._first_order(forward, recording, "left")
     for k, slope in enumerate(slopes):
@@ -273,7 +273,7 @@ def test_the_weight_of_a_sound_fruit_starts_no_search_for_a_tilt():
         share = 0.13 / len(FLAT) * (np.linalg.norm(pad.force_N, axis=2) > 0).any(axis=1)
         return replace(pad, force_N=pad.force_N + share[:, None, None] * np.array([1.0, 0.0, 0.0]))
 
-    forward, _ = plain_forward_model(planted_case(weighs, noise=0.0))
+    forward, _ = plain_forward_model(injected_case(weighs, noise=0.0))
     for pad in ("left", "right"):
         start = pose_error.EFFECT.other_start(forward, OfPad(pad=pad))
         assert start is not None

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from planted_mismatch import only_grasp, planted_case
+from injected_mismatch import injected_case, only_grasp
 
 from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
 from fem.mismatch.model.baseline import GraspResponse, baseline
@@ -22,7 +22,7 @@ COMPLIANCE, SCALE_SD = 4.0, 0.004
 @cache
 def recording() -> GraspResponse:
     """One recording, noise and all."""
-    return baseline(only_grasp(planted_case(), 0)).grasps[0]
+    return baseline(only_grasp(injected_case(), 0)).grasps[0]
 
 
 @cache

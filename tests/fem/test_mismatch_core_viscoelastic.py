@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from injected_mismatch import E_MPA, TIME_S, injected_case, linear_and_refitted, only_grasp
 from pinched_forward_model import COMPLIANCE, forward_of
-from planted_mismatch import E_MPA, TIME_S, linear_and_refitted, only_grasp, planted_case
 
 from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effects.viscoelastic import EFFECT
@@ -95,7 +95,7 @@ def test_a_start_has_the_retardation_time_of_its_signature():
 
 
 def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_air():
-    forward, _ = plain_forward_model(only_grasp(planted_case(), 0))
+    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
     recording = forward.base.grasps[0]
     values = np.random.default_rng(0).normal(size=recording.tracks.position_mm.shape)
     whole = over_all_frames(recording, values)
@@ -110,7 +110,7 @@ def test_flesh_that_relaxes_is_found():
         flat = unit.reshape(len(unit), -1)
         return np.stack([crept(own, TIME_S, g, tau_s) for own in flat.T], axis=1).reshape(unit.shape)
 
-    case = only_grasp(planted_case(crept=relaxed), 1)
+    case = only_grasp(injected_case(crept=relaxed), 1)
     forward, _, again = linear_and_refitted(case, EFFECT)
     (parameters,) = again.parameters
     assert parameters["g"] == pytest.approx(g, rel=0.06)

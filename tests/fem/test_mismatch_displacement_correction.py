@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 from fem_shapes import ball
+from injected_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
 from pinched_forward_model import as_case, forward_of, long_pinch
-from planted_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
 
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus

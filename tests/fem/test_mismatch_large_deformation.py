@@ -79,14 +79,14 @@ def test_neo_hookean_flesh_is_found_to_be_that_and_to_stiffen_hardly():
     softer = replace(forward_of(), compliance=12.0)
     recording = softer.base.grasps[0]
     tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
-    planted = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
-    recorded = [GraspEquations.of(planted, one) for one in planted.base.grasps]
-    linear = screened(planted, recorded, [stiffening.EFFECT])
+    injected = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
+    recorded = [GraspEquations.of(injected, one) for one in injected.base.grasps]
+    linear = screened(injected, recorded, [stiffening.EFFECT])
     shown = linear.best[0]
     assert shown.kind == "stiffening neo-hookean"
     assert shown.gain > 3
     assert shown.amounts[0] == pytest.approx(1.0, abs=0.1)
-    again = refit(planted, linear, (shown,))
+    again = refit(injected, linear, (shown,))
     assert again.parameters[0]["b"] < 0.5 < stiffening.HARDLY
     assert again.at_an_end == (False,)
 

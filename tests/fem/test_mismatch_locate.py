@@ -23,15 +23,15 @@ def left_by_plain(forward: ForwardModel) -> list[np.ndarray]:
     return [tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement]
 
 
-def planted_spot(rng: np.random.Generator) -> ForwardModel:
+def injected_spot(rng: np.random.Generator) -> ForwardModel:
     plain = forward_of()
     place = {**dict(zip(CENTRE, SPOT_MM, strict=True)), "radius_mm": 4.5, "ratio": 0.35}
     more = EFFECT.respond(plain, place, ONE_WAY).unit[0] - plain.base.grasps[0].tracks.unit_displacement
     return forward_of(COMPLIANCE * more + NOISE_MM * rng.normal(size=more.shape))
 
 
-def test_map_of_the_modulus_is_softest_above_the_planted_spot():
-    forward = planted_spot(np.random.default_rng(0))
+def test_map_of_the_modulus_is_softest_above_the_injected_spot():
+    forward = injected_spot(np.random.default_rng(0))
     found = located(forward, left_by_plain(forward))
     softest = found.maps.vertices_mm[found.maps.modulus_score.argmin()]
     assert np.linalg.norm(softest - [HALF_AXES_MM[0], 1.0, -0.5]) < 5.0
@@ -39,8 +39,8 @@ def test_map_of_the_modulus_is_softest_above_the_planted_spot():
     assert np.median(found.maps.law_error) > 1.5
 
 
-def test_planted_spot_is_named_with_its_place():
-    forward = planted_spot(np.random.default_rng(1))
+def test_injected_spot_is_named_with_its_place():
+    forward = injected_spot(np.random.default_rng(1))
     found = located(forward, left_by_plain(forward))
     assert found.where.region == "flesh"
     assert found.where.centre_mm is not None

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from injected_mismatch import injected_case, linear_and_refitted
 from pinched_forward_model import forward_of
-from planted_mismatch import linear_and_refitted, planted_case
 from test_mismatch_core_measurement import given_way
 
 from fem.mismatch.effect_spec import ParameterSpec
@@ -18,18 +18,18 @@ from fem.mismatch.signature_variant import ONE_WAY
 
 @pytest.fixture(scope="module")
 def jaws() -> Refit:
-    return linear_and_refitted(planted_case(given_way(0.4)), gripper_compliance.EFFECT)[2]
+    return linear_and_refitted(injected_case(given_way(0.4)), gripper_compliance.EFFECT)[2]
 
 
 @pytest.fixture(scope="module")
 def thick_skin() -> Refit:
     forward = forward_of()
     unit = skin.EFFECT.respond(forward, {"Et_over_E_mm": 6.0}, ONE_WAY).unit[0]
-    planted = forward_of(forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement))
+    injected = forward_of(forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement))
     linear = screened(
-        planted, [GraspEquations.of(planted, one) for one in planted.base.grasps], [skin.EFFECT]
+        injected, [GraspEquations.of(injected, one) for one in injected.base.grasps], [skin.EFFECT]
     )
-    return refit(planted, linear, (linear.best[0],))
+    return refit(injected, linear, (linear.best[0],))
 
 
 def asked(again: Refit, share: float) -> float:

@@ -1,4 +1,4 @@
-"""Refits: a planted law comes back with its modulus, 1/E is followed, bounds and threads."""
+"""Refits: an injected law comes back with its modulus, 1/E is followed, bounds and threads."""
 
 from dataclasses import replace
 from functools import cache
@@ -19,7 +19,7 @@ TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
 
 
 @cache
-def planted():
+def injected():
     """Flesh that is damaged, and softer than the plain model's by SOFTER."""
     forward = forward_of()
     truly = replace(forward, compliance=SOFTER * COMPLIANCE)
@@ -28,7 +28,7 @@ def planted():
 
 
 def rounds(effects, *, workers: int = 1) -> LinearRound:
-    forward = replace(planted(), workers=workers)
+    forward = replace(injected(), workers=workers)
     return screened(
         forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps], effects
     )
@@ -37,8 +37,8 @@ def rounds(effects, *, workers: int = 1) -> LinearRound:
 @cache
 def found() -> Refit:
     linear = rounds([damage.EFFECT])
-    first = refit(planted(), linear, (linear.best[0],))
-    return refit(planted(), linear, (linear.best[0],), known=first)
+    first = refit(injected(), linear, (linear.best[0],))
+    return refit(injected(), linear, (linear.best[0],), known=first)
 
 
 def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
@@ -49,7 +49,7 @@ def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
 
 def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     linear = rounds([damage.EFFECT])
-    search = _Search(planted(), linear, (linear.best[0],), damage.EFFECT.spec.searched)
+    search = _Search(injected(), linear, (linear.best[0],), damage.EFFECT.spec.searched)
     before = search.linearised(search.scaled([0.3, 0.006]))
     after, followed = search.followed(before)
     assert followed
@@ -74,7 +74,7 @@ def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
     specs = [spec for one in effects for spec in one.effect.spec.searched]
-    search = _Search(planted(), linear, effects, specs)
+    search = _Search(injected(), linear, effects, specs)
     middle = (search.low + search.high) / 2
     assert search.at_an_end(middle) == (False, False)
     low, high = middle.copy(), middle.copy()
@@ -91,7 +91,7 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
     shown = {one.effect.spec.name: one for one in linear.best}
     effects = (shown["damage"], shown["skin"])
     search = _Search(
-        planted(), linear, effects, [spec for one in effects for spec in one.effect.spec.searched]
+        injected(), linear, effects, [spec for one in effects for spec in one.effect.spec.searched]
     )
     asked = []
     respond = type(damage.EFFECT).respond

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_mismatch import FLAT, TIME_S, linear_and_refitted, on_pad, only_grasp, planted_case
+from injected_mismatch import FLAT, TIME_S, injected_case, linear_and_refitted, on_pad, only_grasp
 
 from fem.estimation.zero_drift import REMEMBERED, zero_drift
 from fem.grasp_history import GraspHistory
@@ -52,7 +52,7 @@ def felt(history: GraspHistory, case: MismatchCase, pad: int):
 
 
 def test_a_drift_is_measured_in_the_air_on_its_own_pad_alone():
-    case = let_go(planted_case(on_pad("right", lambda pad: pad)), 0.05)
+    case = let_go(injected_case(on_pad("right", lambda pad: pad)), 0.05)
     left, right = (felt(case.grasps[0].history, case, pad) for pad in (0, 1))
     assert right.sure
     assert right.rate_N_per_s == pytest.approx(0.05, abs=3 * right.sd_N_per_s)
@@ -61,7 +61,7 @@ def test_a_drift_is_measured_in_the_air_on_its_own_pad_alone():
 
 
 def test_what_a_gel_may_remember_is_no_drift():
-    case = let_go(planted_case(on_pad("right", lambda pad: pad)), 0.0)
+    case = let_go(injected_case(on_pad("right", lambda pad: pad)), 0.0)
     history = case.grasps[0].history
     one = history.pads[1]
     peak = np.abs((one.force_N @ case.grasps[0].pads[1].pose[0, :3, 2]).sum(axis=1)).max()
@@ -71,14 +71,14 @@ def test_what_a_gel_may_remember_is_no_drift():
 
 
 def test_without_frames_after_the_contact_nothing_is_said():
-    case = only_grasp(planted_case(on_pad("right", lambda pad: pad)), 0)
+    case = only_grasp(injected_case(on_pad("right", lambda pad: pad)), 0)
     assert felt(case.grasps[0].history, case, 1) is None
 
 
 def test_a_drift_that_markers_noise_hides_is_found_by_its_size_and_taken_out_of_the_modulus():
     rate = 0.02  # half a millinewton on a marker at the end, half its noise
     forward, linear, again = linear_and_refitted(
-        let_go(planted_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
+        let_go(injected_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
     )
     assert again.variants == (OfPad(pad="right"),)
     assert again.parameters[0]["newton_per_s"] == pytest.approx(rate, rel=0.1)

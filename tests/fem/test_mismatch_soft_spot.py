@@ -83,16 +83,16 @@ def test_signature_is_the_slope_of_the_model_at_no_drop():
     forward = forward_of()
     small = 1e-3
     spot = Spot(centre_mm=SPOT_MM, radius_mm=4.5, score=1.0, drop=1.0)
-    planted = forward_of(COMPLIANCE * (responded(forward) - forward.base.grasps[0].tracks.unit_displacement))
-    variant = EFFECT.signatures(planted)[1].variant
+    injected = forward_of(COMPLIANCE * (responded(forward) - forward.base.grasps[0].tracks.unit_displacement))
+    variant = EFFECT.signatures(injected)[1].variant
     place = {**dict(zip(CENTRE, variant.centre_mm, strict=True)), "radius_mm": variant.radius_mm}
-    slope = responded(planted, **place, ratio=1 - small) - responded(planted, **place, ratio=1.0)
-    given = EFFECT.signatures(planted)[1].columns[0].fields[0].markers
+    slope = responded(injected, **place, ratio=1 - small) - responded(injected, **place, ratio=1.0)
+    given = EFFECT.signatures(injected)[1].columns[0].fields[0].markers
     assert np.linalg.norm(COMPLIANCE * slope / small - given) < 0.01 * np.linalg.norm(given)
     assert variant_of(spot).radius_mm == 4.5
 
 
-def test_planted_spot_is_found_where_it_is_and_started_near_its_ratio():
+def test_injected_spot_is_found_where_it_is_and_started_near_its_ratio():
     plain = forward_of()
     rng = np.random.default_rng(3)
     more = COMPLIANCE * (responded(plain) - plain.base.grasps[0].tracks.unit_displacement)

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from planted_mismatch import only_grasp, planted_case
+from injected_mismatch import injected_case, only_grasp
 
 from fem.estimation.sensitivity import mean_normal
 from fem.mismatch.model.baseline import Baseline, baseline
@@ -16,7 +16,7 @@ STRETCH, COMPLIANCE = 0.02, 2.0
 
 @cache
 def plain() -> Baseline:
-    return baseline(only_grasp(planted_case(noise=0.0), 0))
+    return baseline(only_grasp(injected_case(noise=0.0), 0))
 
 
 def moving(field) -> Baseline:

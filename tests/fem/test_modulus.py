@@ -1,10 +1,10 @@
-"""A modulus planted by another discretisation is found again, with an honest error bar."""
+"""A modulus injected by another discretisation is found again, with an honest error bar."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_recording import (
+from injected_recording import (
     BOTH,
     BUDGET,
     E_MPA,
@@ -53,7 +53,7 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-def test_a_grasp_gives_the_planted_modulus_both_ways():
+def test_a_grasp_gives_the_injected_modulus_both_ways():
     found = found_in(grasp(noise=0.5))
     assert found.form == "first-touch"
     assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
@@ -63,7 +63,7 @@ def test_a_grasp_gives_the_planted_modulus_both_ways():
 
 
 @pytest.mark.slow
-def test_a_press_on_a_base_gives_the_planted_modulus():
+def test_a_press_on_a_base_gives_the_injected_modulus():
     mesh = tetrahedralise(
         *puck_surface(),
         None,

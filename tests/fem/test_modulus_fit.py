@@ -1,4 +1,4 @@
-"""The fit finds the planted compliance, and its error bar covers it."""
+"""The fit finds the injected compliance, and its error bar covers it."""
 
 import tracemalloc
 from dataclasses import replace
@@ -19,7 +19,7 @@ from fem.estimation.energy_ratio import energy_ratio, since_first_touch
 E_MPA = 0.7
 
 
-def planted_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12, markers=40):
+def injected_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12, markers=40):
     """Two patches that touch one after another, a compliance field of their own, everything else random."""
     flat = rng.uniform(-6, 6, (2, markers, 2))
     place = np.vstack(
@@ -60,8 +60,8 @@ def planted_tracks(rng, *, noise_mm=0.0, scale_sd=0.0, moves=True, frames=12, ma
     return tracks, force, np.einsum("nxk,tk->tnx", rigid_motion(place), motion)
 
 
-def test_the_planted_modulus_is_found_whatever_the_surface_and_the_motion():
-    tracks, _, _ = planted_tracks(np.random.default_rng(0))
+def test_the_injected_modulus_is_found_whatever_the_surface_and_the_motion():
+    tracks, _, _ = injected_tracks(np.random.default_rng(0))
     fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=True)
     assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-4)
     assert fit.residual_rms_mm < 1e-5
@@ -70,7 +70,7 @@ def test_the_planted_modulus_is_found_whatever_the_surface_and_the_motion():
 def test_scale_errors_within_their_spread_do_not_bias_it():
     errors = []
     for seed in range(20):
-        tracks, _, _ = planted_tracks(np.random.default_rng(seed), noise_mm=0.004, scale_sd=0.004)
+        tracks, _, _ = injected_tracks(np.random.default_rng(seed), noise_mm=0.004, scale_sd=0.004)
         errors.append(1 / fit_compliance(tracks, scale_sd=0.004, fruit_moves=True).compliance / E_MPA - 1)
     assert np.mean(errors) == pytest.approx(0.0, abs=3 * np.std(errors) / np.sqrt(20) + 1e-4)
 
@@ -78,7 +78,7 @@ def test_scale_errors_within_their_spread_do_not_bias_it():
 def test_the_error_bar_covers_the_truth():
     scores = []
     for seed in range(60):
-        tracks, _, _ = planted_tracks(np.random.default_rng(100 + seed), noise_mm=0.004, scale_sd=0.004)
+        tracks, _, _ = injected_tracks(np.random.default_rng(100 + seed), noise_mm=0.004, scale_sd=0.004)
         fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
         scores.append((fit.compliance - 1 / E_MPA) / fit.compliance_sd)
     assert 0.8 < np.std(scores) < 1.2
@@ -86,7 +86,7 @@ def test_the_error_bar_covers_the_truth():
 
 
 def test_a_fixed_base_leaves_no_motion():
-    tracks, _, _ = planted_tracks(np.random.default_rng(0), moves=False)
+    tracks, _, _ = injected_tracks(np.random.default_rng(0), moves=False)
     fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=False)
     assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-9)
     assert not fit.motion_mm.any()
@@ -117,7 +117,7 @@ def dense_fit(tracks, scale_sd):
 
 
 def test_eliminating_places_and_scales_changes_nothing():
-    tracks, _, _ = planted_tracks(np.random.default_rng(3), noise_mm=0.004, scale_sd=0.004, frames=8)
+    tracks, _, _ = injected_tracks(np.random.default_rng(3), noise_mm=0.004, scale_sd=0.004, frames=8)
     every_third = slice(None, None, 3)
     episode = tracks.episode[:, every_third].copy()
     episode[4, ::2] = -1
@@ -157,7 +157,7 @@ def test_means_of_contacts_are_those_of_the_projection():
 def test_a_long_recording_fits_in_memory():
     """800 markers in 120 frames: one (n, t, t) array alone would hold 92 MB, the fit stays below 60."""
     rng = np.random.default_rng(0)
-    tracks, _, _ = planted_tracks(rng, noise_mm=0.004, frames=120, markers=400)
+    tracks, _, _ = injected_tracks(rng, noise_mm=0.004, frames=120, markers=400)
     tracemalloc.start()
     fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
     peak = tracemalloc.get_traced_memory()[1]
@@ -186,7 +186,7 @@ def test_the_error_bars_know_of_coloured_noise(lag1):
     by_squares, by_energy = [], []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        tracks, force, motion = planted_tracks(rng, frames=60)
+        tracks, force, motion = injected_tracks(rng, frames=60)
         seen = tracks.position_mm + 0.01 * coloured(rng, tracks.position_mm.shape, lag1)
         n = len(tracks.place_mm)
         tracks = replace(tracks, position_mm=seen, sd_mm=np.full(n, 0.01), lag1=np.full(n, lag1))
@@ -199,7 +199,7 @@ def test_the_error_bars_know_of_coloured_noise(lag1):
 
 
 def test_residuals_are_the_noise():
-    tracks, _, _ = planted_tracks(np.random.default_rng(0), noise_mm=0.004)
+    tracks, _, _ = injected_tracks(np.random.default_rng(0), noise_mm=0.004)
     fit = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
     assert 0.75 * 0.004 < fit.residual_rms_mm < 1.02 * 0.004
     assert np.isnan(fit.residual_mm[tracks.episode < 0]).all()
@@ -217,7 +217,7 @@ def turned(tracks, turn, shift):
 
 
 def test_the_frame_of_reference_does_not_matter():
-    tracks, force, _ = planted_tracks(np.random.default_rng(4), noise_mm=0.004, scale_sd=0.004)
+    tracks, force, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004, scale_sd=0.004)
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
@@ -229,7 +229,7 @@ def test_the_frame_of_reference_does_not_matter():
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_units_of_force_scale_the_modulus(factor):
-    tracks, _, _ = planted_tracks(np.random.default_rng(4), noise_mm=0.004)
+    tracks, _, _ = injected_tracks(np.random.default_rng(4), noise_mm=0.004)
     here = fit_compliance(tracks, scale_sd=0.004, fruit_moves=True)
     stiffer = fit_compliance(
         replace(tracks, unit_displacement=factor * tracks.unit_displacement), scale_sd=0.004, fruit_moves=True
@@ -239,7 +239,7 @@ def test_units_of_force_scale_the_modulus(factor):
 
 
 def test_a_later_contact_has_a_place_of_its_own():
-    tracks, _, _ = planted_tracks(np.random.default_rng(0))
+    tracks, _, _ = injected_tracks(np.random.default_rng(0))
     episode = tracks.episode.copy()
     episode[7:] = 1
     elsewhere = tracks.position_mm.copy()
@@ -255,7 +255,7 @@ def ratio(tracks, force, motion):
 
 
 def test_the_energy_ratio_finds_it_too():
-    tracks, force, motion = planted_tracks(np.random.default_rng(0))
+    tracks, force, motion = injected_tracks(np.random.default_rng(0))
     assert ratio(tracks, force, motion).modulus_MPa == pytest.approx(E_MPA, rel=1e-9)
 
 
@@ -263,7 +263,7 @@ def test_the_energy_ratios_error_bar_covers_the_truth():
     scores = []
     for seed in range(60):
         rng = np.random.default_rng(seed)
-        tracks, force, motion = planted_tracks(rng, noise_mm=0.02, scale_sd=0.02)
+        tracks, force, motion = injected_tracks(rng, noise_mm=0.02, scale_sd=0.02)
         found = energy_ratio(tracks, force, motion, gel_scale_sd=0.02)
         sd = found.modulus_MPa * np.hypot(found.displacement_noise, found.gel_scale)
         scores.append((found.modulus_MPa - E_MPA) / sd)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
+from injected_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
 
 from fem.estimation.frame_thinning import MOST_FRAMES, spacing, thinned
 from fem.estimation.modulus_warnings import ModulusSign

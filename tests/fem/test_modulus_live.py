@@ -1,8 +1,8 @@
-"""One frame gives the planted modulus, from the first touches on, whatever the fruit's motion."""
+"""One frame gives the injected modulus, from the first touches on, whatever the fruit's motion."""
 
 import numpy as np
 import pytest
-from planted_recording import E_MPA
+from injected_recording import E_MPA
 
 from fem.estimation.live_modulus import FEWEST, FirstTouch, LiveModel, frame_modulus
 
@@ -45,7 +45,7 @@ def run(live, place, force, touching, sd_mm):
     return found
 
 
-def test_every_frame_after_the_first_gives_the_planted_modulus(live):
+def test_every_frame_after_the_first_gives_the_injected_modulus(live):
     place, force, touching = frames(live, np.random.default_rng(0))
     found = run(live, place, force, touching, 1e-3)
     assert np.isnan(found[0].E_MPa)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from planted_recording import (
+from injected_recording import (
     BUDGET,
     E_MPA,
     ball_mesh,

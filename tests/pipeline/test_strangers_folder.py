@@ -32,7 +32,7 @@ if __name__ == "__main__":
     print(*event.result, sep="|")
 """
 LIBRARIES = ("libEGL.so.1", "libtbb.so.12", "libtbbmalloc.so.2", "libm.so.6", "libstdc++.so.6", "libz.so.1")
-RC = "text.usetex: True\nbackend: module://planted_backend\n"
+RC = "text.usetex: True\nbackend: module://foreign_backend\n"
 
 
 def make_batch(root):
@@ -68,7 +68,7 @@ def entry(tmp_path):
 
 @pytest.mark.slow
 def test_no_module_library_or_setting_of_the_current_folder_is_used(tmp_path, entry):
-    """Every name that the command and a fruit's process ask for is planted there, found or not."""
+    """Every name that the command and a fruit's process ask for is put there, found or not."""
     (tmp_path / "hooks").mkdir()
     (tmp_path / "hooks" / "sitecustomize.py").write_text(LOG)
     honest, stranger, imports, marks = (tmp_path / n for n in ("honest", "stranger", "imports", "marks"))
@@ -80,7 +80,7 @@ def test_no_module_library_or_setting_of_the_current_folder_is_used(tmp_path, en
     assert {"pickle", "numpy", "matplotlib", "pebble", "scipy", "pipeline"} <= names
 
     make_batch(stranger)
-    for name in names | {"sitecustomize", "usercustomize", "planted_backend"}:
+    for name in names | {"sitecustomize", "usercustomize", "foreign_backend"}:
         (stranger / f"{name}.py").write_text(MODULE.format(name=name))
     (stranger / "evil.pth").write_text("import pickle\n")
     (stranger / "matplotlibrc").write_text(RC)

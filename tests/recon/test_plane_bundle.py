@@ -1,4 +1,4 @@
-"""Bundle adjustment on the ground plane: planted cameras come back, the focal length's error bar holds."""
+"""Bundle adjustment on the ground plane: injected cameras come back, the focal length's error bar holds."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ FOCAL_PX, K1 = 1100.0, -0.03
 VIEWS, POINTS = 8, 120
 
 
-def planted(rng, *, noise_px, breathing=0.0):
+def injected(rng, *, noise_px, breathing=0.0):
     poses = np.stack(
         [looking_at_the_origin(45.0 * k, 25 + 5 * (k % 3), 3.0 + 0.1 * (k % 2)) for k in range(VIEWS)]
     )
@@ -32,9 +32,9 @@ def disturbed(scene, rng):
     return replace(scene, poses=poses, focals_px=np.full(VIEWS, 1.03 * FOCAL_PX), k1=0.0, ground=ground)
 
 
-def test_exact_sightings_give_the_planted_cameras_back():
+def test_exact_sightings_give_the_injected_cameras_back():
     rng = np.random.default_rng(1)
-    scene, seen = planted(rng, noise_px=0.0)
+    scene, seen = injected(rng, noise_px=0.0)
     found = adjusted(disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX), 0.6))
     assert np.median(found.miss_px) < 0.05
     assert found.scene.focals_px == pytest.approx(scene.focals_px, rel=2e-3)
@@ -50,7 +50,7 @@ def test_the_focal_lengths_error_bar_is_as_wide_as_its_errors(noise_px):
     errors = []
     for draw in range(16):
         rng = np.random.default_rng([draw, 7])
-        scene, seen = planted(rng, noise_px=noise_px, breathing=0.002)
+        scene, seen = injected(rng, noise_px=noise_px, breathing=0.002)
         found = adjusted(
             disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX) + 0.03 * rng.normal(), 0.03)
         )
@@ -65,7 +65,7 @@ def test_data_and_prior_count_by_their_spreads(noise_px, drawn_to, within):
     of 20 px the prior is not moved."""
     for draw in range(4):
         rng = np.random.default_rng(5 + draw)
-        scene, seen = planted(rng, noise_px=noise_px)
+        scene, seen = injected(rng, noise_px=noise_px)
         prior = (np.log(FOCAL_PX) + 0.02, 0.01)
         loss_px = max(1.0, 3 * noise_px)
         found = adjusted(scene, seen, SIZE, focal_prior=prior, breathing_sd=1e-4, loss_px=loss_px)

@@ -1,4 +1,4 @@
-"""Poses from a mat: planted cameras come back, bad sets are refused with their reason."""
+"""Poses from a mat: injected cameras come back, bad sets are refused with their reason."""
 
 import numpy as np
 import pytest

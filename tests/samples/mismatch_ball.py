@@ -10,7 +10,7 @@ from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp, through_centre
 from samples.mismatch.grip import InnerContact
-from samples.mismatch.meshed_fruit import MeshedFruit, standing
+from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.protocol import Motion
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 
@@ -42,10 +42,10 @@ def grasp_along_x(drawn: DrawnFruit, way: Motion, *, turned: bool = False) -> Ca
 
 def rough(drawn: DrawnFruit, way: Motion, fineness: Fineness = ROUGH) -> tuple[CaseGrasp, MeshedFruit]:
     grasp = grasp_along_x(drawn, way)
-    return grasp, standing(drawn, grasp, fineness=fineness)
+    return grasp, meshed_fruit(drawn, grasp, fineness=fineness)
 
 
-def squeezed(
+def grasped_ball(
     grasp: CaseGrasp,
     stands: MeshedFruit,
     body: GrippedBody,

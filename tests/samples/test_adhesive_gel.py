@@ -1,7 +1,7 @@
 """A gel that sticks: it pulls at skin that it has touched, as far as its reach, and never before."""
 
 import pytest
-from mismatch_ball import drawn_ball, motion, rough, squeezed, total_N
+from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
 
 from samples.gel_contact import Gel
 from samples.mismatch.bodies import ElasticBody
@@ -15,7 +15,7 @@ WAY = [-0.1, 0.3, 0.6, 0.3, 0.1, 0.02, -0.03, -0.06, -0.09, -0.11, -0.14, -0.3]
 def pressed_and_let_go(*, E_MPa: float, reach_mm: float) -> TrueRecording:
     grasp, stands = rough(drawn_ball(E_MPa=E_MPa, nu=0.3), motion(WAY))
     body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
-    return squeezed(grasp, stands, body, gel=Gel(reach_mm=reach_mm))
+    return grasped_ball(grasp, stands, body, gel=Gel(reach_mm=reach_mm))
 
 
 def test_a_rigid_ball_draws_the_gel_out_to_its_cap_within_the_reach() -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from samples.gel_contact import Gel, at_markers, gel_areas, gel_points, settled, traction, untouched
+from samples.gel_contact import Gel, at_markers, gel_areas, gel_points, slid_anchors, traction, untouched
 
 GEL = Gel(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05, friction=0.5)
 
@@ -57,8 +57,8 @@ def test_a_node_is_anchored_where_it_came_through_the_face() -> None:
 
 
 def test_slip_drags_the_anchor_and_leaves_the_shear_on_the_cone() -> None:
-    first = settled(GEL, untouched(np.array([[0.0, 0.0, 0.0]])), np.array([[0.0, 0.0, -1.0]]))
-    dragged = settled(GEL, first, np.array([[4.0, 0.0, -1.0]]))
+    first = slid_anchors(GEL, untouched(np.array([[0.0, 0.0, 0.0]])), np.array([[0.0, 0.0, -1.0]]))
+    dragged = slid_anchors(GEL, first, np.array([[4.0, 0.0, -1.0]]))
     assert dragged.gel_point_mm == pytest.approx(np.array([[2.0, 0.0]]))
-    lifted = settled(GEL, dragged, np.array([[4.0, 0.0, 0.5]]))
+    lifted = slid_anchors(GEL, dragged, np.array([[4.0, 0.0, 0.5]]))
     assert not lifted.touching[0]

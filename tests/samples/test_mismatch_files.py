@@ -1,4 +1,4 @@
-"""Plans, programmes and files of mismatch cases."""
+"""Plans, protocols and files of mismatch cases."""
 
 import json
 from pathlib import Path
@@ -13,9 +13,9 @@ from samples.mismatch.bank import outsiders, pairs, singles
 from samples.mismatch.case_files import Label, answer, reveal, seal, sealed_as, write_case_files
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, with_new_prior
+from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.injected import EFFECTS
 from samples.mismatch.protocol import four_manners, motion_of
-from samples.mismatch.strengths import drawn_parameters
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.sample_failure import SampleFailure
 from samples.simulated_grasp import marker_grid
@@ -54,16 +54,16 @@ def test_the_true_pit_is_off_its_prior_by_the_spread_that_cases_state() -> None:
     assert np.std(sizes) == pytest.approx(0.02, rel=0.15)
 
 
-def test_a_planted_offset_takes_the_place_of_the_spread() -> None:
+def test_an_injected_offset_takes_the_place_of_the_spread() -> None:
     plan = planned("x", (("pit_offset", 2),), seed=(1, 2))
     offset = np.subtract(plan.drawn.fruit.pit.centre_mm, plan.drawn.prior.centre_mm)
-    assert offset == pytest.approx(plan.planted[0].parameters["offset_mm"])
+    assert offset == pytest.approx(plan.injected[0].parameters["offset_mm"])
     assert 3.0 <= np.linalg.norm(offset) <= 3.8
 
 
 def test_a_soft_spot_lies_in_the_flesh_under_a_pad() -> None:
     plan = planned("x", (("soft_spot", 1),), seed=(3, 4))
-    p = plan.planted[0].parameters
+    p = plan.injected[0].parameters
     grasp = plan.grasps[p["grasp"] - 1]
     touch = grasp.hold.touch_mm[0 if p["pad"] == "left" else 1]
     assert np.linalg.norm(touch - np.array(p["centre_mm"])) < 14.0

@@ -1,8 +1,8 @@
-"""What is planted in the flesh, against closed forms and limits in which it is nothing, or known."""
+"""What is injected into the flesh, against closed forms and limits in which it is nothing, or known."""
 
 import numpy as np
 import pytest
-from mismatch_ball import ROUGH, drawn_ball, motion, rough, squeezed, total_N
+from mismatch_ball import ROUGH, drawn_ball, grasped_ball, motion, rough, total_N
 
 from samples.brick_flesh import BrickFlesh, flesh_of, rigid_tie
 from samples.gel_contact import Gel
@@ -14,7 +14,7 @@ from samples.mismatch.cell_places import integration_points_mm, relative_depths
 from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Damaged, Lame, StiffeningFlesh, Yielding
 from samples.mismatch.grip import before_touch
-from samples.mismatch.injected import Planted
+from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.schur import schur_complement
 from samples.mismatch.true_recording import grip_of
@@ -163,18 +163,18 @@ def test_flesh_damaged_at_once_is_softer_flesh() -> None:
     dense = schur_complement(stands.flesh.stiffness, stands.dofs)
     law = Damaged(lame=Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa), dmax=0.4, W0_MPa=1e-13)
     body = NonlinearBody(whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs), dense, law)
-    damaged = total_N(squeezed(grasp, stands, body))
-    soft = total_N(squeezed(grasp, stands, ElasticBody(0.6 * dense)))
+    damaged = total_N(grasped_ball(grasp, stands, body))
+    soft = total_N(grasped_ball(grasp, stands, ElasticBody(0.6 * dense)))
     assert damaged == pytest.approx(soft, rel=0.01, abs=0.01)
 
 
 def test_yielded_fruit_keeps_a_dent_and_touches_later() -> None:
     way = motion([-0.05, 0.4, 0.8, 1.2, 0.8, 0.4, -0.05, 0.3, -0.05])
     grasp, stands = rough(drawn_ball(E_MPa=0.2), way)
-    planted = (Planted(effect="plastic_set", parameters={"yield_over_E": 0.03, "hardening": 0.05}),)
-    body, _ = body_of(stands, planted)
-    first = total_N(squeezed(grasp, stands, body))
-    again = total_N(squeezed(grasp, stands, body))
+    injected = (InjectedEffect(effect="plastic_set", parameters={"yield_over_E": 0.03, "hardening": 0.05}),)
+    body, _ = body_of(stands, injected)
+    first = total_N(grasped_ball(grasp, stands, body))
+    again = total_N(grasped_ball(grasp, stands, body))
     assert np.abs(body.begin()).max() > 0.01
     assert again[1] < 0.98 * first[1]
     assert again[3] == pytest.approx(first[3], rel=0.05)
@@ -184,20 +184,20 @@ def test_a_loose_pit_gives_way_until_its_gap_has_closed() -> None:
     grasp, stands = rough(drawn_ball(E_MPa=0.3), motion([-0.05, 0.6, 1.2]))
     forces = []
     for gap in (0.05, 5.0):
-        body, inner = body_of(stands, (Planted(effect="loose_pit", parameters={"gap_mm": gap}),))
-        forces.append(total_N(squeezed(grasp, stands, body, inner=inner))[2])
-    bonded = total_N(squeezed(grasp, stands, body_of(stands, ())[0]))[2]
+        body, inner = body_of(stands, (InjectedEffect(effect="loose_pit", parameters={"gap_mm": gap}),))
+        forces.append(total_N(grasped_ball(grasp, stands, body, inner=inner))[2])
+    bonded = total_N(grasped_ball(grasp, stands, body_of(stands, ())[0]))[2]
     assert bonded > forces[0] > 1.05 * forces[1] > 0.3 * bonded
 
 
 def test_two_laws_of_one_flesh_are_refused() -> None:
     _, stands = rough(drawn_ball(), motion([-0.05, 0.4]))
-    damage = Planted(effect="damage", parameters={"dmax": 0.4, "W0_over_E": 1e-3})
-    stiffening = Planted(effect="stiffening", parameters={"b": 20.0})
-    with pytest.raises(SampleFailure, match="stiffening and damage cannot be planted together"):
+    damage = InjectedEffect(effect="damage", parameters={"dmax": 0.4, "W0_over_E": 1e-3})
+    stiffening = InjectedEffect(effect="stiffening", parameters={"b": 20.0})
+    with pytest.raises(SampleFailure, match="stiffening and damage cannot be injected together"):
         body_of(stands, (stiffening, damage))
 
 
 def test_an_unknown_effect_is_refused() -> None:
     with pytest.raises(SampleFailure, match="no effect 'rust'"):
-        Planted(effect="rust", parameters={})
+        InjectedEffect(effect="rust", parameters={})

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, motion, rough, squeezed, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
 
 from samples.factors import factorise
 from samples.gel_contact import Gel
-from samples.grasp_plan import Programme
+from samples.grasp_plan import LoadProtocol
 from samples.hexahedra import Fineness
 from samples.mismatch.bodies import ElasticBody
 from samples.mismatch.schur import schur_complement
@@ -28,14 +28,14 @@ def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:
     # a rigid cap of depth d pushes aside gel of volume pi d^2 (3 R - d) / 3
     drawn = drawn_ball(E_MPa=1e4, nu=0.3)
     grasp, stands = rough(drawn, motion([-0.1, 0.3, 0.6]))
-    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    truth = grasped_ball(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
     expected = 0.22 * np.pi * 0.6**2 * (75.0 - 0.6) / 3
     assert total_N(truth)[2] == pytest.approx(expected, rel=0.02)
 
 
 def test_the_pads_push_alike_and_only_where_they_touch() -> None:
     grasp, stands = rough(drawn_ball(), motion([-0.2, 0.3, 0.7, 0.3, -0.2]))
-    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    truth = grasped_ball(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
     left, right = total_N(truth, 0), total_N(truth, 1)
     assert left == pytest.approx(right, abs=0.02)
     assert left[[0, 4]] == pytest.approx(0.0, abs=1e-12)
@@ -50,8 +50,8 @@ def test_friction_stays_within_its_cone() -> None:
     way = motion([-0.1, 0.4, 0.8, 0.8, 0.8], shear_mm=[0, 0, 0, 0.5, 1.0])
     grasp, stands = rough(drawn_ball(), way)
     body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
-    slippery = squeezed(grasp, stands, body, gel=Gel(friction=0.05))
-    sticky = squeezed(grasp, stands, body)
+    slippery = grasped_ball(grasp, stands, body, gel=Gel(friction=0.05))
+    sticky = grasped_ball(grasp, stands, body)
     for pad, other in zip(slippery.pads, sticky.pads, strict=True):
         shear = np.linalg.norm(pad.force_N[..., :2], axis=-1)
         assert np.all(shear <= 0.0501 * pad.force_N[..., 2] + 1e-9)
@@ -60,17 +60,17 @@ def test_friction_stays_within_its_cone() -> None:
         assert free.max() > 0.1
 
 
-def test_the_grip_agrees_with_the_step_by_step_squeeze() -> None:
+def test_the_grip_agrees_with_the_step_by_step_contact() -> None:
     drawn = drawn_ball()
     way = motion([-0.1, 0.3, 0.6])
     grasp, stands = rough(drawn, way)
-    truth = squeezed(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
+    truth = grasped_ball(grasp, stands, ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs)))
     other = simulate(
-        drawn.fruit, grasp.hold, Programme(time_s=way.time_s, travel_mm=way.travel_mm),
+        drawn.fruit, grasp.hold, LoadProtocol(time_s=way.time_s, travel_mm=way.travel_mm),
         rng=np.random.default_rng(0), law="linear", fineness=FINER_UNDER_THE_PAD,
     )  # fmt: skip
     # nodes of the other solver carry the gel's pressure by Simpson's rule: it wants smaller cells
-    nodes = -np.stack([m.force_N[1].sum(axis=0) for m in other.moments])[:, 0]
+    nodes = -np.stack([m.force_N[1].sum(axis=0) for m in other.steps])[:, 0]
     assert total_N(truth)[1:] == pytest.approx(nodes[1:], rel=0.02)
 
 
@@ -79,8 +79,8 @@ def test_turning_the_fruit_round_changes_the_pads_over() -> None:
     way = motion([-0.1, 0.4], shear_mm=[0, 0])
     grasp, stands = rough(drawn, way)
     body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
-    before = squeezed(grasp, stands, body)
-    after = squeezed(grasp_along_x(drawn, way, turned=True), stands, body)
+    before = grasped_ball(grasp, stands, body)
+    after = grasped_ball(grasp_along_x(drawn, way, turned=True), stands, body)
     for a, b in zip(before.pads, after.pads[::-1], strict=True):
         assert np.array_equal(a.pose, b.pose)
         assert np.array_equal(a.force_N, b.force_N)

@@ -7,7 +7,7 @@ import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion
 
 from samples.gel_contact import Gel
-from samples.mismatch.injected import Planted
+from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
 from samples.mismatch.machine_effects import (
     with_drift,
@@ -142,6 +142,6 @@ def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:
     assert found.gel == Gel()
 
 
-def test_labels_carry_what_was_planted() -> None:
-    one = Planted(effect="sensor_gain", parameters={"pad": "left", "gain": 1.1})
+def test_labels_carry_what_was_injected() -> None:
+    one = InjectedEffect(effect="sensor_gain", parameters={"pad": "left", "gain": 1.1})
     assert one.number("gain") == 1.1

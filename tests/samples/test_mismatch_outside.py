@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, motion, rough, squeezed, total_N
+from mismatch_ball import drawn_ball, grasped_ball, motion, rough, total_N
 
 from samples.mismatch.bodies import ElasticBody
-from samples.mismatch.out_of_catalogue import Outside, drawn_outside, outside_body, split_pit_stiffness
+from samples.mismatch.out_of_catalogue import (
+    OutOfCatalogue,
+    drawn_out_of_catalogue,
+    out_of_catalogue_body,
+    split_pit_stiffness,
+)
 from samples.mismatch.schur import schur_complement
 from samples.sample_failure import SampleFailure
 
@@ -24,18 +29,20 @@ def test_a_split_pit_is_softer_than_a_whole_one() -> None:
     lowest = np.linalg.eigvalsh(whole - split)[0]
     assert lowest > -1e-3 * np.abs(whole).max()
     assert (
-        total_N(squeezed(grasp, stands, ElasticBody(split)))[2]
-        < total_N(squeezed(grasp, stands, ElasticBody(whole)))[2]
+        total_N(grasped_ball(grasp, stands, ElasticBody(split)))[2]
+        < total_N(grasped_ball(grasp, stands, ElasticBody(whole)))[2]
     )
 
 
 def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
     way = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 1.0])
     grasp, stands = rough(drawn_ball(), way)
-    palm = Outside(name="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
-    on_palm = force_on_fruit(squeezed(grasp, stands, outside_body(stands, palm)))
+    palm = OutOfCatalogue(name="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
+    on_palm = force_on_fruit(grasped_ball(grasp, stands, out_of_catalogue_body(stands, palm)))
     free = force_on_fruit(
-        squeezed(grasp, stands, outside_body(stands, Outside(name="gel_hysteresis", parameters={})))
+        grasped_ball(
+            grasp, stands, out_of_catalogue_body(stands, OutOfCatalogue(name="gel_hysteresis", parameters={}))
+        )
     )
     assert np.abs(free[:, 2]).max() < 0.03
     assert np.abs(on_palm[:, 2]).max() > 2 * np.abs(free[:, 2]).max()
@@ -43,18 +50,22 @@ def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
 
 def test_a_creeping_gel_is_pressed_deeper_while_it_is_held() -> None:
     grasp, stands = rough(drawn_ball(), WAY)
-    body = outside_body(stands, Outside(name="gel_creep", parameters={"g": 0.3, "tau_s": 0.5}))
-    depth = -squeezed(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
+    body = out_of_catalogue_body(
+        stands, OutOfCatalogue(name="gel_creep", parameters={"g": 0.3, "tau_s": 0.5})
+    )
+    depth = -grasped_ball(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
     assert depth[4] > depth[3] > depth[2]
 
 
 def test_draining_flesh_pushes_less_while_it_is_held() -> None:
     grasp, stands = rough(drawn_ball(), WAY)
-    body = outside_body(stands, Outside(name="drainage", parameters={"volume_share": 0.9, "tau_s": 0.5}))
-    force = total_N(squeezed(grasp, stands, body))
+    body = out_of_catalogue_body(
+        stands, OutOfCatalogue(name="drainage", parameters={"volume_share": 0.9, "tau_s": 0.5})
+    )
+    force = total_N(grasped_ball(grasp, stands, body))
     assert force[2] > force[3] > force[4] > 0.5 * force[2]
 
 
 def test_a_physics_that_is_not_in_the_list_is_refused() -> None:
     with pytest.raises(SampleFailure, match="no physics 'frost'"):
-        drawn_outside("frost", np.random.default_rng(0))
+        drawn_out_of_catalogue("frost", np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""The whole squeeze on coarse bricks: closed-form limits, balance, friction, and what the sensor adds."""
+"""Quasi-static contact on coarse bricks: closed-form limits, balance, friction, and what the sensor adds."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from ball_fruit import ball
 
 from samples.fruit import SampleFruit, fruit_of_seed
 from samples.gel_contact import Gel
-from samples.grasp_plan import Hold, Programme, hold_along, planned_grasps, two_cycles
+from samples.grasp_plan import Hold, LoadProtocol, hold_along, planned_grasps, two_cycles
 from samples.hexahedra import COARSE, Fineness
 from samples.sensor_noise import SensorNoise, measured
 from samples.simulated_grasp import Grasp, simulate
@@ -20,29 +20,27 @@ SILENT = SensorNoise(
 UNDER_THE_PAD = Fineness(degrees=(0, 3, 6, 10, 17, 45), along=1, depths=(0, 0.15, 1))
 
 
-def motion(*travel_mm: float) -> Programme:
-    return Programme(time_s=np.arange(len(travel_mm)) * 0.1, travel_mm=np.array(travel_mm))
+def motion(*travel_mm: float) -> LoadProtocol:
+    return LoadProtocol(time_s=np.arange(len(travel_mm)) * 0.1, travel_mm=np.array(travel_mm))
 
 
-def squeezed(fruit: SampleFruit, programme: Programme, hold: Hold | None = None, **options: object) -> Grasp:
+def grasped(fruit: SampleFruit, protocol: LoadProtocol, hold: Hold | None = None, **options: object) -> Grasp:
     hold = hold or hold_along(fruit, azimuth_deg=40.0, tilt_deg=2.0)
-    return simulate(
-        fruit, hold, programme, **{"rng": np.random.default_rng(0), "fineness": COARSE, **options}
-    )
+    return simulate(fruit, hold, protocol, **{"rng": np.random.default_rng(0), "fineness": COARSE, **options})
 
 
 @pytest.fixture(scope="module")
 def grasp() -> Grasp:
     fruit = fruit_of_seed("a", seed=1, E_MPa=0.5)
-    return squeezed(fruit, motion(-0.3, -0.3, 0.2, 0.5, 0.9, 0.9, 0.4, -0.2))
+    return grasped(fruit, motion(-0.3, -0.3, 0.2, 0.5, 0.9, 0.9, 0.4, -0.2))
 
 
 def pad_force(grasp: Grasp, side: int) -> np.ndarray:
-    return np.stack([m.force_N[side].sum(axis=0) for m in grasp.moments])
+    return np.stack([m.force_N[side].sum(axis=0) for m in grasp.steps])
 
 
 def test_every_frame_is_in_equilibrium_and_the_pads_push_alike(grasp: Grasp) -> None:
-    assert max(m.residual for m in grasp.moments) < 3e-5
+    assert max(m.residual for m in grasp.steps) < 3e-5
     left, right = pad_force(grasp, 0), pad_force(grasp, 1)
     assert np.abs(left + right).max() < 2e-3
     assert np.linalg.norm(left[4]) > 2.0
@@ -65,7 +63,7 @@ def test_markers_are_pressed_in_and_push_the_fruit(grasp: Grasp) -> None:
 
 def test_marker_forces_add_up_to_what_the_nodes_carry(grasp: Grasp) -> None:
     for side in (0, 1):
-        turn = grasp.squeeze.faces[side].turn
+        turn = grasp.contact.faces[side].turn
         nodes = pad_force(grasp, side)[4] @ turn
         assert grasp.true_force_N[side][4].sum(axis=0)[2] == pytest.approx(nodes[2], rel=0.04)
 
@@ -75,7 +73,7 @@ def test_marker_positions_lie_on_the_deformed_skin(grasp: Grasp) -> None:
     shift = grasp.true_displacement_mm[0][4]
     inside = shift[:, 2] < -0.05
     local = pad.rest_mm[inside] + shift[inside]
-    anchors = grasp.moments[4].anchors[0]
+    anchors = grasp.steps[4].anchors[0]
     from scipy.interpolate import LinearNDInterpolator
 
     depth = LinearNDInterpolator(anchors.position_mm[:, :2], anchors.position_mm[:, 2])(local[:, :2])
@@ -84,8 +82,8 @@ def test_marker_positions_lie_on_the_deformed_skin(grasp: Grasp) -> None:
 
 def test_friction_stays_within_its_cone() -> None:
     fruit = fruit_of_seed("a", seed=1, E_MPa=0.5)
-    slippery = squeezed(fruit, motion(-0.3, 0.3, 0.7), gel=Gel(friction=0.02), law="linear")
-    sticky = squeezed(fruit, motion(-0.3, 0.3, 0.7), law="linear")
+    slippery = grasped(fruit, motion(-0.3, 0.3, 0.7), gel=Gel(friction=0.02), law="linear")
+    sticky = grasped(fruit, motion(-0.3, 0.3, 0.7), law="linear")
     for side in (0, 1):
         shear = np.linalg.norm(slippery.true_force_N[side][2][:, :2], axis=1)
         assert np.all(shear <= 0.0201 * slippery.true_force_N[side][2][:, 2] + 1e-4)
@@ -96,7 +94,7 @@ def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:
     # a rigid cap of depth d pushes aside gel of volume pi d^2 (3 R - d) / 3
     fruit = ball(30.0, 12.0, 1e4, 0.3)
     hold = hold_along(fruit, azimuth_deg=0.0, tilt_deg=0.0, uneven_mm=0.0)
-    found = squeezed(fruit, motion(-0.1, 1.0), hold, law="linear", fineness=UNDER_THE_PAD, noise=SILENT)
+    found = grasped(fruit, motion(-0.1, 1.0), hold, law="linear", fineness=UNDER_THE_PAD, noise=SILENT)
     force = np.abs(pad_force(found, 0)[1, 0])
     assert force == pytest.approx(0.22 * np.pi * 1.0**2 * (90.0 - 1.0) / 3, rel=0.01)
     assert found.true_force_N[0][1].sum(axis=0)[2] == pytest.approx(force, rel=0.01)
@@ -107,18 +105,18 @@ def test_patch_under_a_hard_smooth_face_is_as_wide_as_hertz_says() -> None:
     fruit = ball(30.0, 6.0, 0.5, 0.3)
     hold = hold_along(fruit, azimuth_deg=0.0, tilt_deg=0.0, uneven_mm=0.0)
     hard = Gel(kn_MPa_per_mm=10.0, kt_MPa_per_mm=1e-6, friction=0.0)
-    found = squeezed(fruit, motion(-0.1, 0.3), hold, law="linear", fineness=UNDER_THE_PAD, gel=hard)
-    share = np.abs(found.moments[1].force_N[0][:, 0])
-    away = np.linalg.norm(found.moments[1].anchors[0].position_mm[:, :2], axis=1)
+    found = grasped(fruit, motion(-0.1, 0.3), hold, law="linear", fineness=UNDER_THE_PAD, gel=hard)
+    share = np.abs(found.steps[1].force_N[0][:, 0])
+    away = np.linalg.norm(found.steps[1].anchors[0].position_mm[:, :2], axis=1)
     width = np.sqrt(2.5 * (share @ away**2) / share.sum())
     assert width == pytest.approx((3 * share.sum() * 30.0 * 0.91 / (4 * 0.5)) ** (1 / 3), rel=0.03)
 
 
 def test_force_grows_with_the_modulus_and_falls_with_a_second_law() -> None:
     fruit = fruit_of_seed("a", seed=1, E_MPa=0.3)
-    soft = squeezed(fruit, motion(-0.3, 0.7))
-    firm = squeezed(replace(fruit, E_MPa=0.9), motion(-0.3, 0.7), law="linear")
-    linear = squeezed(fruit, motion(-0.3, 0.7), law="linear")
+    soft = grasped(fruit, motion(-0.3, 0.7))
+    firm = grasped(replace(fruit, E_MPa=0.9), motion(-0.3, 0.7), law="linear")
+    linear = grasped(fruit, motion(-0.3, 0.7), law="linear")
     a, b, c = (np.linalg.norm(pad_force(g, 0)[1]) for g in (soft, firm, linear))
     assert 1.3 < b / a < 3.0
     assert c == pytest.approx(a, rel=0.03)
@@ -136,12 +134,12 @@ def test_sensor_noise_is_what_it_says_and_is_rounded() -> None:
     assert np.array_equal(pushed, np.rint(pushed * 2**13) / 2**13)
 
 
-def test_the_programme_carries_its_noise_in_the_air_before_and_after() -> None:
-    programme = two_cycles(deepest_mm=1.5, speed_mm_per_s=1.0)
-    assert np.all(programme.travel_mm[:10] < 0)
-    assert np.all(programme.travel_mm[-5:] < 0)
-    assert np.all(np.diff(programme.time_s) > 0)
-    assert programme.travel_mm.max() == 1.5
+def test_the_protocol_carries_its_noise_in_the_air_before_and_after() -> None:
+    protocol = two_cycles(deepest_mm=1.5, speed_mm_per_s=1.0)
+    assert np.all(protocol.travel_mm[:10] < 0)
+    assert np.all(protocol.travel_mm[-5:] < 0)
+    assert np.all(np.diff(protocol.time_s) > 0)
+    assert protocol.travel_mm.max() == 1.5
 
 
 def test_planned_grasps_cross_and_keep_off_the_groove() -> None:
@@ -154,6 +152,6 @@ def test_planned_grasps_cross_and_keep_off_the_groove() -> None:
 
 def test_the_same_seed_gives_the_same_recording() -> None:
     fruit = fruit_of_seed("a", seed=1, E_MPa=0.5)
-    one, two = (squeezed(fruit, motion(-0.3, 0.2), law="linear").recording for _ in range(2))
+    one, two = (grasped(fruit, motion(-0.3, 0.2), law="linear").recording for _ in range(2))
     for a, b in zip(one.pads, two.pads, strict=True):
         assert np.array_equal(a.displacement_mm, b.displacement_mm)

@@ -1,10 +1,10 @@
-"""A planted grasp that several tests share."""
+"""An injected grasp that several tests share."""
 
 import numpy as np
 import pytest
-from planted_grasp import Planted, planted_grasp
+from injected_grasp import InjectedGrasp, injected_grasp
 
 
 @pytest.fixture(scope="session")
-def planted() -> Planted:
-    return planted_grasp(np.random.default_rng(11))
+def injected() -> InjectedGrasp:
+    return injected_grasp(np.random.default_rng(11))

@@ -1,10 +1,10 @@
-"""Planted noise, touches and forces are found again."""
+"""Injected noise, touches and forces are found again."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_grasp import planted_grasp
+from injected_grasp import injected_grasp
 
 from tactile.contact import Phase, find_contact
 from tactile.io.recording import IndenterPad
@@ -13,13 +13,13 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 @pytest.fixture(scope="module")
-def contact(planted):
-    return find_contact(planted.recording, source="planted.h5")
+def contact(injected):
+    return find_contact(injected.recording, source="injected.h5")
 
 
-def test_onset_is_the_planted_one_or_the_next_frame(planted, contact):
+def test_onset_is_the_injected_one_or_the_next_frame(injected, contact):
     for pad in contact.pads:
-        truth = planted.onset[pad.name]
+        truth = injected.onset[pad.name]
         late = pad.onset - truth
         both = (truth >= 0) & (pad.onset >= 0)
         assert (late[both] >= 0).all()
@@ -28,32 +28,32 @@ def test_onset_is_the_planted_one_or_the_next_frame(planted, contact):
         assert np.mean(pad.onset[truth >= 0] >= 0) > 0.95
 
 
-def test_noise_is_the_planted_one(planted, contact):
+def test_noise_is_the_injected_one(injected, contact):
     for pad in contact.pads:
-        assert pad.displacement_noise.sd == pytest.approx(planted.sd_mm, rel=0.03)
-        assert pad.force_noise.sd == pytest.approx(planted.sd_N, rel=0.03)
-        assert pad.force_noise.lag1 == pytest.approx(planted.lag1, abs=0.05)
+        assert pad.displacement_noise.sd == pytest.approx(injected.sd_mm, rel=0.03)
+        assert pad.force_noise.sd == pytest.approx(injected.sd_N, rel=0.03)
+        assert pad.force_noise.lag1 == pytest.approx(injected.lag1, abs=0.05)
 
 
-def test_the_offset_of_the_reference_frame_is_taken_out(planted, contact):
-    for pad, raw in zip(contact.pads, planted.recording.pads, strict=True):
-        before = raw.force_N[: planted.no_contact_frames].mean(axis=0)
-        assert np.abs(before).max() > planted.sd_N
-        after = pad.force_N[: planted.no_contact_frames].mean(axis=0)
-        assert np.abs(after).max() < 0.2 * planted.sd_N
+def test_the_offset_of_the_reference_frame_is_taken_out(injected, contact):
+    for pad, raw in zip(contact.pads, injected.recording.pads, strict=True):
+        before = raw.force_N[: injected.no_contact_frames].mean(axis=0)
+        assert np.abs(before).max() > injected.sd_N
+        after = pad.force_N[: injected.no_contact_frames].mean(axis=0)
+        assert np.abs(after).max() < 0.2 * injected.sd_N
 
 
-def test_total_force_is_the_planted_one(planted, contact):
+def test_total_force_is_the_injected_one(injected, contact):
     for pad in contact.pads:
-        truth = planted.clean_force_z_N[pad.name]
-        assert pad.total_normal_N == pytest.approx(truth, abs=6 * planted.sd_N * np.sqrt(len(pad.rest_mm)))
+        truth = injected.clean_force_z_N[pad.name]
+        assert pad.total_normal_N == pytest.approx(truth, abs=6 * injected.sd_N * np.sqrt(len(pad.rest_mm)))
 
 
-def test_the_patch_holds_all_force_and_little_more(planted, contact):
+def test_the_patch_holds_all_force_and_little_more(injected, contact):
     for pad in contact.pads:
         peak = int(np.argmax(pad.total_normal_N))
         inside = np.linalg.norm(pad.force_N[peak, pad.patch].sum(axis=0))
-        assert inside == pytest.approx(planted.clean_force_z_N[pad.name].max(), rel=0.01)
+        assert inside == pytest.approx(injected.clean_force_z_N[pad.name].max(), rel=0.01)
         touched = pad.onset >= 0
         assert (pad.patch[touched]).all()
         reach = np.linalg.norm(pad.rest_mm[pad.patch], axis=1).max()
@@ -69,19 +69,19 @@ def test_phases_follow_the_jaws(contact):
 
 
 def test_two_cycles_are_two_contacts():
-    contact = find_contact(planted_grasp(np.random.default_rng(3), cycles=2).recording, source="x")
+    contact = find_contact(injected_grasp(np.random.default_rng(3), cycles=2).recording, source="x")
     for pad in contact.pads:
         centre = int(np.argmin(np.linalg.norm(pad.rest_mm, axis=1)))
         assert set(pad.episode[:, centre]) == {-1, 0, 1}
 
 
-def test_positions_and_forces_turn_with_the_fruit_frame(planted, contact):
+def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = turn, [3.0, -40.0, 5.0]
-    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in planted.recording.pads)
-    moved = find_contact(replace(planted.recording, pads=pads), source="x")
+    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in injected.recording.pads)
+    moved = find_contact(replace(injected.recording, pads=pads), source="x")
     for a, b in zip(contact.pads, moved.pads, strict=True):
         np.testing.assert_array_equal(a.episode, b.episode)
         np.testing.assert_allclose(a.position_mm @ turn.T + motion[:3, 3], b.position_mm, atol=1e-9)
@@ -98,93 +98,93 @@ def opened(recording):
     return replace(recording, time_s=recording.time_s[air], aperture_mm=recording.aperture_mm[air], pads=pads)
 
 
-def test_a_grasp_in_the_air_never_touches(planted):
+def test_a_grasp_in_the_air_never_touches(injected):
     with pytest.raises(TactileFailure, match=r"^air\.h5: pads/left/force_N: .*never touches") as caught:
-        find_contact(opened(planted.recording), source="air.h5")
+        find_contact(opened(injected.recording), source="air.h5")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
 
 
-def test_exact_zeros_never_touch(planted):
-    recording = opened(planted.recording)
+def test_exact_zeros_never_touch(injected):
+    recording = opened(injected.recording)
     still = tuple(replace(p, force_N=0 * p.force_N, displacement_mm=0 * p.force_N) for p in recording.pads)
     with pytest.raises(TactileFailure) as caught:
         find_contact(replace(recording, pads=still), source="x")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
 
 
-def test_one_pad_that_misses_is_named(planted):
-    left, right = planted.recording.pads
+def test_one_pad_that_misses_is_named(injected):
+    left, right = injected.recording.pads
     dead = replace(right, force_N=np.tile(right.force_N[:5], (20, 1, 1))[: len(right.force_N)])
     with pytest.raises(TactileFailure, match="pads/right/force_N"):
-        find_contact(replace(planted.recording, pads=(left, dead)), source="x")
+        find_contact(replace(injected.recording, pads=(left, dead)), source="x")
 
 
-def test_forces_signed_as_the_sensor_feels_them_are_told_so(planted):
-    pads = tuple(replace(pad, force_N=-pad.force_N) for pad in planted.recording.pads)
+def test_forces_signed_as_the_sensor_feels_them_are_told_so(injected):
+    pads = tuple(replace(pad, force_N=-pad.force_N) for pad in injected.recording.pads)
     with pytest.raises(TactileFailure, match="write what the gel puts on the fruit"):
-        find_contact(replace(planted.recording, pads=pads), source="x")
+        find_contact(replace(injected.recording, pads=pads), source="x")
 
 
-def test_an_indenter_that_travels_further_loads(planted):
+def test_an_indenter_that_travels_further_loads(injected):
     press = replace(
-        planted.recording,
+        injected.recording,
         loading="press",
         support="base",
-        aperture_mm=-planted.recording.aperture_mm,
-        pads=(replace(planted.recording.pads[1], name="tip"),),
+        aperture_mm=-injected.recording.aperture_mm,
+        pads=(replace(injected.recording.pads[1], name="tip"),),
     )
     order = "".join(phase[0] for phase in find_contact(press, source="x").phase).strip("a")
     assert order.startswith("lll")
     assert order.endswith("uuu")
 
 
-def test_a_bare_indenter_is_not_graded_yet(planted):
-    pose = planted.recording.pads[0].pose
+def test_a_bare_indenter_is_not_graded_yet(injected):
+    pose = injected.recording.pads[0].pose
     tip = IndenterPad(name="tip", pose=pose, force_z_N=np.ones(len(pose)), indenter="ball", radius_mm=3.0)
     with pytest.raises(TactileFailure, match="not supported by grade") as caught:
-        find_contact(replace(planted.recording, loading="press", pads=(tip,)), source="x")
+        find_contact(replace(injected.recording, loading="press", pads=(tip,)), source="x")
     assert caught.value.problem is TactileProblem.NO_MARKERS
 
 
-def test_without_air_the_noise_comes_from_contact(planted):
-    late = slice(planted.no_contact_frames + 2, len(planted.recording.time_s) - 12)
+def test_without_air_the_noise_comes_from_contact(injected):
+    late = slice(injected.no_contact_frames + 2, len(injected.recording.time_s) - 12)
     pads = tuple(
         replace(p, pose=p.pose[late], displacement_mm=p.displacement_mm[late], force_N=p.force_N[late])
-        for p in planted.recording.pads
+        for p in injected.recording.pads
     )
     recording = replace(
-        planted.recording,
-        time_s=planted.recording.time_s[late],
-        aperture_mm=planted.recording.aperture_mm[late],
+        injected.recording,
+        time_s=injected.recording.time_s[late],
+        aperture_mm=injected.recording.aperture_mm[late],
         pads=pads,
     )
     contact = find_contact(recording, source="x")
     for pad in contact.pads:
         assert (pad.onset >= 0).sum() > 20
-        assert 0.3 * planted.sd_N < pad.force_noise.sd < 3 * planted.sd_N
+        assert 0.3 * injected.sd_N < pad.force_noise.sd < 3 * injected.sd_N
 
 
-def test_a_deadband_before_contact_does_not_pass_for_silence(planted):
+def test_a_deadband_before_contact_does_not_pass_for_silence(injected):
     pads = []
-    for pad in planted.recording.pads:
-        quiet = np.abs(pad.force_N[:, :, 2]) < 4 * planted.sd_N
+    for pad in injected.recording.pads:
+        quiet = np.abs(pad.force_N[:, :, 2]) < 4 * injected.sd_N
         pads.append(replace(pad, force_N=np.where(quiet[:, :, None], 0.0, pad.force_N)))
-    contact = find_contact(replace(planted.recording, pads=tuple(pads)), source="x")
+    contact = find_contact(replace(injected.recording, pads=tuple(pads)), source="x")
     for pad in contact.pads:
-        assert pad.force_noise.sd > 0.3 * planted.sd_N
-        assert (pad.onset >= planted.no_contact_frames).sum() > 20
+        assert pad.force_noise.sd > 0.3 * injected.sd_N
+        assert (pad.onset >= injected.no_contact_frames).sum() > 20
 
 
-def test_one_loaded_frame_alone_is_a_contact(planted):
-    peak = slice(planted.no_contact_frames + 10, planted.no_contact_frames + 11)
+def test_one_loaded_frame_alone_is_a_contact(injected):
+    peak = slice(injected.no_contact_frames + 10, injected.no_contact_frames + 11)
     pads = tuple(
         replace(p, pose=p.pose[peak], displacement_mm=p.displacement_mm[peak], force_N=p.force_N[peak])
-        for p in planted.recording.pads
+        for p in injected.recording.pads
     )
     one = replace(
-        planted.recording,
-        time_s=planted.recording.time_s[peak],
-        aperture_mm=planted.recording.aperture_mm[peak],
+        injected.recording,
+        time_s=injected.recording.time_s[peak],
+        aperture_mm=injected.recording.aperture_mm[peak],
         pads=pads,
     )
     contact = find_contact(one, source="x")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_grasp import planted_grasp
+from injected_grasp import injected_grasp
 
 from tactile.correction import (
     ComplianceFault,
@@ -20,7 +20,7 @@ from tactile.io.recording import IndenterPad, Recording
 
 @pytest.fixture(scope="module")
 def true():
-    return planted_grasp(np.random.default_rng(3)).recording
+    return injected_grasp(np.random.default_rng(3)).recording
 
 
 def with_pad(recording, name, change):

@@ -34,7 +34,7 @@ def test_loads_and_displacements_are_reciprocal() -> None:
     assert one == pytest.approx(two, rel=1e-10)
 
 
-def test_pressing_an_almost_incompressible_slab_squeezes_its_face_outward() -> None:
+def test_pressing_an_almost_incompressible_slab_pushes_its_face_outward() -> None:
     """A half space would be drawn in: the bonded back makes the difference."""
     C = tent_compliance(SOFT, np.array([[4.0, 0.0]]), np.zeros((1, 2)), pitch_mm=1.0)
     assert -C[0, 0, 0, 2] > 0

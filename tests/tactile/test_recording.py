@@ -24,13 +24,13 @@ def assert_same(a: object, b: object) -> None:
             assert value == other, name
 
 
-def test_what_is_written_is_read_back(planted, tmp_path):
-    write_recording(tmp_path / "a.h5", planted.recording)
-    assert_same(planted.recording, read_recording(tmp_path / "a.h5"))
+def test_what_is_written_is_read_back(injected, tmp_path):
+    write_recording(tmp_path / "a.h5", injected.recording)
+    assert_same(injected.recording, read_recording(tmp_path / "a.h5"))
 
 
-def test_optional_fields_come_back_too(planted, tmp_path):
-    recording = planted.recording
+def test_optional_fields_come_back_too(injected, tmp_path):
+    recording = injected.recording
     frames = len(recording.time_s)
     picture = np.arange(4 * 5 * 3, dtype=np.uint8).reshape(4, 5, 3)
     left = replace(
@@ -47,23 +47,23 @@ def test_optional_fields_come_back_too(planted, tmp_path):
     assert read_recording(tmp_path / "a.h5").pads[0].images is None
 
 
-def test_a_bare_indenter_is_a_legal_pad(planted, tmp_path):
-    frames = len(planted.recording.time_s)
+def test_a_bare_indenter_is_a_legal_pad(injected, tmp_path):
+    frames = len(injected.recording.time_s)
     tip = IndenterPad(
         name="tip",
-        pose=planted.recording.pads[0].pose,
+        pose=injected.recording.pads[0].pose,
         force_z_N=np.linspace(0, 1, frames),
         indenter="ball",
         radius_mm=3.0,
     )
-    press = replace(planted.recording, loading="press", support="base", pads=(tip,))
+    press = replace(injected.recording, loading="press", support="base", pads=(tip,))
     write_recording(tmp_path / "a.h5", press)
     assert_same(press, read_recording(tmp_path / "a.h5"))
 
 
-def test_a_press_stands_on_its_base_unless_it_says_otherwise(planted, tmp_path):
+def test_a_press_stands_on_its_base_unless_it_says_otherwise(injected, tmp_path):
     press = replace(
-        planted.recording, loading="press", pads=(replace(planted.recording.pads[0], name="tip"),)
+        injected.recording, loading="press", pads=(replace(injected.recording.pads[0], name="tip"),)
     )
     write_recording(tmp_path / "a.h5", press)
     with h5py.File(tmp_path / "a.h5", "a") as file:
@@ -187,10 +187,10 @@ REFUSALS = {
 
 
 @pytest.mark.parametrize("name", REFUSALS)
-def test_refused_with_file_field_found_expected_and_advice(name, planted, tmp_path):
+def test_refused_with_file_field_found_expected_and_advice(name, injected, tmp_path):
     change, field = REFUSALS[name]
     path = tmp_path / "grasp-7.h5"
-    write_recording(path, planted.recording)
+    write_recording(path, injected.recording)
     with h5py.File(path, "a") as file:
         change(file)
     with pytest.raises(TactileFailure) as caught:
@@ -203,9 +203,9 @@ def test_refused_with_file_field_found_expected_and_advice(name, planted, tmp_pa
     assert "\n" not in sentence
 
 
-def test_a_value_that_is_not_finite_is_placed(planted, tmp_path):
+def test_a_value_that_is_not_finite_is_placed(injected, tmp_path):
     path = tmp_path / "a.h5"
-    write_recording(path, planted.recording)
+    write_recording(path, injected.recording)
     with h5py.File(path, "a") as file:
         file["pads/left/force_N"][3, 5, 1] = np.nan
     with pytest.raises(TactileFailure, match=r"index \(3, 5, 1\)"):
@@ -248,10 +248,10 @@ LOST = {
 
 @pytest.mark.parametrize("name", LOST)
 def test_markers_without_values_are_counted_and_frames_are_dropped_only_where_few_lack_some(
-    name, planted, tmp_path
+    name, injected, tmp_path
 ):
     change, found, advice = LOST[name]
-    write_recording(tmp_path / "a.h5", planted.recording)
+    write_recording(tmp_path / "a.h5", injected.recording)
     with h5py.File(tmp_path / "a.h5", "a") as file:
         change(file)
     with pytest.raises(TactileFailure) as caught:
@@ -270,17 +270,17 @@ def broken_files(path: Path, recording: Recording) -> None:
 
 
 @pytest.mark.parametrize("name", ["half.h5", "head.h5", "empty.h5", "text.h5", "absent.h5"])
-def test_a_broken_or_absent_file_is_named(name, planted, tmp_path):
-    broken_files(tmp_path, planted.recording)
+def test_a_broken_or_absent_file_is_named(name, injected, tmp_path):
+    broken_files(tmp_path, injected.recording)
     with pytest.raises(TactileFailure, match=rf"^{name}: the file: found ") as caught:
         read_recording(tmp_path / name)
     assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
 
 
-def test_an_indenter_needs_its_shape(planted, tmp_path):
-    pose = planted.recording.pads[0].pose
+def test_an_indenter_needs_its_shape(injected, tmp_path):
+    pose = injected.recording.pads[0].pose
     tip = IndenterPad(name="tip", pose=pose, force_z_N=np.zeros(len(pose)), indenter="ball", radius_mm=3.0)
-    write_recording(tmp_path / "a.h5", replace(planted.recording, loading="press", pads=(tip,)))
+    write_recording(tmp_path / "a.h5", replace(injected.recording, loading="press", pads=(tip,)))
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["pads/tip"].attrs["indenter"] = "cone"
     with pytest.raises(
@@ -289,9 +289,9 @@ def test_an_indenter_needs_its_shape(planted, tmp_path):
         read_recording(tmp_path / "a.h5")
 
 
-def test_poses_in_single_precision_pass(planted, tmp_path):
+def test_poses_in_single_precision_pass(injected, tmp_path):
     pads = tuple(
-        replace(pad, pose=pad.pose.astype(np.float32).astype(np.float64)) for pad in planted.recording.pads
+        replace(pad, pose=pad.pose.astype(np.float32).astype(np.float64)) for pad in injected.recording.pads
     )
-    write_recording(tmp_path / "a.h5", replace(planted.recording, pads=pads))
+    write_recording(tmp_path / "a.h5", replace(injected.recording, pads=pads))
     assert isinstance(read_recording(tmp_path / "a.h5").pads[0], GelPad)

@@ -5,7 +5,7 @@ import os
 import h5py
 import numpy as np
 import pytest
-from planted_grasp import planted_grasp
+from injected_grasp import injected_grasp
 
 from tactile.io.recording import read_recording, write_recording
 from tactile.tactile_failure import TactileFailure
@@ -14,7 +14,7 @@ from tactile.tactile_failure import TactileFailure
 @pytest.fixture(scope="module")
 def sound(tmp_path_factory):
     path = tmp_path_factory.mktemp("sound") / "sound.h5"
-    write_recording(path, planted_grasp(np.random.default_rng(3)).recording)
+    write_recording(path, injected_grasp(np.random.default_rng(3)).recording)
     return path.read_bytes()
 
 

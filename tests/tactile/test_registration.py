@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted_grasp import RADIUS_MM, planted_grasp
+from injected_grasp import RADIUS_MM, injected_grasp
 from scipy.spatial import ConvexHull
 
 from tactile.contact import find_contact
@@ -25,8 +25,8 @@ def sphere(radius_mm: float, points: int = 6000):
 
 
 @pytest.fixture(scope="module")
-def contact(planted):
-    return find_contact(planted.recording, source="planted.h5")
+def contact(injected):
+    return find_contact(injected.recording, source="injected.h5")
 
 
 @pytest.fixture(scope="module")
@@ -64,15 +64,15 @@ def test_first_touches_lie_within_what_the_ball_gave_way(contact, ball):
         assert place.residual_mm < 0.2
 
 
-def test_a_pose_error_along_the_normal_is_the_shift(planted, contact, ball):
+def test_a_pose_error_along_the_normal_is_the_shift(injected, contact, ball):
     before = register(contact, *ball, source="x")
     pads = []
-    for pad in planted.recording.pads:
+    for pad in injected.recording.pads:
         pose = pad.pose.copy()
         pose[:, :3, 3] -= 0.8 * pose[:, :3, 2]
         pads.append(replace(pad, pose=pose))
     after = register(
-        find_contact(replace(planted.recording, pads=tuple(pads)), source="x"), *ball, source="x"
+        find_contact(replace(injected.recording, pads=tuple(pads)), source="x"), *ball, source="x"
     )
     for a, b in zip(before, after, strict=True):
         assert b.shift_mm - a.shift_mm == pytest.approx(0.8, abs=1e-6)
@@ -80,14 +80,14 @@ def test_a_pose_error_along_the_normal_is_the_shift(planted, contact, ball):
         assert b.residual_mm == pytest.approx(a.residual_mm, abs=1e-6)
 
 
-def test_places_move_with_the_fruit_frame(planted, contact, ball):
+def test_places_move_with_the_fruit_frame(injected, contact, ball):
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = turn, [30.0, -40.0, 5.0]
-    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in planted.recording.pads)
+    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in injected.recording.pads)
     moved = register(
-        find_contact(replace(planted.recording, pads=pads), source="x"),
+        find_contact(replace(injected.recording, pads=pads), source="x"),
         ball[0] @ turn.T + motion[:3, 3],
         ball[1],
         source="x",
@@ -111,6 +111,6 @@ def test_a_mesh_in_metres_is_refused(contact, ball):
 
 
 def test_a_far_wall_of_the_mesh_is_not_taken_for_the_near_one(ball):
-    contact = find_contact(planted_grasp(np.random.default_rng(5)).recording, source="x")
+    contact = find_contact(injected_grasp(np.random.default_rng(5)).recording, source="x")
     for side, place in zip((-1, 1), register(contact, *ball, source="x"), strict=True):
         assert (side * place.surface_mm[:, 0] > 0).all()

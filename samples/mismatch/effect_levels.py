@@ -1,4 +1,4 @@
-"""How strong each effect is planted: three levels, from just to be seen to plain."""
+"""How strong each effect is made: three levels, from just to be seen to plain."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Recordings of a body of revolution with a planted modulus, and the coarse tetrahedra that must find it.
+"""Recordings of a body of revolution with an injected modulus, and the coarse tetrahedra that must find it.
 
 The truth is solved in two dimensions by quadratic quadrilaterals (axisymmetric), the estimate uses the
 mesher's tetrahedra.

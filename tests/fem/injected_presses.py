@@ -96,7 +96,7 @@ class Press:
         return self.travel(t) - self.onset_mm
 
 
-def planted(
+def injected(
     rng,
     *,
     E_MPa=0.3,

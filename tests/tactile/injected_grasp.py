@@ -11,7 +11,7 @@ KN_MPA_PER_MM = 0.2
 
 
 @dataclass(frozen=True)
-class Planted:
+class InjectedGrasp:
     recording: Recording
     onset: dict[str, np.ndarray]
     clean_force_z_N: dict[str, np.ndarray]
@@ -35,9 +35,9 @@ def coloured(rng: np.random.Generator, shape: tuple[int, ...], sd: float) -> np.
     return sd * (white[1:] + share * white[:-1]) / np.hypot(1, share)
 
 
-def planted_grasp(
+def injected_grasp(
     rng: np.random.Generator, *, air: int = 25, step_mm: float = 0.15, cycles: int = 1, noise: float = 1.0
-) -> Planted:
+) -> InjectedGrasp:
     """Half of the pads' travel goes into the gel, half into the ball; only normal force."""
     sd_mm, sd_N = 0.004 * noise, 0.001 * noise
     travel = travel_path(air, step_mm, cycles)
@@ -79,10 +79,10 @@ def planted_grasp(
         category="plum",
         loading="grasp",
         support="free",
-        sensor="planted",
+        sensor="injected",
         time_s=np.arange(len(travel)) * 0.1,
         aperture_mm=2 * (RADIUS_MM - travel),
         pads=tuple(pads),
     )
     lag1 = 0.35 / (1 + 0.35**2)
-    return Planted(recording, onset, clean, sd_mm, sd_N, lag1, air)
+    return InjectedGrasp(recording, onset, clean, sd_mm, sd_N, lag1, air)

@@ -1,0 +1,278 @@
+"""Two grasps of one fruit with an injected modulus, as the mismatch finder is handed them; coarse.
+
+The truth is solved on a mesh of its own. A bed of springs (the gel) pushes; each pad's pose follows its
+markers, so that what belongs to a machine (lags, gains, jaws that give way, wrong poses) can be put into the
+recording by its definition alone.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
+from fem_shapes import ball
+
+from fem.estimation.error_budget import ErrorBudget
+from fem.grasp_history import GraspHistory, PadHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mesh.surface_points import locate
+from fem.mismatch.effect import Effect
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.refinement import Refit, refit
+from fem.mismatch.selection.screening import LinearRound, screened
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes, pad_link
+
+E_MPA = 0.25
+AXIS = np.linspace(-3.6, 3.6, 7)
+FLAT = np.column_stack(
+    [grid.ravel() for grid in np.meshgrid(AXIS, AXIS, indexing="ij")] + [np.zeros(len(AXIS) ** 2)]
+)
+CELL_MM2 = (AXIS[1] - AXIS[0]) ** 2
+GEL_N_PER_MM = np.array([0.06, 0.06, 0.18])
+NOISE_MM, NOISE_N = 0.002, 1e-3
+STEP_S = 0.25
+RADII_MM = np.array([0, 0, 0, 2.4, 2.9, 3.4, 3.8, 4.2, 4.5, 4.5, 4.5, 4.5, 4.5, 4.1, 3.6, 3.0, 2.4])
+PHASES = ("air",) * 3 + ("load",) * 6 + ("hold",) * 4 + ("unload",) * 4
+TIME_S = np.arange(len(RADII_MM)) * STEP_S
+NAMES = ("left", "right")
+WAYS = ((0, 1), (1, 2))
+"""Grasp by grasp: the axis along which the pads close, and that of their own x."""
+
+
+def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
+    """The coarse fruit, with short edges where the pads press."""
+    vertices, faces = ball(points, semi_axes_mm=HALF_AXES_MM)
+    vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
+    pit = ball(300, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    where = np.array([side * np.eye(3)[k] * HALF_AXES_MM[k] for k in (0, 1) for side in (1, -1)])
+    return tetrahedralise(
+        vertices,
+        faces,
+        *pit,
+        edge_mm=edge_mm,
+        refine_at_mm=where,
+        refine_radius_mm=4.5,
+        refine_edge_mm=at_pads_mm,
+    )
+
+
+@cache
+def finders_mesh() -> FleshMesh:
+    """The mesh that the finder is handed."""
+    return meshed(10.0, 2.8, 1000)
+
+
+@cache
+def true_mesh() -> FleshMesh:
+    """The mesh that the truth is solved on."""
+    return meshed(9.0, 2.0, 2000)
+
+
+def pad_axes(grasp: int, side: float) -> np.ndarray:
+    """x, y and z of a pad as columns; z points into the fruit."""
+    z, x = -side * np.eye(3)[WAYS[grasp][0]], np.eye(3)[WAYS[grasp][1]]
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def on_skin(grasp: int, side: float) -> np.ndarray:
+    """The markers on the ellipsoid, along the pad's normal."""
+    along = WAYS[grasp][0]
+    place = FLAT @ pad_axes(grasp, side).T
+    rest = np.delete(np.arange(3), along)
+    place[:, along] = (
+        side * HALF_AXES_MM[along] * np.sqrt(1 - ((place[:, rest] / HALF_AXES_MM[rest]) ** 2).sum(axis=1))
+    )
+    return place
+
+
+def true_force() -> np.ndarray:
+    """Forces on the markers in pad axes, N: bowls that grow and steepen, with a little shear outwards."""
+    r2 = (FLAT**2).sum(axis=1)
+    inside = np.maximum(1 - r2 / np.maximum(RADII_MM[:, None], 1e-9) ** 2, 0.0) * (RADII_MM[:, None] > 0)
+    push = 0.012 * RADII_MM[:, None] * inside**1.5 * CELL_MM2
+    return np.stack([0.06 * FLAT[:, 0] * push, 0.06 * FLAT[:, 1] * push, push], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruePad:
+    """One pad of one grasp as it truly was; fruit frame. `unit`: the skin's displacement for E = 1 MPa."""
+
+    name: str
+    axes: np.ndarray
+    place_mm: np.ndarray
+    unit: np.ndarray
+    force_N: np.ndarray
+    gel_mm: np.ndarray
+
+    def position_mm(self, unit: np.ndarray, motion_mm: np.ndarray) -> np.ndarray:
+        """Where the markers are, the fruit having moved."""
+        return self.place_mm + unit / E_MPA + motion_mm[:, None]
+
+
+def _history(pads: list[PadHistory]) -> GraspHistory:
+    return GraspHistory(time_s=TIME_S, phase=PHASES, pads=tuple(pads))
+
+
+def _bare(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
+    axes = pad_axes(grasp, side)
+    place = locate(mesh, on_skin(grasp, side), within_mm=3.0).point_mm
+    force = true_force() @ axes.T
+    return PadHistory(
+        name=name,
+        rest_mm=FLAT,
+        surface_mm=place,
+        position_mm=np.broadcast_to(place, force.shape).copy(),
+        gel_displacement_mm=-(true_force() / GEL_N_PER_MM) @ axes.T,
+        force_N=force,
+        episode=np.where(force.any(axis=2), 0, -1),
+        displacement_sd_mm=NOISE_MM,
+        force_sd_N=NOISE_N,
+        lag1=0.0,
+    )
+
+
+@cache
+def true_pads() -> tuple[tuple[TruePad, ...], ...]:
+    """Solved once on the truth's mesh."""
+    mesh = true_mesh()
+    found = []
+    histories = [
+        _history([_bare(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
+        for grasp in range(len(WAYS))
+    ]
+    solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
+    solid = replace(solid, contact_nodes=contact_nodes(mesh, histories))
+    for grasp, history in enumerate(histories):
+        links = [pad_link(pad, solid) for pad in history.pads]
+        loads = np.zeros((len(TIME_S), len(mesh.nodes_mm), 3))
+        loads[:, solid.contact_nodes] = sum(
+            link.nodal_force(pad.force_N) for link, pad in zip(links, history.pads, strict=True)
+        )
+        moved = solid.displacement(loads)[:, solid.contact_nodes]
+        found.append(
+            tuple(
+                TruePad(
+                    name=pad.name,
+                    axes=pad_axes(grasp, side),
+                    place_mm=pad.surface_mm,
+                    unit=link.at_markers(moved),
+                    force_N=pad.force_N,
+                    gel_mm=pad.gel_displacement_mm,
+                )
+                for pad, link, side in zip(history.pads, links, (-1.0, 1.0), strict=True)
+            )
+        )
+    return tuple(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What one pad's sensors and machine say in all frames, fruit frame; `origin_mm` of its pose."""
+
+    name: str
+    axes: np.ndarray
+    place_mm: np.ndarray
+    position_mm: np.ndarray
+    force_N: np.ndarray
+    gel_mm: np.ndarray
+    origin_mm: np.ndarray
+
+    @property
+    def pushed_N(self) -> np.ndarray:
+        """Force along the pad's normal, all markers."""
+        return (self.force_N @ self.axes[:, 2]).sum(axis=1)
+
+
+Altered = Callable[[Recording], Recording]
+
+
+def injected_case(
+    altered: Altered = lambda pad: pad,
+    *,
+    seed: int = 0,
+    noise: float = 1.0,
+    crept: Callable[[np.ndarray], np.ndarray] = lambda unit: unit,
+    mesh: Callable[[], FleshMesh] = finders_mesh,
+) -> MismatchCase:
+    """Two grasps; `altered` is what is wrong with each pad's recording, `crept` what the flesh does."""
+    rng = np.random.default_rng(seed)
+    fruit = mesh()
+    grasps = []
+    for grasp, pads in enumerate(true_pads()):
+        motion = 0.1 * np.sin(TIME_S[:, None] * [1.0, 1.3, 0.7])
+        histories, motions = [], []
+        for true in pads:
+            position = true.position_mm(crept(true.unit), motion)
+            origin = (position - FLAT @ true.axes.T - true.gel_mm).mean(axis=1)
+            touching = true.force_N.any(axis=2)
+            pad = altered(
+                Recording(
+                    name=true.name,
+                    axes=true.axes,
+                    place_mm=true.place_mm,
+                    position_mm=position,
+                    force_N=true.force_N,
+                    gel_mm=true.gel_mm,
+                    origin_mm=origin,
+                )
+            )
+            blur = [noise * rng.normal(size=position.shape) for _ in range(2)]
+            force = pad.force_N + NOISE_N * blur[1]
+            pose = np.tile(np.eye(4), (len(TIME_S), 1, 1))
+            pose[:, :3, :3], pose[:, :3, 3] = pad.axes, pad.origin_mm
+            histories.append(
+                PadHistory(
+                    name=pad.name,
+                    rest_mm=FLAT,
+                    surface_mm=locate(fruit, pad.place_mm, within_mm=3.0).point_mm,
+                    position_mm=pad.position_mm + NOISE_MM * blur[0],
+                    gel_displacement_mm=pad.gel_mm + NOISE_MM * blur[0],
+                    force_N=force,
+                    episode=np.where(touching, 0, -1),
+                    displacement_sd_mm=NOISE_MM,
+                    force_sd_N=NOISE_N,
+                    lag1=0.0,
+                )
+            )
+            motions.append(
+                PadMotion(
+                    name=pad.name,
+                    pose=pose,
+                    normal_N=(force @ pad.axes[:, 2]).sum(axis=1),
+                    markers=len(FLAT),
+                )
+            )
+        grasps.append(
+            GraspCase(
+                name=f"grasp-{grasp + 1}",
+                history=_history(histories),
+                pads=tuple(motions),
+                support="free",
+            )
+        )
+    return MismatchCase(mesh=fruit, grasps=tuple(grasps), poisson_ratio=NU, budget=ErrorBudget())
+
+
+def on_pad(name: str, change: Altered) -> Altered:
+    """The change on one pad alone."""
+    return lambda pad: change(pad) if pad.name == name else pad
+
+
+def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
+    """The plain model, the effect's signatures on it, and the best of them in full."""
+    forward, _ = plain_forward_model(case)
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, [effect])
+    again = refit(forward, linear, [linear.best[0]])
+    assert again is not None
+    return forward, linear, again
+
+
+def only_grasp(case: MismatchCase, number: int) -> MismatchCase:
+    """One of the recordings."""
+    return replace(case, grasps=(case.grasps[number],))
