@@ -35,11 +35,11 @@ def fruit_of(folder: Path) -> Fruit | None:
     """The fruit in a folder; None where none is."""
     if not (folder / "fruit.ply").is_file():
         return None
-    own, beside = folder / "truth.json", folder.parent / "answers.json"
+    own, of_all = folder / "truth.json", folder.parent / "answers.json"
     if own.is_file():
         truth = json.loads(own.read_text())
-    elif beside.is_file():
-        truth = json.loads(beside.read_text()).get(folder.name)
+    elif of_all.is_file():
+        truth = json.loads(of_all.read_text()).get(folder.name)
     else:
         truth = None
     if truth is None:

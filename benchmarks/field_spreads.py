@@ -73,8 +73,8 @@ def _of_pad(one: Pressing, recording: Recording) -> Iterator[tuple[str, float]]:
         normal = np.abs(values[:, :, 2])
         yield f"values at the greatest, {name}", float((normal >= normal.max() * (1 - 1e-6)).sum())
         yield f"roughness, {name}", roughness(values[:, one.touched, 2].sum(axis=1), recording.aperture_mm)
-        if (alike := like_neighbours(one, values)) is not None:
-            yield f"correlation with neighbours, {name}", alike
+        if (similarity := like_neighbours(one, values)) is not None:
+            yield f"correlation with neighbours, {name}", similarity
         yield f"first frame over peak, {name}", _first(values[:, one.touched, 2])
     top, use = heaviest(one), one.touched
     mean = np.abs(one.force_N[top][:, use].mean(axis=(0, 1)))

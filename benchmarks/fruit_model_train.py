@@ -188,9 +188,9 @@ def shadows(n: int, rng: np.random.Generator) -> torch.Tensor:
     return torch.from_numpy(out)
 
 
-def loss_of(odds: torch.Tensor, cover: torch.Tensor) -> torch.Tensor:
+def loss_of(log_odds: torch.Tensor, cover: torch.Tensor) -> torch.Tensor:
     """Cross entropy at the model's resolution."""
-    return functional.binary_cross_entropy_with_logits(odds.float(), functional.avg_pool2d(cover, 2))
+    return functional.binary_cross_entropy_with_logits(log_odds.float(), functional.avg_pool2d(cover, 2))
 
 
 def tensors(images: list[np.ndarray], cover: list[np.ndarray]) -> tuple[torch.Tensor, torch.Tensor]:
@@ -208,9 +208,9 @@ def kept_back(
     with torch.no_grad(), torch.autocast("cpu", dtype=torch.bfloat16):
         for start in range(0, len(images), batch):
             x, y = tensors(images[start : start + batch], cover[start : start + batch])
-            odds = model(x.contiguous(memory_format=torch.channels_last)).float()
-            losses.append(float(loss_of(odds, y)) * len(x))
-            found, true = odds > 0, functional.avg_pool2d(y, 2) > 0.5
+            log_odds = model(x.contiguous(memory_format=torch.channels_last)).float()
+            losses.append(float(loss_of(log_odds, y)) * len(x))
+            found, true = log_odds > 0, functional.avg_pool2d(y, 2) > 0.5
             both = (found & true).sum((1, 2, 3)).float()
             overlaps += (both / (found | true).sum((1, 2, 3)).clamp(1)).tolist()
     return sum(losses) / len(images), float(np.mean(overlaps)), float(np.percentile(overlaps, 10))
@@ -257,8 +257,8 @@ def main() -> None:
         x, y = altered(*tensors([images[i] for i in chosen], [cover[i] for i in chosen]), rng)
         model.train()
         with torch.autocast("cpu", dtype=torch.bfloat16):
-            odds = model(x.contiguous(memory_format=torch.channels_last))
-        loss = loss_of(odds, y)
+            log_odds = model(x.contiguous(memory_format=torch.channels_last))
+        loss = loss_of(log_odds, y)
         descent.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(model.parameters(), 1.0)

@@ -191,15 +191,15 @@ def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str,
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.nanmean(values**2)))
 
-    def alike(one: np.ndarray, other: np.ndarray) -> float:
+    def correlation(one: np.ndarray, other: np.ndarray) -> float:
         return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
 
     for t in range(len(size)):
         if size[t] > 0:
             print(
                 f"  {t:2d} force {total[t].round(3)} found {fields.force_N[t].sum(axis=0).round(3)} N, plane "
-                f"{rms(miss_u[t, :, :2]):.1f} depth {rms(miss_u[t, :, 2]):.1f} um, alike "
-                f"{alike(fields.force_N[t], true_f[t]):.3f}, stated plane "
+                f"{rms(miss_u[t, :, :2]):.1f} depth {rms(miss_u[t, :, 2]):.1f} um, correlation "
+                f"{correlation(fields.force_N[t], true_f[t]):.3f}, stated plane "
                 f"{1e3 * rms(fields.displacement_sd_mm[t, :, :2]):.1f} depth "
                 f"{1e3 * rms(fields.displacement_sd_mm[t, :, 2]):.1f} um, touching {fields.touching[t].sum()}"
             )
@@ -211,8 +211,8 @@ def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str,
             (
                 kind, len(size), rms(miss_u[peak, :, :2]), rms(miss_u[..., :2]), rms(miss_u[peak, :, 2]),
                 rms(miss_u[..., 2]), 100 * miss_total[peak] / size[peak],
-                100 * rms(miss_total[loaded] / size[loaded]), alike(fields.force_N[peak], true_f[peak]),
-                alike(fields.force_N[loaded], true_f[loaded]), float(inside.mean()), 1.0 / seconds,
+                100 * rms(miss_total[loaded] / size[loaded]), correlation(fields.force_N[peak], true_f[peak]),
+                correlation(fields.force_N[loaded], true_f[loaded]), float(inside.mean()), 1.0 / seconds,
             ),
             strict=True,
         )

@@ -4,7 +4,7 @@
 
 FOLDER holds one CSV file per trace: time_s, force_N, indentation_mm, tool_gap_mm; the gap in the first frame
 is the specimen's thickness. No truth is known but that flesh and silicone relax in a hold. Held-out errors
-are root mean squares over that of the force left out: `end` foretells the second half of the hold (or all of
+are root mean squares over that of the force left out: `end` predicts the second half of the hold (or all of
 unloading and recovery) from what came before, `blocks` every second tenth of the trace from the others. The
 law is named on the whole trace; its parameters know nothing of the frames left out.
 """
@@ -69,14 +69,14 @@ def row_of(name: str, trace: IndenterTrace, account: Account, seconds: float) ->
 
 
 def plot(path: Path, name: str, trace: IndenterTrace, account: Account) -> None:
-    """Force over time and over travel; measured, both laws, and what the end was foretold to be."""
+    """Force over time and over travel; measured, both laws, and what the end was predicted to be."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
     for axes, x in ((left, trace.time_s), (right, trace.travel_mm)):
         axes.plot(x, trace.force_N, ".", ms=3, color="0.6", label="measured")
         axes.plot(x, account.linear.force_N, "--", lw=1, color="tab:blue", label="linear elastic, fitted")
         axes.plot(x, account.named.force_N, lw=1, color="tab:red", label="named law, fitted")
-        axes.plot(x, account.end.before_N, lw=2, color="tab:cyan", label="linear elastic, foretold")
-        axes.plot(x, account.end.after_N, lw=2, color="tab:orange", label="named law, foretold")
+        axes.plot(x, account.end.before_N, lw=2, color="tab:cyan", label="linear elastic, predicted")
+        axes.plot(x, account.end.after_N, lw=2, color="tab:orange", label="named law, predicted")
     left.set(xlabel="time, s", ylabel="force, N", title=f"{name}: {account.named.law.name}")
     right.set(xlabel="travel, mm")
     left.legend(fontsize=7, frameon=False)
@@ -125,9 +125,9 @@ def main() -> None:
             k: float(np.median([r[k] for r in some]))  # type: ignore[arg-type]
             for k in ("p_relaxes", "end_before", "end_after", "end_ratio", "blocks_ratio", "noise", "cpu_s")
         }
-        told = "  ".join(f"{k} {v:.3g}" for k, v in middle.items())
+        middles = "  ".join(f"{k} {v:.3g}" for k, v in middle.items())
         relaxes = sum(float(str(r["p_relaxes"])) > 0.5 for r in some)
-        print(f"median of {len(some)} {kind or 'all'}: {told}; relaxation in {relaxes}")
+        print(f"median of {len(some)} {kind or 'all'}: {middles}; relaxation in {relaxes}")
     if chosen.out:
         with (chosen.out / "traces.csv").open("w", newline="") as file:
             writer = csv.DictWriter(file, list(rows[0]))

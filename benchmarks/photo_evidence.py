@@ -74,7 +74,7 @@ def main() -> int:
             continue
         truth = read_truth(folder)
         for kind in chosen:
-            rows.append({"set": folder.name, "mesh": kind} | told(made, truth, kind, folder.name))
+            rows.append({"set": folder.name, "mesh": kind} | scored(made, truth, kind, folder.name))
             print(line(rows[-1]), flush=True)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with options.out.open("w", newline="") as file:
@@ -136,7 +136,7 @@ def made_wrong(
     return vertices
 
 
-def told(made: dict[str, Any], truth: Truth, kind: str, name: str) -> dict[str, Any]:
+def scored(made: dict[str, Any], truth: Truth, kind: str, name: str) -> dict[str, Any]:
     """True and stated errors of one mesh, and the verdict."""
     images, cameras, faces = made["images"], made["cameras"], made["faces"]
     places = np.array([c.place for c in cameras])

@@ -123,8 +123,8 @@ def camera_errors(folder: Path, used: list[str], places: np.ndarray) -> dict[str
 
 def verdict(row: dict[str, Any]) -> str:
     """right, warned, refused, over target (unsaid, but not as far off as to be missed) or missed."""
-    told = of_bank(row)
-    return "over target" if told == "right" and float(row["rms_seen_mm"]) > TARGET_RMS_MM else told
+    verdict = of_bank(row)
+    return "over target" if verdict == "right" and float(row["rms_seen_mm"]) > TARGET_RMS_MM else verdict
 
 
 def table(rows: list[dict[str, Any]]) -> str:

@@ -1,4 +1,4 @@
-"""How much taller than the fruit its settled hull is, by the elevation from which its top is seen.
+"""How much taller than the fruit its fitted hull is, by the elevation from which its top is seen.
 
     python benchmarks/unseen_top.py BANK [--sets 6]
 

@@ -168,16 +168,16 @@ def control_chart(body: ReferenceBodyEntry) -> Markup:
         axis_y(y, label="E found / E known", left=52.0, right=688.0, at_most=7),
         element("line", x1=52.0, x2=688.0, y1=y(1.0), y2=y(1.0), class_="base"),
     ]
-    across = [52.0, *(x(moment) for moment in moments), 688.0]
+    across = [52.0, *(x(at) for at in moments), 688.0]
     for limit in (-3, -2, 2, 3):
         heights = [y(math.exp(limit * sd)) for sd in (sds[0], *sds, sds[-1])]
         parts.append(polyline(across, heights, class_="limit"))
-    for point, moment, sd in zip(points, moments, sds, strict=True):
+    for point, at, sd in zip(points, moments, sds, strict=True):
         z = math.log(point.ratio) / sd
         shape = "diamond" if abs(z) > 3 else "circle"
         words = f"{point.time_utc:%Y-%m-%d %H:%M} UTC, lot {point.lot or UNKNOWN_LOT}: {point.ratio:.3f}"
         parts.append(
-            element("g", element("title", f"{words} ({z:+.1f} sd)"), marker(shape, x(moment), y(point.ratio)))
+            element("g", element("title", f"{words} ({z:+.1f} sd)"), marker(shape, x(at), y(point.ratio)))
         )
     ends_at = {0: "start", len(points) - 1: "end"} if len(points) > 1 else {0: "middle"}
     for k, anchor in ends_at.items():

@@ -72,8 +72,8 @@ def tag_outline(corners: Float[np.ndarray, "4 3"], bits: Bool[np.ndarray, "k k"]
     edges: dict[tuple[int, int], list[tuple[int, int]]] = {}
     for row, column in np.argwhere(black[1:-1, 1:-1]).tolist():
         ring = ((row, column), (row, column + 1), (row + 1, column + 1), (row + 1, column))
-        beside = ((-1, 0), (0, 1), (1, 0), (0, -1))
-        for k, (down, right) in enumerate(beside):
+        neighbours = ((-1, 0), (0, 1), (1, 0), (0, -1))
+        for k, (down, right) in enumerate(neighbours):
             if not black[row + 1 + down, column + 1 + right]:
                 edges.setdefault(ring[k], []).append(ring[(k + 1) % 4])
     cells = len(bits)

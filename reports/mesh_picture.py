@@ -93,19 +93,19 @@ def _painted(
     floor_mm: float,
 ) -> Float[np.ndarray, "h w 3"]:
     """The fruit from one side, its pit showing through and the pads' contacts marked, as RGB of 0 to 1."""
-    sight = fruit.seen_from(view, width_px=pixels, height_px=pixels)
+    surface = fruit.seen_from(view, width_px=pixels, height_px=pixels)
     image = _ground(fruit, view, pixels=pixels, floor_mm=floor_mm)
-    facing = np.clip(sight.normals @ view.axes[2], 0.0, 1.0)
-    skin = _lit(np.broadcast_to(_FLESH, image.shape), sight.normals, view, gloss=0.16)
+    facing = np.clip(surface.normals @ view.axes[2], 0.0, 1.0)
+    skin = _lit(np.broadcast_to(_FLESH, image.shape), surface.normals, view, gloss=0.16)
     skin = skin * (0.80 + 0.20 * facing[..., None])
     if pit is not None:
         inner = pit.seen_from(view, width_px=pixels, height_px=pixels)
-        skin = _through_flesh(skin, sight, inner, facing, view)
+        skin = _through_flesh(skin, surface, inner, facing, view)
     for k, points in enumerate(touched.values()):
-        cover = _patch(sight, points)[..., None]
+        cover = _patch(surface, points)[..., None]
         colour = np.broadcast_to(np.array(_PADS[k % len(_PADS)]), image.shape)
-        skin = skin + 0.78 * cover * (_lit(colour, sight.normals, view, gloss=0.1) - skin)
-    return np.where(sight.hit[..., None], np.clip(skin, 0.0, 1.0), image)
+        skin = skin + 0.78 * cover * (_lit(colour, surface.normals, view, gloss=0.1) - skin)
+    return np.where(surface.hit[..., None], np.clip(skin, 0.0, 1.0), image)
 
 
 def _lit(
@@ -123,15 +123,15 @@ def _lit(
 
 def _through_flesh(
     skin: Float[np.ndarray, "h w 3"],
-    sight: VisibleSurface,
+    surface: VisibleSurface,
     inner: VisibleSurface,
     facing: Float[np.ndarray, "h w"],
     view: Viewing,
 ) -> Float[np.ndarray, "h w 3"]:
-    both: Bool[np.ndarray, "h w"] = sight.hit & inner.hit
+    both: Bool[np.ndarray, "h w"] = surface.hit & inner.hit
     if not both.any():
         return skin
-    deep = np.clip(inner.depth_mm - sight.depth_mm, 0.0, None)
+    deep = np.clip(inner.depth_mm - surface.depth_mm, 0.0, None)
     usual = max(float(np.median(deep[both])), 1e-6)
     clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing)
     stone = _lit(np.broadcast_to(_PIT, skin.shape), inner.normals, view, gloss=0.12)
@@ -140,7 +140,7 @@ def _through_flesh(
     return np.where(both[..., None], skin + clear[..., None] * (stone - skin), skin)
 
 
-def _patch(sight: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "h w"]:
+def _patch(surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "h w"]:
     """How much of each pixel is painted: by the density of points there, relative to that of a full grid."""
     tree = cKDTree(points)
     spacing = 1.5
@@ -148,12 +148,12 @@ def _patch(sight: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Float[np.
         spacing = max(float(np.median(np.asarray(tree.query(points, k=[2])[0]))), 0.2)
     width = 0.8 * spacing
     near = np.asarray(
-        tree.query(sight.points_mm[sight.hit], k=_NEIGHBOURS, distance_upper_bound=4 * width)[0]
+        tree.query(surface.points_mm[surface.hit], k=_NEIGHBOURS, distance_upper_bound=4 * width)[0]
     )
     dense = np.exp(-0.5 * (near.reshape(len(near), -1) / width) ** 2).sum(axis=1)
     within = 2 * np.pi * (width / spacing) ** 2 if len(points) > 3 else 1.0
-    cover = np.zeros(sight.hit.shape)
-    cover[sight.hit] = np.clip((dense / within - 0.3) / 0.12, 0.0, 1.0)
+    cover = np.zeros(surface.hit.shape)
+    cover[surface.hit] = np.clip((dense / within - 0.3) / 0.12, 0.0, 1.0)
     return cover
 
 

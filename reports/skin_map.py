@@ -58,7 +58,7 @@ class MapSide:
 
     name: str
     view: Viewing
-    sight: VisibleSurface
+    front_surface: VisibleSurface
     blind: Bool[np.ndarray, "h w"]
     outlines: dict[str, Bool[np.ndarray, "h w"]]
 
@@ -87,14 +87,14 @@ def sides_of(
             half_width_mm=half,
             half_height_mm=half,
         )
-        sight = surface.seen_from(view, width_px=view_px * samples, height_px=view_px * samples)
+        front_surface = surface.seen_from(view, width_px=view_px * samples, height_px=view_px * samples)
         sides.append(
             MapSide(
                 name=name,
                 view=view,
-                sight=sight,
-                blind=sight.hit & (np.nan_to_num(sight.of_vertices(visible)) < hatched_below),
-                outlines={pad: _outline(sight, points) for pad, points in touched.items()},
+                front_surface=front_surface,
+                blind=front_surface.hit & (np.nan_to_num(front_surface.of_vertices(visible)) < hatched_below),
+                outlines={pad: _outline(front_surface, points) for pad, points in touched.items()},
             )
         )
     return tuple(sides)
@@ -116,7 +116,7 @@ def map_picture(
     """
     within = np.abs(scores[seen]) if seen.any() else np.abs(scores)
     limit = max(float(np.nanmax(within, initial=0.0)), style.least)
-    view_px = len(sides[0].sight.hit) // samples
+    view_px = len(sides[0].front_surface.hit) // samples
     columns, bar_px = 3, 74
     rows = -(-len(sides) // columns)
     width, height = columns * view_px, rows * view_px + bar_px
@@ -145,29 +145,31 @@ def _coloured(
     side: MapSide, scores: Float[np.ndarray, " n"], *, limit: float, style: MapStyle
 ) -> Float[np.ndarray, "h w 3"]:
     """One side of the fruit in its scores' colours, blind zones hatched, as RGB of 0 to 1."""
-    seen = np.nan_to_num(side.sight.of_vertices(scores))
+    seen = np.nan_to_num(side.front_surface.of_vertices(scores))
     share = 0.5 + 0.5 * seen / limit if style.signed else seen / limit
     colour = (SIGNED if style.signed else ONE_SIDED)(np.clip(share, 0.0, 1.0))[..., :3]
     rows, columns = np.indices(side.blind.shape)
     stripes = ((rows + columns) // 5 % 3 == 0)[..., None]
     colour = np.where(side.blind[..., None], np.where(stripes, 0.82 * _GREY, _GREY + 0.12), colour)
-    facing = np.clip(side.sight.normals @ side.view.axes[2], 0.0, 1.0)
+    facing = np.clip(side.front_surface.normals @ side.view.axes[2], 0.0, 1.0)
     image = colour * (0.62 + 0.38 * facing[..., None] ** 0.8)
     for k, outline in enumerate(side.outlines.values()):
         ink = np.array([int(_PAD_LINES[k % 4][i : i + 2], 16) / 255 for i in (1, 3, 5)])
         image = np.where(outline[..., None], ink, image)
-    return np.where(side.sight.hit[..., None], np.clip(image, 0.0, 1.0), 1.0)
+    return np.where(side.front_surface.hit[..., None], np.clip(image, 0.0, 1.0), 1.0)
 
 
-def _outline(sight: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, "h w"]:
+def _outline(front_surface: VisibleSurface, points: Float[np.ndarray, "p 3"]) -> Bool[np.ndarray, "h w"]:
     """The rim of the skin that lies within two thirds of a marker's spacing of a touched place."""
     tree = cKDTree(points)
     spacing = 1.5
     if len(points) > 1:
         apart = np.asarray(tree.query(points, k=[2])[0])
         spacing = float(np.clip(np.quantile(apart, 0.9), 0.4, 2.5))
-    inside = np.zeros(sight.hit.shape, dtype=bool)
-    inside[sight.hit] = np.asarray(tree.query(sight.points_mm[sight.hit])[0]) < spacing
+    inside = np.zeros(front_surface.hit.shape, dtype=bool)
+    inside[front_surface.hit] = (
+        np.asarray(tree.query(front_surface.points_mm[front_surface.hit])[0]) < spacing
+    )
     deep = inside.copy()
     for axis in (0, 1):
         for step in (-3, 3):

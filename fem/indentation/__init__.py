@@ -1,1 +1,1 @@
-"""A bare indenter's force over travel and time, explained: detect, name, model, prove, suggest."""
+"""A bare indenter's force over travel and time: detection, model selection, held-out frames, advice."""

@@ -47,7 +47,7 @@ def account_for(
     poisson_ratio: float,
     rng: np.random.Generator,
 ) -> Account:
-    """Detect, name, model, prove and suggest; see `explain_trace` for units and failures."""
+    """Detection, selection, refit, held-out frames and advice; see `explain_trace` for units and failures."""
     if not 0 <= poisson_ratio < 0.5:
         raise FemFailure(
             FemProblem.BAD_POISSON_RATIO,

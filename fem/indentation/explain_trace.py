@@ -14,7 +14,7 @@ def explain_trace(
     poisson_ratio: float,
     rng: np.random.Generator,
 ) -> Explanation:
-    """Which missing physics explains the trace, its parameters, probability, and proof on frames left out.
+    """Which missing physics explains the trace, its parameters, probability, and held-out frames.
 
     `thickness_mm` of the slab under the ball, bonded to a rigid base; None: a half-space. The baseline is
     linear elasticity with contact that may start late (or before the recording), the load cell's zero, and a

@@ -1,4 +1,4 @@
-"""How well a law foretells frames that it was not fitted to."""
+"""How well a law predicts frames that it was not fitted to."""
 
 from dataclasses import dataclass, replace
 

@@ -187,7 +187,7 @@ def _on_surfaces(
 def _quadratic(
     nodes: np.ndarray, tets: np.ndarray, outer: Surface, pit: Surface | None, *, curved: bool
 ) -> FleshMesh:
-    """Mid-edge nodes, the boundary as T6 faces, and the proof that shape and volumes hold."""
+    """Mid-edge nodes, the boundary as T6 faces, checked: shape and volumes hold."""
     n_corners = len(nodes)
     nodes, tets10 = with_mid_edges(nodes, tets)
     owner, face = boundary_faces(tets)[1].T

@@ -228,7 +228,7 @@ class DiscrepancyPrior:
     by the model's own error, of each pad's where it has one (fem.mismatch.evidence.discrepancy_prior).
 
     `per_compliance`: the amount grows as the flesh gives way, times 1/E and ForwardModel.compliance_ratio.
-    `saturating`: the response levels off as its parameter grows, so that beside a true one the seeming
+    `saturating`: the response levels off as its parameter grows, so that beside a true one the apparent
     amount would be much less: the effect's own refit goes without it, and the whole of it counts as error of
     the parameter. `trades_with_modulus`: in soft flesh 1/E and this stand for each other.
 

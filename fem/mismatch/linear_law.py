@@ -78,9 +78,9 @@ def plain_stiffness(forward: ForwardModel) -> Operator:
 def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
     """A matrix over all nodes' displacements."""
 
-    def times(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
-        flat = moved.reshape(len(moved), -1).T
-        return np.ascontiguousarray((matrix @ flat).T).reshape(moved.shape)
+    def times(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        flat = displacement.reshape(len(displacement), -1).T
+        return np.ascontiguousarray((matrix @ flat).T).reshape(displacement.shape)
 
     return times
 
@@ -89,4 +89,4 @@ def stress_operator(
     forward: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
 ) -> Operator:
     """B' sigma(eps) of a law of stress that is linear in the strain."""
-    return lambda moved: forward.points.forces(stress(forward.points.strain(moved)))
+    return lambda displacement: forward.points.forces(stress(forward.points.strain(displacement)))

@@ -11,16 +11,18 @@ def turned(turn: Float[np.ndarray, "3 3"], step_rad: Float[np.ndarray, "3"]) -> 
 
 
 def rigid_fit(
-    arm_mm: Float[np.ndarray, "p 3"], moved_mm: Float[np.ndarray, "p 3"]
+    arm_mm: Float[np.ndarray, "p 3"], displacement_mm: Float[np.ndarray, "p 3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3 3"]]:
     """Shift t and rotation R of the rigid motion nearest to the displacements of a body's points.
 
     Least squares of |a + u - t - R a|. Source: Kabsch, Acta Crystallographica A 32, 1976.
     """
-    mean_arm, mean_moved = arm_mm.mean(axis=0), moved_mm.mean(axis=0)
-    turn, _ = Rotation.align_vectors(arm_mm + moved_mm - mean_arm - mean_moved, arm_mm - mean_arm)
+    mean_arm, mean_displacement = arm_mm.mean(axis=0), displacement_mm.mean(axis=0)
+    turn, _ = Rotation.align_vectors(
+        arm_mm + displacement_mm - mean_arm - mean_displacement, arm_mm - mean_arm
+    )
     matrix = turn.as_matrix()
-    return mean_moved + mean_arm - matrix @ mean_arm, matrix
+    return mean_displacement + mean_arm - matrix @ mean_arm, matrix
 
 
 def resultant(arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "6"]:

@@ -113,7 +113,7 @@ class FiniteStrainSolid:
                 tangent = self.rest.linear_tangent if last is None else last.tangent
             found.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
         return FiniteResult(
-            displacement=np.stack([one.moved_mm for one in found]),
+            displacement=np.stack([one.displacement_mm for one in found]),
             share=np.array([one.share for one in found]),
             ending=tuple(one.ending for one in found),
             iterations=tuple(one.iterations for one in found),
@@ -161,7 +161,7 @@ class FiniteStrainSolid:
             if keep and tangent is None:
                 tangent = rest.linear_tangent
         return _Loaded(
-            moved_mm=last.moved_mm,
+            displacement_mm=last.displacement_mm,
             share=share if load.any() else 1.0,
             ending=ending,
             iterations=iterations,
@@ -173,7 +173,7 @@ class FiniteStrainSolid:
 
 @dataclass(frozen=True, kw_only=True)
 class _Loaded:
-    moved_mm: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "n 3"]
     share: float
     ending: Ending
     iterations: int
@@ -191,4 +191,4 @@ def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) ->
 def _predicted(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
     """The difference from the linear answer, which grows with the square of a load that keeps its shape."""
     size = float(np.linalg.norm(linear[k])) / float(np.linalg.norm(linear[k - 1]))
-    return np.asarray((last.moved_mm - linear[k - 1]) * size**2 * (last.share == 1))
+    return np.asarray((last.displacement_mm - linear[k - 1]) * size**2 * (last.share == 1))

@@ -25,7 +25,7 @@ from fem.sparse.solver import Analysis, Factor, analyse
 class FiniteState:
     """Displacements of all nodes, shift and rotation of the pit, the multipliers, the flesh's own forces."""
 
-    moved_mm: Float[np.ndarray, "n 3"]
+    displacement_mm: Float[np.ndarray, "n 3"]
     shift_mm: Float[np.ndarray, "3"]
     turn: Float[np.ndarray, "3 3"]
     multipliers: Float[np.ndarray, " c"]
@@ -136,34 +136,36 @@ class FiniteBalance:
     def _n_border(self) -> int:
         return 6 if len(self.arm_mm) else len(self.held)
 
-    def state(self, moved_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
+    def state(self, displacement_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
         """The state nearest to a displacement: the pit's nodes moved rigidly, the support's not at all."""
-        moved = np.zeros_like(moved_mm)
+        admissible_mm = np.zeros_like(displacement_mm)
         kept = np.concatenate([self.loose, self.held])
-        moved.ravel()[kept] = moved_mm.ravel()[kept]
+        admissible_mm.ravel()[kept] = displacement_mm.ravel()[kept]
         shift, turn = np.zeros(3), np.eye(3)
         if len(self.arm_mm):
-            shift, turn = rigid_fit(self.arm_mm, moved_mm[self.solid.mesh.pit_nodes])
-        return self._state(moved, shift, turn, np.zeros(self.means.shape[1]))
+            shift, turn = rigid_fit(self.arm_mm, displacement_mm[self.solid.mesh.pit_nodes])
+        return self._state(admissible_mm, shift, turn, np.zeros(self.means.shape[1]))
 
-    def admissible(self, moved_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
+    def admissible(self, displacement_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
         """`state`, of a part of the displacement where the whole would turn elements inside out."""
         share = 1.0
         while True:
-            state = self.state(share * moved_mm)
+            state = self.state(share * displacement_mm)
             if np.isfinite(state.force_N).all():
                 return state
             share = share / 2 if share > 1e-3 else 0.0
 
     def between(self, first: FiniteState, second: FiniteState, share: float) -> FiniteState:
         """The state at `share` of the way from the first to the second (beyond it, above one)."""
-        return self.admissible(first.moved_mm + share * (second.moved_mm - first.moved_mm))
+        return self.admissible(
+            first.displacement_mm + share * (second.displacement_mm - first.displacement_mm)
+        )
 
     def residual(self, state: FiniteState) -> Float[np.ndarray, " d"]:
         """Forces of the flesh and of the multipliers less the load, then the mean rigid motion."""
         nodal = state.force_N - self.load
         nodal = nodal + (self.means @ state.multipliers).reshape(nodal.shape)
-        mean = self.means.T @ state.moved_mm.ravel()
+        mean = self.means.T @ state.displacement_mm.ravel()
         return np.concatenate([self._reduced(nodal, self.arm_mm @ state.turn.T), mean])
 
     def size(self, residual: Float[np.ndarray, " d"]) -> float:
@@ -175,19 +177,19 @@ class FiniteBalance:
         multipliers = state.multipliers + step[self.primal :]
         if share == 0:
             return replace(state, multipliers=multipliers)
-        moved = state.moved_mm.copy()
-        moved.ravel()[self.loose] += share * step[: len(self.loose)]
+        admissible_mm = state.displacement_mm.copy()
+        admissible_mm.ravel()[self.loose] += share * step[: len(self.loose)]
         border = share * step[len(self.loose) : self.primal]
         shift, turn = state.shift_mm, state.turn
         if len(self.arm_mm):
             shift, turn = shift + border[:3], turned(turn, border[3:])
         else:
-            moved.ravel()[self.held] += border
-        return self._state(moved, shift, turn, multipliers)
+            admissible_mm.ravel()[self.held] += border
+        return self._state(admissible_mm, shift, turn, multipliers)
 
     def tangent(self, state: FiniteState) -> BorderedTangent:
         """Assembled and factorised; the order of elimination is found once."""
-        stiffness = self.flesh.stiffness(state.moved_mm)
+        stiffness = self.flesh.stiffness(state.displacement_mm)
         loose = csr_array(stiffness[self.loose][:, self.loose])
         if self.pattern.analysis is None:
             self.pattern.analysis = analyse(loose)
@@ -241,11 +243,11 @@ class FiniteBalance:
 
     def _state(
         self,
-        moved_mm: Float[np.ndarray, "n 3"],
+        displacement_mm: Float[np.ndarray, "n 3"],
         shift_mm: Float[np.ndarray, "3"],
         turn: Float[np.ndarray, "3 3"],
         multipliers: Float[np.ndarray, " c"],
     ) -> FiniteState:
         if len(self.arm_mm):
-            moved_mm[self.solid.mesh.pit_nodes] = shift_mm + self.arm_mm @ (turn - np.eye(3)).T
-        return FiniteState(moved_mm, shift_mm, turn, multipliers, self.flesh.force_N(moved_mm))
+            displacement_mm[self.solid.mesh.pit_nodes] = shift_mm + self.arm_mm @ (turn - np.eye(3)).T
+        return FiniteState(displacement_mm, shift_mm, turn, multipliers, self.flesh.force_N(displacement_mm))

@@ -44,19 +44,19 @@ class FiniteFlesh:
             gradient[part] = np.linalg.solve(jacobian, reference[None]).transpose(0, 3, 2, 1)
         return cls(law, mesh.tets, n, gradient, measure, ElementPattern.of(mesh.tets, n))
 
-    def energy_Nmm(self, moved_mm: Float[np.ndarray, "n 3"]) -> float:
+    def energy_Nmm(self, displacement_mm: Float[np.ndarray, "n 3"]) -> float:
         """Strain energy for E = 1 MPa; NaN where an element is turned inside out."""
         total = 0.0
         for part in _parts(len(self.tets), _FORCE_BATCH):
-            energy = self.law.energy(self._deformation(moved_mm, part))
+            energy = self.law.energy(self._deformation(displacement_mm, part))
             total += float(energy @ self.measure[part].ravel())
         return total
 
-    def force_N(self, moved_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    def force_N(self, displacement_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Nodal forces that hold the flesh in this displacement, for E = 1 MPa; NaN where inside out."""
         force = np.empty((len(self.tets), 3, 10))
         for part in _parts(len(self.tets), _FORCE_BATCH):
-            stress = np.moveaxis(self.law.stress(self._deformation(moved_mm, part)), 0, -1)
+            stress = np.moveaxis(self.law.stress(self._deformation(displacement_mm, part)), 0, -1)
             measure = self.measure[part]
             weighed = (stress * measure.ravel()).reshape(3, 3, *measure.shape).transpose(2, 0, 1, 3)
             flat = self.gradient[part].reshape(len(measure), 10, -1)
@@ -65,12 +65,12 @@ class FiniteFlesh:
         each = force.transpose(1, 0, 2).reshape(3, -1)
         return np.stack([np.bincount(nodes, weights=row, minlength=self.n_nodes) for row in each], axis=1)
 
-    def stiffness(self, moved_mm: Float[np.ndarray, "n 3"]) -> csr_array:
+    def stiffness(self, displacement_mm: Float[np.ndarray, "n 3"]) -> csr_array:
         """d force / d displacement (3 n, 3 n), N/mm; its pattern is the same for every displacement."""
         elements = np.empty((len(self.tets), 30, 30))
         for part in _parts(len(self.tets), _TANGENT_BATCH):
             count = len(self.tets[part])
-            A = np.moveaxis(self.law.tangent(self._deformation(moved_mm, part)), 0, -1)
+            A = np.moveaxis(self.law.tangent(self._deformation(displacement_mm, part)), 0, -1)
             A = (A * self.measure[part].ravel()).reshape(9, 3, 3, count, -1)
             gradient = self.gradient[part]
             # (i j), k, l, m, q  and  m, b, l, q  ->  m, (j q), (i k b)
@@ -79,10 +79,12 @@ class FiniteFlesh:
             elements[part] = flat.reshape(count, 10, 3, 3, 10).swapaxes(3, 4).reshape(count, 30, 30)
         return self.pattern.matrix(elements)
 
-    def _deformation(self, moved_mm: Float[np.ndarray, "n 3"], part: slice) -> Float[np.ndarray, "p 3 3"]:
+    def _deformation(
+        self, displacement_mm: Float[np.ndarray, "n 3"], part: slice
+    ) -> Float[np.ndarray, "p 3 3"]:
         """F at the points of some elements, its components stored one by one."""
         gradient = self.gradient[part]
-        local = moved_mm[self.tets[part]].transpose(0, 2, 1) @ gradient.reshape(len(gradient), 10, -1)
+        local = displacement_mm[self.tets[part]].transpose(0, 2, 1) @ gradient.reshape(len(gradient), 10, -1)
         F = np.ascontiguousarray(local.reshape(len(gradient), 3, 3, -1).transpose(1, 2, 0, 3))
         for i in range(3):
             F[i, i] += 1

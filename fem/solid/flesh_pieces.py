@@ -31,9 +31,9 @@ class Piece:
     volume_mm3: Float[np.ndarray, "m 4"]
     gather: csr_array
 
-    def gradient(self, moved: Float[np.ndarray, "n d"], frames: int) -> Tensors:
+    def gradient(self, displacement: Float[np.ndarray, "n d"], frames: int) -> Tensors:
         """Of nodal displacements, x, y and z in all frames side by side."""
-        return np.asarray((self.slope @ moved[self.tets]).reshape(len(self.tets), 4, 3, 3, frames))
+        return np.asarray((self.slope @ displacement[self.tets]).reshape(len(self.tets), 4, 3, 3, frames))
 
     @np.errstate(over="ignore", invalid="ignore")
     def forces(self, stress: Tensors) -> Float[np.ndarray, "n d"]:
@@ -63,9 +63,9 @@ class FleshPieces:
         """All elements."""
         return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool), workers=workers)
 
-    def forces(self, moved: Float[np.ndarray, "f n 3"], law: PathLaw) -> Float[np.ndarray, "f n 3"]:
+    def forces(self, displacement: Float[np.ndarray, "f n 3"], law: PathLaw) -> Float[np.ndarray, "f n 3"]:
         """On all nodes, from the law's stress."""
-        frames, flat = len(moved), _frames_last(moved)
+        frames, flat = len(displacement), _frames_last(displacement)
         total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)
         forces = parallel_map(
             lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
@@ -81,10 +81,12 @@ class FleshPieces:
         return np.concatenate([piece.volume_mm3 for piece in self.pieces])
 
     def measured(
-        self, moved: Float[np.ndarray, "f n 3"], measure: Callable[[Tensors], Float[np.ndarray, "m 4 f"]]
+        self,
+        displacement: Float[np.ndarray, "f n 3"],
+        measure: Callable[[Tensors], Float[np.ndarray, "m 4 f"]],
     ) -> Float[np.ndarray, "m 4 f"]:
         """A measure of the displacement gradient at the points of all pieces."""
-        frames, flat = len(moved), _frames_last(moved)
+        frames, flat = len(displacement), _frames_last(displacement)
         return np.concatenate(
             parallel_map(
                 lambda piece: measure(piece.gradient(flat, frames)), self.pieces, workers=self.workers
@@ -110,8 +112,10 @@ def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
     )
 
 
-def _frames_last(moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "n d"]:
-    return np.ascontiguousarray(np.moveaxis(moved, 0, 2), dtype=np.float32).reshape(moved.shape[1], -1)
+def _frames_last(displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "n d"]:
+    return np.ascontiguousarray(np.moveaxis(displacement, 0, 2), dtype=np.float32).reshape(
+        displacement.shape[1], -1
+    )
 
 
 def exceeded_by(

@@ -47,7 +47,7 @@ class FreeBody:
         acceleration = np.linalg.solve(self.inertia, self.resultant(load_N))
         return np.asarray(load_N - self.body_forces @ acceleration)
 
-    def without_rigid_motion(self, moved: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
+    def without_rigid_motion(self, displacement: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
         """P u: displacements less the mean translation and rotation of the flesh."""
-        motion = np.linalg.solve(self.inertia, self.body_forces.T @ moved)
-        return np.asarray(moved - self.modes @ motion)
+        motion = np.linalg.solve(self.inertia, self.body_forces.T @ displacement)
+        return np.asarray(displacement - self.modes @ motion)

@@ -92,14 +92,14 @@ class Softened:
     def of(
         cls,
         inside: csr_array,
-        moved: Float[np.ndarray, "r n 3"],
+        displacement: Float[np.ndarray, "r n 3"],
         first: Float[np.ndarray, "r n 3"],
         second: Float[np.ndarray, "r n 3"],
         *,
         work: Float[np.ndarray, "r r"],
     ) -> "Softened":
-        """`inside`: K1; `moved`: U0, with V1 and V2 as `first` and `second`."""
-        fields = (moved, first, second)
+        """`inside`: K1; `displacement`: U0, with V1 and V2 as `first` and `second`."""
+        fields = (displacement, first, second)
         pushed = [times(inside, field) for field in fields]
         pairs = ((0, 0), (0, 1), (1, 1), (1, 2), (2, 2))
         moments = tuple(np.tensordot(fields[i], pushed[j], axes=([1, 2], [1, 2])) for i, j in pairs)
@@ -120,10 +120,10 @@ class Softened:
         return np.asarray(basis @ np.linalg.solve(energy, basis.T @ load)).reshape(3, count, count)
 
 
-def times(inside: csr_array, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
+def times(inside: csr_array, displacement: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
     """K1 times fields."""
-    flat = moved.reshape(len(moved), inside.shape[1])
-    return np.ascontiguousarray((inside @ flat.T).T).reshape(moved.shape)
+    flat = displacement.reshape(len(displacement), inside.shape[1])
+    return np.ascontiguousarray((inside @ flat.T).T).reshape(displacement.shape)
 
 
 @cache

@@ -89,10 +89,10 @@ class UnitModulusSolid:
         free = self.support == "free"
         if free:
             load = self.free_body.balance(load)
-        moved = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
+        displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
         if free:
-            moved = self.free_body.without_rigid_motion(moved)
-        return np.ascontiguousarray(moved.T).reshape(nodal_force_N.shape)
+            displacement = self.free_body.without_rigid_motion(displacement)
+        return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     @cached_property
     def contact_compliance(self) -> Float[np.ndarray, "d d"]:
@@ -110,10 +110,10 @@ class UnitModulusSolid:
         if self.support == "base":
             return held
         body = self.free_body
-        moved = self.kinematics @ self.factor.solve(self.kinematics.T @ body.body_forces)
+        displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ body.body_forces)
         rigid = body.modes[dofs] @ np.linalg.inv(body.inertia)
-        across = moved[dofs] @ rigid.T
-        return np.asarray(held - across - across.T + rigid @ (body.body_forces.T @ moved) @ rigid.T)
+        across = displacement[dofs] @ rigid.T
+        return np.asarray(held - across - across.T + rigid @ (body.body_forces.T @ displacement) @ rigid.T)
 
     def unbalance(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
         """Resultant force (N) and moment (N mm, about the flesh's centroid) of each load."""
@@ -131,8 +131,8 @@ class UnitModulusSolid:
             return np.zeros((len(displacement), 6))
         centre_mm = pit_centre_mm(self.mesh.nodes_mm, nodes)
         modes = rigid_modes(self.mesh.nodes_mm[nodes], centre_mm=centre_mm).reshape(-1, 6)
-        moved = displacement[:, nodes].reshape(len(displacement), -1)
-        return np.asarray(np.linalg.lstsq(modes, moved.T, rcond=None)[0].T)
+        pit_motion = displacement[:, nodes].reshape(len(displacement), -1)
+        return np.asarray(np.linalg.lstsq(modes, pit_motion.T, rcond=None)[0].T)
 
     def _columns(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "d f"]:
         """The loads as columns (3 n, loads). Raises FemFailure (BAD_LOAD)."""

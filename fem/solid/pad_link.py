@@ -43,11 +43,11 @@ class PadLink:
         nodal = self.plain @ flat + self.rigid @ (self.balance @ flat)
         return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
 
-    def at_markers(self, moved: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
+    def at_markers(self, displacement: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
         """Displacement of the markers when the contact nodes move so."""
-        flat = moved.reshape(len(moved), -1).T
+        flat = displacement.reshape(len(displacement), -1).T
         read = self.plain.T @ flat + self.balance.T @ (self.rigid.T @ flat)
-        return np.ascontiguousarray(read.T).reshape(len(moved), -1, 3)
+        return np.ascontiguousarray(read.T).reshape(len(displacement), -1, 3)
 
 
 def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:

@@ -55,10 +55,10 @@ class FleshStrain:
             ),
         )
 
-    def strain(self, moved: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 4 6"]:
+    def strain(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f m 4 6"]:
         """Small strains of displacement fields."""
-        nodal = np.moveaxis(moved, 0, 1).reshape(len(moved[0]), -1)[self.mesh.tets]
-        gradient = (self.slope.reshape(-1, 12, 10) @ nodal).reshape(len(nodal), 4, 3, len(moved), 3)
+        nodal = np.moveaxis(displacement, 0, 1).reshape(len(displacement[0]), -1)[self.mesh.tets]
+        gradient = (self.slope.reshape(-1, 12, 10) @ nodal).reshape(len(nodal), 4, 3, len(displacement), 3)
         strain = (gradient[:, :, ROW, :, COLUMN] + gradient[:, :, COLUMN, :, ROW]) / 2  # (6, m, 4, f)
         return np.ascontiguousarray(np.moveaxis(strain, (0, 3), (3, 0)))
 

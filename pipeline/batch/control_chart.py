@@ -52,7 +52,7 @@ class Point:
         return self.lot, self.reference_id, self.recordings_sha256
 
     @property
-    def moment(self) -> datetime:
+    def graded_at(self) -> datetime:
         """When it was first graded."""
         return datetime.fromisoformat(self.time_utc)
 
@@ -208,7 +208,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def history_of(chart: ControlChart, reference_id: str) -> list[Point]:
     """The points of one reference body, oldest first."""
     return sorted(
-        (one for one in chart.points if one.reference_id == reference_id), key=lambda one: one.moment
+        (one for one in chart.points if one.reference_id == reference_id), key=lambda one: one.graded_at
     )
 
 

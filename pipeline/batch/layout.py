@@ -52,9 +52,9 @@ class FruitFolder:
         """A sentence where there are no photos in photos/ but pictures near it, or of a kind not read."""
         if self.photo_files():
             return ""
-        beside = photo_paths(self.root)
-        if beside:
-            return f"holds no photo, but {len(beside)} lie beside it; move them into photos/."
+        misplaced = photo_paths(self.root)
+        if misplaced:
+            return f"holds no photo, but {len(misplaced)} lie beside it; move them into photos/."
         others = [p for p in self.photos.iterdir() if p.is_file()] if self.photos.is_dir() else []
         if others:
             kinds = ", ".join(sorted({p.suffix or p.name for p in others}))

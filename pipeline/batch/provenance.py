@@ -67,5 +67,5 @@ def write_provenance(
     write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
 
 
-def _utc(moment: datetime) -> str:
-    return moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")
+def _utc(at: datetime) -> str:
+    return at.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z")

@@ -34,7 +34,7 @@ class Given(_Record):
     reference_poisson_ratio: float | None = None
 
 
-class StanceRecord(_Record):
+class OrientationRecord(_Record):
     """What the shape says of stem and suture, against the fruit frame: `tilt_deg` of the stem axis from z,
     `turn_deg` of the groove from +x towards +y, depths of hollow and groove, confidences from 0 to 1.
     """
@@ -94,7 +94,7 @@ class MeshRecord(_Record):
     scale_sd: float | None = None
     surface_sd_mm: float | None = None
     quality: QualityRecord = QualityRecord()
-    stance: StanceRecord | None = None
+    stance: OrientationRecord | None = None
 
 
 class PitRecord(_Record):

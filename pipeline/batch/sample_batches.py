@@ -19,21 +19,21 @@ def write_sample(
     from samples.sample_failure import SampleFailure
 
     target = folder.resolve()
-    with scratch(beside=target) as beside:
+    with scratch(near=target) as folder:
         try:
             if seed is None:
-                _copied(beside / "batch", name)
+                _copied(folder / "batch", name)
             else:
                 from samples.sample_batch import write_batch
 
                 write_batch(
-                    beside / "batch",
+                    folder / "batch",
                     seed=seed,
                     fruits=fruits,
                     photos=photos,
                     progress=lambda line: console.print(line, highlight=False, markup=False),
                 )
-            _moved(beside / "batch", target)
+            _moved(folder / "batch", target)
         except SampleFailure as failure:
             raise BatchRefused([Problem(str(folder), str(failure))]) from None
         except OSError as error:

@@ -237,7 +237,7 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
         text = read_text(path, most_bytes=MOST_BYTES)
         return model.model_validate(toml_of(text))
     except NotReadable as error:
-        fault = _decimal_comma(text, str(error)) or f"{error}{_mend(str(error))}"
+        fault = _decimal_comma(text, str(error)) or f"{error}{_remedy(str(error))}"
         raise BatchRefused([Problem(str(path), f"{fault}.")]) from None
     except ValidationError as error:
         said = dict.fromkeys(_sentence(e, model) for e in error.errors())
@@ -258,7 +258,7 @@ def _decimal_comma(text: str, fault: str) -> str:
     return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
 
 
-def _mend(fault: str) -> str:
+def _remedy(fault: str) -> str:
     """What to do about a file whose bytes are no text, or whose text is no TOML."""
     if "TOML" in fault:
         return "; correct it there"

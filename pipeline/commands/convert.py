@@ -17,7 +17,7 @@ class Indenter(StrEnum):
 
     BALL = "ball"
     FLAT = "flat"
-    PLATE = "plate"
+    FLAT_PLATE = "plate"
 
 
 def convert(

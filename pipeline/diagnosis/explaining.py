@@ -31,7 +31,7 @@ from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
 from pipeline.files.manifest import MANIFEST, MOST_BYTES, json_in
-from pipeline.files.results_lock import alone, is_held
+from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.scratch import scratch, temporary_files_in
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
@@ -97,7 +97,7 @@ def explain(
         else:
             require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
-        with alone(held, option=option), _said_plainly():
+        with results_lock(held, option=option), _said_plainly():
             case.task.results.claim()
             case.task.results.sweep()
             return _explained(case, wanted, report, jobs, now)

@@ -83,12 +83,12 @@ def enter(path: Path, data: bytes) -> None:
     listed = _read(path.parent)
     if listed is None:
         return
-    standing = []
+    present = []
     if path.is_symlink() or path.exists():
         if not is_ours(path):
             raise NotOurs(path, OSError(errno.EEXIST, os.strerror(errno.EEXIST)))
-        standing = [_hash(path)]
-    hashes = list(dict.fromkeys([*standing, hashlib.sha256(data).hexdigest()]))
+        present = [_hash(path)]
+    hashes = list(dict.fromkeys([*present, hashlib.sha256(data).hexdigest()]))
     if listed.get(path.name) != hashes:
         _write(path.parent, {**listed, path.name: hashes})
 

@@ -12,7 +12,7 @@ LOCK = ".lock"
 
 
 @contextmanager
-def alone(root: Path, *, option: str = "--out") -> Iterator[None]:
+def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
     """Holds the results folder for this run; the operating system lets go of it however the run ends.
 
     Where the file system has no locks, two runs are not kept apart.

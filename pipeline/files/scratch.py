@@ -17,22 +17,22 @@ _LOCK = ".lock"
 
 
 @contextmanager
-def scratch(*, beside: Path | None = None) -> Iterator[Path]:
-    """A folder that is gone afterwards, in the temporary folder or as a hidden one beside `beside`.
+def scratch(*, near: Path | None = None) -> Iterator[Path]:
+    """A folder that is gone afterwards, in the temporary folder or as a hidden one beside `near`.
 
     It holds a lock while in use, whoever dies: the next call removes those that nobody holds. Raises
     BatchRefused where none can be made.
     """
     try:
-        place = Path(tempfile.gettempdir()) if beside is None else beside.parent
+        place = Path(tempfile.gettempdir()) if near is None else near.parent
         place.mkdir(parents=True, exist_ok=True)
-        prefix = PREFIX if beside is None else f".{beside.name}.{PREFIX}"
+        prefix = PREFIX if near is None else f".{near.name}.{PREFIX}"
         _sweep(place, prefix)
         folder, lock = _made(place, prefix)
     except OSError as error:
-        where = "set TMPDIR to a folder that can be written" if beside is None else "choose another place"
+        where = "set TMPDIR to a folder that can be written" if near is None else "choose another place"
         sentence = f"no temporary folder can be made ({error.strerror}); free space there, or {where}."
-        at = str(error.filename or "the temporary folder" if beside is None else beside.parent)
+        at = str(error.filename or "the temporary folder" if near is None else near.parent)
         raise BatchRefused([Problem(at, sentence)]) from None
     try:
         yield folder

@@ -10,7 +10,7 @@ from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import PitFound, pit_found
 from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import MeshRecord, PitRecord, StanceRecord
+from pipeline.batch.records import MeshRecord, OrientationRecord, PitRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.photographed import KeptMesh, photographed
 from pipeline.fruit.size_doubts import size_doubts
@@ -63,8 +63,8 @@ def fruit_shape(task: FruitTask) -> FruitShape:
     record = shape.record
     if task.body.stem_and_suture:
         orientation = orientation_of(shape.vertices, shape.faces)
-        said = {name: getattr(orientation, name) for name in StanceRecord.model_fields}
-        record = record.model_copy(update={"stance": StanceRecord(**said)})
+        said = {name: getattr(orientation, name) for name in OrientationRecord.model_fields}
+        record = record.model_copy(update={"stance": OrientationRecord(**said)})
         if not task.folder.pit_ply.is_file():
             doubts = [*doubts, *orientation_warnings(orientation)]
     return replace(shape, warnings=(*shape.warnings, *doubts), record=record)

@@ -53,8 +53,8 @@ def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
     """
     if named in batch_fruits:
         return named
-    alike = [one for one in batch_fruits if _spelt_plainly(one) == _spelt_plainly(named)]
-    return alike[0] if len(alike) == 1 else None
+    same_id = [one for one in batch_fruits if _spelt_plainly(one) == _spelt_plainly(named)]
+    return same_id[0] if len(same_id) == 1 else None
 
 
 def owner_findings(named: str, category: str, owner: Owner, *, source: str, field: str) -> list[Finding]:

@@ -343,12 +343,12 @@ def _scaled(grasp: GraspRecord, ratio: float) -> GraspRecord:
 
 
 def own_points(
-    finding: ReferenceFinding, *, lot: str | None, moment: datetime, inputs: Mapping[str, str]
+    finding: ReferenceFinding, *, lot: str | None, now: datetime, inputs: Mapping[str, str]
 ) -> list[Point]:
     """The rows of one batch; `inputs` are the SHA-256 of its files by their path in it."""
     return [
         Point(
-            time_utc=moment.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
+            time_utc=now.astimezone(UTC).isoformat(timespec="seconds").replace("+00:00", "Z"),
             lot=safe_cell(lot) or "",
             reference_id=one.fruit_id,
             E_known_MPa=float(f"{one.E_known_MPa:.6g}"),

@@ -93,7 +93,7 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
                 ratio=one.own.ratio,
                 ratio_sd=one.own.sd,
                 history=tuple(
-                    RatioPoint(time_utc=point.moment, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
+                    RatioPoint(time_utc=point.graded_at, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
                     for point in history_of(chart, one.fruit_id)
                 ),
             )

@@ -40,11 +40,11 @@ def cause(doubts: Sequence[str]) -> str:
 
 def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
     """A line for each fruit whose E is in doubt, or for all that share their doubts: ids and cause."""
-    alike: dict[tuple[str, ...], list[str]] = {}
+    by_doubts: dict[tuple[str, ...], list[str]] = {}
     for fruit in fruits:
         if fruit.ok and fruit.doubts:
-            alike.setdefault(fruit.doubts, []).append(fruit.fruit_id)
-    return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in alike.items()]
+            by_doubts.setdefault(fruit.doubts, []).append(fruit.fruit_id)
+    return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in by_doubts.items()]
 
 
 def _ids(ids: Sequence[str]) -> str:

@@ -88,18 +88,18 @@ def _require_apart(sensor: Path, out: Path, described: dict[str, Any], presses: 
     """What is read stays as it is, and so does what somebody else wrote."""
     if out.is_dir():
         raise BatchRefused([Problem(str(out), "is a folder; give the name of a file that ends in .toml.")])
-    beside = out.with_suffix(".npz")
-    if out == beside:
+    look_up = out.with_suffix(".npz")
+    if out == look_up:
         raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
     named = [sensor.parent / str(described["calibration_file"])] if "calibration_file" in described else []
     others = [path for path in (presses.reference, presses.load_cell) if path is not None]
     folders = [presses.load_cell] if presses.load_cell is not None and presses.load_cell.is_dir() else []
-    for target in (out, beside) if presses.ball or named else (out,):
+    for target in (out, look_up) if presses.ball or named else (out,):
         require_file_apart(target, inputs=[sensor, *named, *others, *presses.ball], folders=folders)
     require_new_or_ours(out, _is_calibrated, "a description that drupe calibrate wrote")
     if presses.ball or named:
         require_new_or_ours(
-            beside, lambda path: _names(out, path), f"the look-up of a {out.name} that drupe calibrate wrote"
+            look_up, lambda path: _names(out, path), f"the look-up of a {out.name} that drupe calibrate wrote"
         )
 
 

@@ -20,7 +20,7 @@ from recon.plain_file import printable
 LABEL = ("lot", "harvest_date", "cultivar", "category")
 """Settings by which people tell batches apart."""
 SHARED_KINDS = frozenset({".toml", ".json", ".csv", ".ply"})
-"""Files that different batches may have alike byte by byte: descriptions of sensors, programmes of the
+"""Files that different batches may have alike byte by byte: descriptions of sensors, protocols of the
 gripper, the mould of a cast body. Photos and recordings are of one fruit."""
 SHOWN = 3
 """Ids that a sentence names."""

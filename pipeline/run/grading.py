@@ -26,7 +26,7 @@ from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
-from pipeline.files.results_lock import alone, is_held
+from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.fruit.recording_owner import named_row
 from pipeline.fruit.same_recording import copies_doubted, with_copies
@@ -109,7 +109,7 @@ def grade(
 
     if not is_held(results.root):
         require_ours()
-    with alone(results.root):
+    with results_lock(results.root):
         require_ours()
         _begun(results, fruits)
         tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
@@ -159,7 +159,7 @@ def grade(
         _keep_comparisons(measured, in_order, results)
         chart, own = ControlChart(), []
         if chart_at is not None and finding is not None:
-            own = own_points(finding, lot=batch.settings.lot, moment=started, inputs=inputs)
+            own = own_points(finding, lot=batch.settings.lot, now=started, inputs=inputs)
             chart = with_points(read_chart(chart_at), own)
             finding = drift(chart, finding)
         status = _status(in_order, finding)

@@ -156,19 +156,19 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 
 @dataclass
 class _Running:
-    """A fruit's process by its name, and how much of its log has been told."""
+    """A fruit's process by its name, and how much of its log has been reported."""
 
     fruit_id: str
     log: Path
     process: str
-    told: int = 0
+    reported: int = 0
     since_s: float | None = None
 
     def news(self) -> list[str]:
         """The stages begun since the last call."""
         lines = self.log.read_text().split("\n")[:-1] if self.log.exists() else []
-        stages = lines[self.told :]
-        self.told += len(stages)
+        stages = lines[self.reported :]
+        self.reported += len(stages)
         return stages
 
     def out_of_time(self, limit_s: float) -> bool:

@@ -96,11 +96,11 @@ def rim_evidence(
     it; the posterior over d (Cauchy prior of scale PRIOR_SCALE_PX) gives `offset_mm` and `sd_mm`.
     Cameras have no distortion.
     """
-    sights, rims = rims_of(images, cameras, vertices, faces)
-    diameter_px = float(np.median([np.ptp(s.camera.project(vertices), axis=0).max() for s in sights]))
+    rim_views, rims = rims_of(images, cameras, vertices, faces)
+    diameter_px = float(np.median([np.ptp(s.camera.project(vertices), axis=0).max() for s in rim_views]))
     reach = max(REACH_PX, round(REACH_SHARE * diameter_px))
     offsets = np.arange(-reach - 6, reach + 7, dtype=float)
-    profiles = profiles_of(sights, rims, offsets, vertices)
+    profiles = profiles_of(rim_views, rims, offsets, vertices)
     return _evidence(rims, profiles, offsets, reach)
 
 

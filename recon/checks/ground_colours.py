@@ -34,7 +34,7 @@ class Profiles:
 
 
 def profiles_of(
-    sights: Sequence[RimView],
+    rim_views: Sequence[RimView],
     rims: Sequence[Rim],
     offsets: Float[np.ndarray, " o"],
     vertices: Float[np.ndarray, "n 3"],
@@ -45,7 +45,7 @@ def profiles_of(
     """
     middle, radius = ground_centre(vertices)
     points, colours, reached = [], [], []
-    for s, rim in zip(sights, rims, strict=True):
+    for s, rim in zip(rim_views, rims, strict=True):
         pixels = (rim.pixel[:, None] + offsets[:, None] * rim.normal[:, None]).reshape(-1, 2)
         rays = (
             np.column_stack([(pixels - s.camera.middle_px) / s.camera.focal_px, np.ones(len(pixels))])
@@ -61,11 +61,11 @@ def profiles_of(
         )
         colours.append(interpolated(s.colours, pixels))
     spots, reach = np.concatenate(points), np.concatenate(reached)
-    own = np.repeat(np.arange(len(sights)), [len(p) for p in points])
+    own = np.repeat(np.arange(len(rim_views)), [len(p) for p in points])
     count = len(spots)
-    stack = np.full((3, len(sights), count, 3), 255, np.uint8)
-    seen = np.zeros((len(sights), count), bool)
-    for k, s in enumerate(sights):
+    stack = np.full((3, len(rim_views), count, 3), 255, np.uint8)
+    seen = np.zeros((len(rim_views), count), bool)
+    for k, s in enumerate(rim_views):
         pixels, free = visible_ground(s.camera, s.outside_px, spots, CLEARANCE_PX)
         free &= reach & (own != k)
         seen[k] = free
@@ -76,7 +76,7 @@ def profiles_of(
     shape = (-1, len(offsets), 3)
 
     def quantile(layer: int, share: float) -> Float[np.ndarray, "k o 3"]:
-        rank = np.clip(np.rint(share * (sightings - 1)), 0, len(sights) - 1).astype(int)
+        rank = np.clip(np.rint(share * (sightings - 1)), 0, len(rim_views) - 1).astype(int)
         picked = np.take_along_axis(ordered[layer], rank[:, None, None], axis=2)[..., 0]
         return lab_units(picked.reshape(shape))
 

@@ -59,11 +59,11 @@ def rims_of(
     pairs = [_downscaled(i, c, vertices) for i, c in zip(images, cameras, strict=True)]
     outside = [_outside_px(c, vertices, faces) for _, c in pairs]
     gains = _gains(pairs, outside, vertices)
-    sights = []
+    rim_views = []
     for far, gain in zip(outside, gains, strict=True):
         image, camera = pairs.pop(0)  # hundreds of MB in all
-        sights.append(_visible(image, camera, far, gain))
-    return sights, [_rim(s, vertices, normals, faces) for s in sights]
+        rim_views.append(_visible(image, camera, far, gain))
+    return rim_views, [_rim(s, vertices, normals, faces) for s in rim_views]
 
 
 def _downscaled(

@@ -120,7 +120,7 @@ def follow(
 def track(
     reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions (px, NaN where lost) and quality over all frames, names set right by hindsight."""
+    """Positions (px, NaN where lost) and quality over all frames, names corrected by later frames."""
     rows = list(follow(reference, frames))
     count = len(reference.lattice.rest_px)
     if not rows:
@@ -131,7 +131,7 @@ def track(
 def labelled_places(
     reference: ReferenceMarkers, rows: Sequence[FrameMarkers]
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
-    """Positions and quality of all frames followed so far, names set right by hindsight."""
+    """Positions and quality of all frames followed so far, names corrected by later frames."""
     before = np.stack([row.position_px for row in rows])
     position = relabelled(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
     quality = np.stack([row.quality for row in rows])

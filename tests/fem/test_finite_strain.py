@@ -61,9 +61,9 @@ def pinch(small_fruit):
     """Two smooth pads that press along x, not quite opposite and not quite equal."""
     points, area = skin_quadrature(small_fruit)
     load = np.zeros((1, *small_fruit.nodes_mm.shape))
-    for side, y, strength in ((1.0, 1.0, 0.18), (-1.0, -0.5, 0.174)):
+    for side, y, share in ((1.0, 1.0, 0.18), (-1.0, -0.5, 0.174)):
         away = np.linalg.norm(points.point_mm - np.array([side * 12.0, y, 0.5]), axis=1)
-        traction = -side * strength * np.maximum(1 - (away / 6) ** 2, 0)[:, None] * [1, 0.05, 0]
+        traction = -side * share * np.maximum(1 - (away / 6) ** 2, 0)[:, None] * [1, 0.05, 0]
         load += points.point_load((traction * area[:, None])[None])
     return load
 

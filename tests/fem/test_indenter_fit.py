@@ -104,19 +104,19 @@ def test_two_arms_are_both_found():
     assert said["tau_2_s"].value == pytest.approx(15.0, rel=0.12)
 
 
-def test_recovery_after_unloading_is_foretold_from_the_hold():
+def test_recovery_after_unloading_is_predicted_from_the_hold():
     rng = np.random.default_rng(6)
     trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,)))
     no_contact = no_contact_noise(trace, first_touch(trace))
     end, blocks = predict(fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng), trace, no_contact)
     assert np.array_equal(np.isfinite(end.before_N), future_frames(trace))
     assert np.isfinite(blocks.after_N).all()
-    for told in (end, blocks):
-        before, after = told.rms(trace.force_N)
+    for forecast in (end, blocks):
+        before, after = forecast.rms(trace.force_N)
         assert before > 5 * after
 
 
-def test_a_machine_whose_force_does_not_settle_is_not_foretold(monkeypatch):
+def test_a_machine_whose_force_does_not_settle_is_not_predicted(monkeypatch):
     monkeypatch.setattr(heldout, "MOST_ROUNDS", 1)
     rng = np.random.default_rng(8)
     trace = trace_of(injected(rng, g=(0.45,), tau_s=(6.0,), mm_per_N=0.05, press=Press(rate_hz=5.0)))
@@ -145,5 +145,5 @@ def test_the_past_does_not_know_the_future():
     changed = trace_of((columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2]))
     no_contact = NoContactNoise(white_N=0.004, coloured_N=0.0, fade=0.0, frames=29)
     linear, named = fitted(trace, rng=rng), fitted(trace, viscoelastic(1), rng=rng)
-    told = [predict(linear, named, one, no_contact)[0].after_N[late] for one in (trace, changed)]
-    assert told[0] == pytest.approx(told[1], abs=1e-3 * DEEPEST_MM)
+    forces = [predict(linear, named, one, no_contact)[0].after_N[late] for one in (trace, changed)]
+    assert forces[0] == pytest.approx(forces[1], abs=1e-3 * DEEPEST_MM)

@@ -110,7 +110,7 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
 
 
-def test_what_one_recording_foretells_of_the_other_is_the_difference_of_two_evidences(small):
+def test_what_one_recording_predicts_of_the_other_is_the_difference_of_two_evidences(small):
     y, noise, rows, sds = dense_parts(small, (1, 2))
     whole = noise + (rows.T * sds**2) @ rows
     a, b = slice(0, SIZE), slice(SIZE, 2 * SIZE)

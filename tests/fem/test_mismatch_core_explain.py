@@ -57,7 +57,7 @@ def test_the_modulus_without_the_gain_is_the_injected_one(answer):
     assert answer.before == PLAIN
 
 
-def test_recordings_that_the_fit_did_not_see_are_foretold_better(answer):
+def test_recordings_that_the_fit_did_not_see_are_predicted_better(answer):
     assert answer.heldout.rms_after < answer.heldout.rms_before
     assert answer.heldout.rms_after < 1.5 * answer.heldout.noise_rms
     assert len(answer.traces) == 2

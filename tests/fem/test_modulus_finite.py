@@ -123,55 +123,55 @@ def grasp():
 @pytest.fixture(scope="module")
 def found(grasp):
     linear_MPa = 1 / grasp.refit(grasp.unit)
-    modulus_MPa, departure = finite_modulus(
+    modulus_MPa, correction = finite_modulus(
         grasp.finite, grasp.contact, grasp.force_N, grasp.unit, modulus_MPa=linear_MPa, refit=grasp.refit
     )
-    return linear_MPa, modulus_MPa, departure
+    return linear_MPa, modulus_MPa, correction
 
 
 @pytest.mark.slow
 def test_large_deformation_is_taken_out_of_the_modulus(found):
-    linear_MPa, modulus_MPa, departure = found
+    linear_MPa, modulus_MPa, correction = found
     assert abs(linear_MPa / E_MPA - 1) > 0.008
     assert modulus_MPa == pytest.approx(E_MPA, rel=0.003)
-    assert departure.modulus_MPa == pytest.approx(modulus_MPa, rel=0.01)
+    assert correction.modulus_MPa == pytest.approx(modulus_MPa, rel=0.01)
 
 
 @pytest.mark.slow
 def test_a_refit_that_does_not_settle_is_refused(grasp, found):
-    _, modulus_MPa, departure = found
+    _, modulus_MPa, correction = found
     guesses = iter(np.tile([1.0, 2.0], 100))
     with pytest.raises(FemFailure, match="still changes") as failure:
-        _repeated(departure, grasp.unit, lambda _: float(next(guesses)) / modulus_MPa)
+        _repeated(correction, grasp.unit, lambda _: float(next(guesses)) / modulus_MPa)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
 @pytest.mark.slow
-def test_few_frames_are_computed_and_foretell_the_others(grasp, found):
-    _, modulus_MPa, departure = found
-    assert len(departure.computed) < len(PATCH_MM)
-    assert departure.unpredicted < 0.005
-    others = np.setdiff1d(np.arange(len(PATCH_MM)), departure.computed)
-    load = grasp.contact.nodal_force(grasp.force_N[others]) / departure.modulus_MPa
+def test_few_frames_are_computed_and_predict_the_others(grasp, found):
+    _, modulus_MPa, correction = found
+    assert len(correction.computed) < len(PATCH_MM)
+    assert correction.unpredicted < 0.005
+    others = np.setdiff1d(np.arange(len(PATCH_MM)), correction.computed)
+    load = grasp.contact.nodal_force(grasp.force_N[others]) / correction.modulus_MPa
     moved = grasp.finite.displacement(load).displacement
-    exact = departure.modulus_MPa * grasp.contact.at_markers(moved) - grasp.unit[others]
-    off = np.abs(departure.displacement_correction[others] - exact).max()
-    assert off < 0.02 * np.abs(departure.displacement_correction).max()
-    complete = departure.displacement_correction.copy()
+    exact = correction.modulus_MPa * grasp.contact.at_markers(moved) - grasp.unit[others]
+    off = np.abs(correction.displacement_correction[others] - exact).max()
+    assert off < 0.02 * np.abs(correction.displacement_correction).max()
+    complete = correction.displacement_correction.copy()
     complete[others] = exact
     all_frames = 1 / grasp.refit(grasp.unit + complete)
     assert all_frames == pytest.approx(modulus_MPa, rel=3e-4)
 
 
 @pytest.mark.slow
-def test_the_departure_leaves_less_unexplained(grasp, found):
-    _, _, departure = found
+def test_the_correction_leaves_less_unexplained(grasp, found):
+    _, _, correction = found
 
     def residual(unit):
         tracks = MarkerTracks(**{**vars(grasp.tracks), "unit_displacement": unit})
         return fit_compliance(tracks, scale_sd=0.004, fruit_moves=True).residual_rms_mm
 
-    assert residual(grasp.unit + departure.displacement_correction) < 0.25 * residual(grasp.unit)
+    assert residual(grasp.unit + correction.displacement_correction) < 0.25 * residual(grasp.unit)
 
 
 def test_linear_flesh_departs_by_nothing_but_the_turn_of_the_pit(grasp):

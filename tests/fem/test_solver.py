@@ -15,7 +15,7 @@ from fem.sparse.solver import analyse, factorise, solver_name
 from fem.sparse.supernodes import supernodes
 
 
-def plate(n, shift=0.0):
+def sheet(n, shift=0.0):
     """A five-point Laplacian on n x n points, three dofs each, coupled."""
     line = diags_array([-1.0, 2.0, -1.0], offsets=[-1, 0, 1], shape=(n, n))
     grid = kron(line, np.eye(n)) + kron(np.eye(n), line)
@@ -43,8 +43,8 @@ def scattered(n, rng, density):
     [
         pytest.param(held_cube(5), id="cube"),
         pytest.param(held_cube(4, poisson_ratio=0.49), id="nearly incompressible cube"),
-        pytest.param(plate(40, shift=0.01), id="plate"),
-        pytest.param(csr_array(block_diag([held_cube(2), plate(7), [[3.0]]])), id="three separate bodies"),
+        pytest.param(sheet(40, shift=0.01), id="sheet"),
+        pytest.param(csr_array(block_diag([held_cube(2), sheet(7), [[3.0]]])), id="three separate bodies"),
     ],
 )
 def test_solution_is_that_of_superlu(matrix):
@@ -72,7 +72,7 @@ def test_one_load_is_solved_as_a_hundred_are():
     ],
 )
 def test_loads_are_solved_however_they_lie_in_memory_and_left_as_they_were(load):
-    matrix, before = plate(9), load.copy()
+    matrix, before = sheet(9), load.copy()
     moved = factorise(matrix).solve(load.astype(float, order="K"))
     assert np.allclose(matrix @ moved, load, atol=1e-9)
     assert (load == before).all()
@@ -126,11 +126,11 @@ def test_one_analysis_serves_matrices_of_one_pattern():
 
 def test_a_matrix_of_another_pattern_is_refused_by_an_analysis():
     with pytest.raises(ValueError, match="analyse it anew"):
-        analyse(plate(9)).factorise(held_cube(2))
+        analyse(sheet(9)).factorise(held_cube(2))
 
 
 def test_columns_may_be_stored_in_any_order_and_more_than_once():
-    matrix = plate(9)
+    matrix = sheet(9)
     shuffled = csr_array((matrix.data.copy(), matrix.indices.copy(), matrix.indptr), shape=matrix.shape)
     for a, b in zip(matrix.indptr[:-1], matrix.indptr[1:], strict=True):
         shuffled.indices[a:b] = matrix.indices[a:b][::-1]
@@ -145,8 +145,8 @@ def test_columns_may_be_stored_in_any_order_and_more_than_once():
 
 @pytest.mark.parametrize(
     ("matrix", "most"),
-    [(held_cube(4), 1.3), (plate(20), 2), (csr_array(block_diag([plate(5), plate(6)])), 3)],
-    ids=["cube", "plate", "two small plates"],
+    [(held_cube(4), 1.3), (sheet(20), 2), (csr_array(block_diag([sheet(5), sheet(6)])), 3)],
+    ids=["cube", "sheet", "two small plates"],
 )
 def test_fronts_hold_the_whole_fill_and_little_else(matrix, most):
     groups = same_pattern_groups(matrix)
@@ -165,7 +165,7 @@ def test_fronts_hold_the_whole_fill_and_little_else(matrix, most):
 
 
 def test_parents_are_the_first_rows_below_the_diagonal_of_the_factor():
-    matrix = plate(8, shift=0.1)
+    matrix = sheet(8, shift=0.1)
     groups = same_pattern_groups(matrix)
     tree = elimination_tree(groups)
     first = groups.members[groups.start[:-1]][tree.order]
@@ -175,7 +175,7 @@ def test_parents_are_the_first_rows_below_the_diagonal_of_the_factor():
 
 
 def test_every_dof_is_eliminated_once_after_all_that_wait_below():
-    matrix = csr_array(block_diag([held_cube(3), plate(5)]))
+    matrix = csr_array(block_diag([held_cube(3), sheet(5)]))
     plan = fronts(matrix)
     assert (np.sort(plan.order) == np.arange(matrix.shape[0])).all()
     assert connected_components(matrix)[0] == plan.parent.count(-1) == 2
@@ -188,7 +188,7 @@ def test_every_dof_is_eliminated_once_after_all_that_wait_below():
 
 
 def test_order_is_a_permutation_that_keeps_dofs_of_a_node_together():
-    order = nested_dissection(plate(9))
+    order = nested_dissection(sheet(9))
     assert (np.sort(order) == np.arange(len(order))).all()
     assert (order.reshape(-1, 3) // 3 == order.reshape(-1, 3)[:, :1] // 3).all()
 

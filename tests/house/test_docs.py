@@ -122,10 +122,10 @@ def test_the_readme_is_short():
 
 @pytest.mark.parametrize("marker", ["grade", "tests"])
 def test_the_readme_holds_the_commands_that_continuous_integration_reads(marker):
-    told = re.search(rf"^<!-- {marker} -->\n```sh\n(.+)\n```$", text_of("README.md"), re.MULTILINE)
-    assert told is not None
-    assert told[1].endswith({"grade": "--out sample-results", "tests": "/bin/pytest"}[marker])
-    assert subprocess.run(["bash", "-n", "-c", told[1]], check=False).returncode == 0
+    command = re.search(rf"^<!-- {marker} -->\n```sh\n(.+)\n```$", text_of("README.md"), re.MULTILINE)
+    assert command is not None
+    assert command[1].endswith({"grade": "--out sample-results", "tests": "/bin/pytest"}[marker])
+    assert subprocess.run(["bash", "-n", "-c", command[1]], check=False).returncode == 0
 
 
 def keys_of(model: type[BaseModel]) -> set[str]:
@@ -145,8 +145,8 @@ def keys_of(model: type[BaseModel]) -> set[str]:
     ids=["columns of ranking.csv", "columns of fruits.csv", "keys of batch.toml"],
 )
 def test_every_name_in_a_file_is_defined_in_formats(names):
-    told = text_of("docs/formats.md") + text_of("docs/guide.md")
-    assert [name for name in names if not re.search(rf"\b{name}\b", told)] == []
+    pages = text_of("docs/formats.md") + text_of("docs/guide.md")
+    assert [name for name in names if not re.search(rf"\b{name}\b", pages)] == []
 
 
 def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guide():

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("fem", "recon", "tactile")
+ROOMS = ("fem", "recon", "tactile", "pipeline", "reports", "samples", "tests", "benchmarks")
 
 HOME_MADE = {
     "alike": "similar; design effect",
@@ -21,24 +21,71 @@ HOME_MADE = {
     "heard": "information",
     "hindsight": "backward relabelling",
     "landing": "relative indices",
+    "lookalike": "model discrepancy",
     "mended": "corrected; relabelled",
     "odds": "log odds",
+    "planted": "injected; synthetic",
+    "planting": "injected; synthetic",
     "plate": "background plate",
+    "programme": "protocol",
     "seeming": "model discrepancy",
     "senseless": "violates a sign constraint",
     "settled": "converged; fixed point; fitted",
     "shelf": "update stack",
     "sight": "adjoint basis; view",
     "softness": "compliance ratio",
+    "squeezed": "in quasi-static contact",
     "stance": "orientation",
     "strength": "hyperparameters",
+    "temper": "temperature",
+    "tempered": "divided by a temperature",
     "told": "said; named; reported",
     "untold": "unknown",
+    "witnessed": "auxiliary log-likelihood",
 }
 """Home-made word: the field's term in its place."""
 
-ALLOWED = ("log_odds", "inverse_odds", "background_plate", "s368_plate")
+HOME_MADE_NAMES = {
+    "ALIKE": "design effect",
+    "Column": "Regressor",
+    "Ground": "ForwardModel",
+    "LastRuns": "WarmStart",
+    "MARKER_EXCESS": "variance inflation",
+    "Memory": "memoised",
+    "Moment": "LoadStep",
+    "Named": "ModelSelection",
+    "Outside": "OutOfCatalogue",
+    "Products": "GramMatrix",
+    "Ranked": "Hypothesis",
+    "Recorded": "GraspEquations",
+    "Seen": "GraspResponse",
+    "Shown": "LinearFit",
+    "Squeeze": "QuasiStaticContact",
+    "Standing": "MeshedFruit",
+    "USUAL": "null quantile",
+    "_Tried": "Hypothesis",
+    "drawn_outside": "drawn_out_of_catalogue",
+    "prove": "cross-validation",
+    "seen_through": "project_recording",
+    "side_by_side": "parallel_map",
+    "squeeze_of": "quasi_static_contact",
+}
+"""Names that were home-made whole; their words alone are plain English."""
+
+ALLOWED = ("log_odds", "inverse_odds", "background_plate", "s368_plate", "flat_plate")
 """Terms of the field that hold such a word; s368 is the flat plate of Roark's table."""
+
+KEYS = ("stance",)
+"""Names that are keys of files as docs/formats.md fixes them."""
+
+NOT_YET = (
+    "benchmarks/mismatch.py",
+    "benchmarks/mismatch_nulls.py",
+    "tests/fem/planted_mismatch.py",
+    "tests/fem/test_modulus_joint.py",
+    "tests/fem/test_one_estimator.py",
+)
+"""Files whose names (told, beside, planted) are still to be replaced; nothing is added here."""
 
 
 def words_of(identifier: str) -> set[str]:
@@ -51,10 +98,17 @@ def words_of(identifier: str) -> set[str]:
 
 
 def home_made(source: str) -> list[str]:
-    """The identifiers of a source that hold a home-made word outside of the allowed terms."""
+    """The identifiers of a source that are home-made or hold such a word outside of the allowed terms.
+
+    Names of tests are sentences, and keys of files stay as they were fixed.
+    """
     found = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
-        if token.type == tokenize.NAME:
+        if token.string in HOME_MADE_NAMES:
+            found.append(token.string)
+        elif (
+            token.type == tokenize.NAME and not token.string.startswith("test_") and token.string not in KEYS
+        ):
             name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", token.string).lower()
             for term in ALLOWED:
                 name = name.replace(term, "")
@@ -68,7 +122,8 @@ def test_no_identifier_is_home_made(room):
     left = {
         str(path.relative_to(ROOT)): names
         for path in sorted((ROOT / room).rglob("*.py"))
-        if (names := home_made(path.read_text(encoding="utf-8")))
+        if str(path.relative_to(ROOT)) not in NOT_YET
+        and (names := home_made(path.read_text(encoding="utf-8")))
     }
     assert left == {}
 
@@ -80,6 +135,9 @@ def test_no_identifier_is_home_made(room):
         ("class StanceRecord: ...", ["StanceRecord"]),
         ("first_odds = log_odds(BackgroundPlate, 'settled')", ["first_odds"]),
         ("resistance = platelet", []),
+        ("class Seen: ...", ["Seen"]),
+        ("seen = record.stance", []),
+        ("def test_it_is_told(told): ...", ["told"]),
     ],
 )
 def test_words_are_found_whole_and_allowed_terms_are_not(source, expected):

@@ -39,7 +39,7 @@ def finding(ratio, name="ball"):
 
 def row(day, ratio, *, lot="A", sha="s"):
     inputs = {"fruits/ball/grasps/g.h5": f"{sha}{day}", "fruits/ball/photos/1.jpg": "p", "batch.toml": "t"}
-    return own_points(finding(ratio), lot=lot, moment=START + timedelta(days=day), inputs=inputs)
+    return own_points(finding(ratio), lot=lot, now=START + timedelta(days=day), inputs=inputs)
 
 
 def test_rows_are_added_and_the_same_batch_takes_the_place_of_its_own(tmp_path):
@@ -49,7 +49,7 @@ def test_rows_are_added_and_the_same_batch_takes_the_place_of_its_own(tmp_path):
     others = path.read_text().splitlines()
     update_chart(path, row(2, 1.05))
     again = own_points(
-        finding(1.03), lot="A", moment=START + timedelta(days=9),
+        finding(1.03), lot="A", now=START + timedelta(days=9),
         inputs={"fruits/ball/grasps/g.h5": "s1"},
     )  # fmt: skip
     chart = update_chart(path, again)
@@ -57,7 +57,7 @@ def test_rows_are_added_and_the_same_batch_takes_the_place_of_its_own(tmp_path):
     assert lines[0] == HEADER
     assert lines[1] == others[1]
     assert [point.ratio for point in chart.points] == [1.01, 1.03, 1.05]
-    assert chart.points[1].moment == START + timedelta(days=1)
+    assert chart.points[1].graded_at == START + timedelta(days=1)
     assert read_chart(path) == chart
     assert [p.name for p in tmp_path.iterdir()] == ["gripper.csv"]
 

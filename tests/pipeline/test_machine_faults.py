@@ -16,7 +16,7 @@ import pytest
 from pipeline import cli
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.files.results_lock import alone, is_held
+from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
@@ -41,13 +41,13 @@ def test_a_write_that_fails_names_the_file_the_cause_and_what_to_do(tmp_path, mo
     path = tmp_path / "ranking.csv"
     put(path, b"old")
     monkeypatch.setattr(os, "fsync", fail)
-    with pytest.raises(NotWritten) as told:
+    with pytest.raises(NotWritten) as refused:
         write_whole(path, "new")
-    assert str(told.value).startswith(f"{path}: cannot be written (")
-    assert words in str(told.value)
-    assert str(pickle.loads(pickle.dumps(told.value))) == str(told.value)
+    assert str(refused.value).startswith(f"{path}: cannot be written (")
+    assert words in str(refused.value)
+    assert str(pickle.loads(pickle.dumps(refused.value))) == str(refused.value)
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("ranking.csv", b"old")]
-    assert ending_of(told.value) == (Outcome.NOT_WRITTEN, str(told.value))
+    assert ending_of(refused.value) == (Outcome.NOT_WRITTEN, str(refused.value))
 
 
 def test_a_full_disk_is_the_machines_whichever_library_meets_it():
@@ -188,12 +188,12 @@ def test_a_folder_of_a_file_system_without_locks_is_written_into(tmp_path, monke
     def no_locks(_handle, _operation):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
 
-    with alone(tmp_path):
+    with results_lock(tmp_path):
         assert is_held(tmp_path)
-        with pytest.raises(BatchRefused, match="another run is writing here"), alone(tmp_path):
+        with pytest.raises(BatchRefused, match="another run is writing here"), results_lock(tmp_path):
             pass
     monkeypatch.setattr(fcntl, "flock", no_locks)
-    with alone(tmp_path):
+    with results_lock(tmp_path):
         assert not is_held(tmp_path)
 
 

@@ -12,12 +12,12 @@ from recon.surface.mesh_file import write_mesh
 ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
 LOG = """
 import os, sys
-def heard(event, arguments):
+def audited(event, arguments):
     if event == "import":
         handle = os.open(os.environ["IMPORTS"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
         os.write(handle, (arguments[0].split(".")[0] + "\\n").encode())
         os.close(handle)
-sys.addaudithook(heard)
+sys.addaudithook(audited)
 """
 MODULE = "import os\nopen(os.environ['MARKS'], 'a').write({name!r} + '\\n')\nraise ImportError({name!r})\n"
 WORKER = """

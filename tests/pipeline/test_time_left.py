@@ -31,18 +31,18 @@ def course(total, jobs, *, scatter=0.0, refused=()):
     Stages scatter by a share; a fruit of `refused` ends a second into its first stage.
     """
     rng = random.Random(1)
-    free, told = [0.0] * jobs, []
+    free, events = [0.0] * jobs, []
     for fruit in range(total):
         slot = free.index(min(free))
         now = free[slot]
         for stage, takes in STAGES.items():
-            told.append((now, str(fruit), stage, True))
+            events.append((now, str(fruit), stage, True))
             now += 1.0 if fruit in refused else takes * (1 + scatter * rng.uniform(-1, 1))
             if fruit in refused:
                 break
-        told.append((now, str(fruit), None, fruit not in refused))
+        events.append((now, str(fruit), None, fruit not in refused))
         free[slot] = now
-    return sorted(told, key=lambda one: one[0]), max(free)
+    return sorted(events, key=lambda one: one[0]), max(free)
 
 
 def said(total, jobs, **options):
@@ -63,7 +63,7 @@ def said(total, jobs, **options):
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])
-def test_fruit_that_take_alike_are_foretold_exactly(jobs):
+def test_fruit_that_take_alike_are_predicted_exactly(jobs):
     found, end_s = said(7, jobs)
     assert found[0][0] == WHOLE_S
     for moment_s, left_s in found:
@@ -71,7 +71,7 @@ def test_fruit_that_take_alike_are_foretold_exactly(jobs):
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
-def test_the_end_that_is_foretold_moves_little_where_stages_scatter(jobs):
+def test_the_end_that_is_predicted_moves_little_where_stages_scatter(jobs):
     found, end_s = said(30, jobs, scatter=0.2)
     ends = [moment_s + left_s for moment_s, left_s in found]
     steps = [abs(b - a) for a, b in itertools.pairwise(ends)]
@@ -102,11 +102,11 @@ def test_how_far_a_stage_is_makes_no_stage_of_its_own():
 
 
 def test_the_frames_of_a_raw_grasp_are_told_as_progress_of_their_stage():
-    told = []
-    log = StageLog(told.append)
+    events = []
+    log = StageLog(events.append)
     with log.stage("contact"):
         log.progress("grasp-1: left, frame 1 of 4")
-    assert told == ["contact", "contact: grasp-1: left, frame 1 of 4"]
+    assert events == ["contact", "contact: grasp-1: left, frame 1 of 4"]
 
 
 def test_nothing_is_said_before_a_fruit_has_ended_and_nothing_is_left_at_the_end():

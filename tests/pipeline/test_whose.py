@@ -295,8 +295,8 @@ def test_each_cause_is_said_once_however_many_recordings_have_it():
 
 def test_recordings_of_different_fruit_have_different_causes():
     """Else somebody moves both into the first one's folder."""
-    told = [
+    sentences = [
         f'g{k}: found "{name}", expected "01": move it to fruits/{name}.'
         for k, name in ((1, "04"), (2, "05"))
     ]
-    assert said_once(told) == " ".join(told)
+    assert said_once(sentences) == " ".join(sentences)

@@ -1,4 +1,4 @@
-"""The plate of a ground that is a known function of the place, put together from pictures of it."""
+"""The background plate of a ground that is a known function of the place, from pictures of it."""
 
 import numpy as np
 import pytest
@@ -64,7 +64,7 @@ def pictures(seen_by: list[Camera], *, gains=None, hidden: float = 0.0) -> tuple
 
 
 def truth() -> tuple[np.ndarray, np.ndarray]:
-    """The ground at the plate's cells, and how far they are from the origin, mm."""
+    """The ground at the background plate's cells, and how far they are from the origin, mm."""
     step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
     x, y = np.meshgrid(step, step)
     return ground(x, y), np.hypot(x, y)
@@ -72,14 +72,14 @@ def truth() -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_plate_is_the_ground_wherever_it_is_known():
     seen_by = cameras(7)
-    plate = background_plate(ground_views(pictures(seen_by)[0], seen_by, half_width_mm=HALF_MM))
+    background = background_plate(ground_views(pictures(seen_by)[0], seen_by, half_width_mm=HALF_MM))
     colours, away = truth()
-    assert plate.known[away < 0.9 * HALF_MM].all()
-    miss = np.abs(plate.colours.astype(float) - colours)[plate.known]
+    assert background.known[away < 0.9 * HALF_MM].all()
+    miss = np.abs(background.colours.astype(float) - colours)[background.known]
     assert np.median(miss) < 1.0
     assert np.quantile(miss, 0.99) < 3.0
-    assert (plate.dim <= plate.colours).all()
-    assert (plate.colours <= plate.bright).all()
+    assert (background.dim <= background.colours).all()
+    assert (background.colours <= background.bright).all()
 
 
 def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
@@ -87,11 +87,11 @@ def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
     images, covers = pictures(seen_by, hidden=25.0)
     views = ground_views(images, seen_by, half_width_mm=HALF_MM)
     colours, away = truth()
-    plate = background_plate(views, covers)
-    assert not plate.known[away < 15].any()  # hidden in every view
-    shown = plate.known & (away < 40)
+    background = background_plate(views, covers)
+    assert not background.known[away < 15].any()  # hidden in every view
+    shown = background.known & (away < 40)
     assert shown[away < 40].mean() > 0.4
-    assert np.quantile(np.abs(plate.colours.astype(float) - colours)[shown], 0.99) < 4.0
+    assert np.quantile(np.abs(background.colours.astype(float) - colours)[shown], 0.99) < 4.0
     blind = background_plate(views)
     assert (blind.colours[away < 15] < 40).all()
 
@@ -101,20 +101,22 @@ def test_a_median_outvotes_what_hides_the_ground_in_few_views():
     images, _ = pictures(seen_by)
     for image in images[:2]:
         image[:] = 0
-    plate = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
+    background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
     colours, away = truth()
-    assert np.median(np.abs(plate.colours.astype(float) - colours)[away < 40]) < 6.0
+    assert np.median(np.abs(background.colours.astype(float) - colours)[away < 40]) < 6.0
 
 
 def test_photos_of_other_exposure_are_brought_to_one():
     seen_by = cameras(8)
     gains = np.array([0.8, 1.0, 1.2, 0.9, 1.1, 1.0, 0.85, 1.15])
-    plate = background_plate(ground_views(pictures(seen_by, gains=gains)[0], seen_by, half_width_mm=HALF_MM))
+    background = background_plate(
+        ground_views(pictures(seen_by, gains=gains)[0], seen_by, half_width_mm=HALF_MM)
+    )
     away = truth()[1] < 50
-    spread = plate.bright.astype(float) - plate.dim
+    spread = background.bright.astype(float) - background.dim
     assert np.quantile(spread[away], 0.95) < 6.0  # 40 % of 120 grey levels apart as they come
     colours = truth()[0][away]
-    ratio = plate.colours[away].astype(float) / colours
+    ratio = background.colours[away].astype(float) / colours
     assert ratio.std() < 0.03
 
 
@@ -155,10 +157,10 @@ def test_ground_behind_a_camera_is_not_ahead_of_it():
 def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
     seen_by = cameras(7)
     images, _ = pictures(seen_by)
-    plate = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
+    background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
     corner, size = (100, 60), (120 // shrink, 120 // shrink)
     (seen,), known = background_in_view(
-        plate, seen_by[2], [plate.colours], corner_px=corner, size_px=size, shrink=shrink
+        background, seen_by[2], [background.colours], corner_px=corner, size_px=size, shrink=shrink
     )
     middle = (shrink - 1) // 2
     photo = images[2][corner[1] + middle :: shrink, corner[0] + middle :: shrink][: size[1], : size[0]]

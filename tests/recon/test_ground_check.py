@@ -41,7 +41,7 @@ def pushed(towards, depth_mm, width=0.12):
 
 
 @cache
-def told_of(kind, *args):
+def checked(kind, *args):
     vertices = skin(*args) if kind == "grown" else pushed(*args)[0]
     evidence = rim_evidence(images(), CAMERAS, vertices, FACES)
     views = seeing_views(vertices, FACES, PLACES)
@@ -49,7 +49,7 @@ def told_of(kind, *args):
 
 
 def test_the_true_skin_is_found_within_half_a_pixel_and_not_doubted():
-    vertices, evidence, error, views = told_of("grown", 1.0)
+    vertices, evidence, error, views = checked("grown", 1.0)
     assert evidence.known.mean() > 0.7
     assert abs(np.median(evidence.offset_mm[evidence.known])) < PIXEL_MM / 2
     assert error.rms_mm < PIXEL_MM
@@ -60,7 +60,7 @@ def test_the_true_skin_is_found_within_half_a_pixel_and_not_doubted():
 
 @pytest.mark.parametrize("grow", [0.96, 1.04])
 def test_a_mesh_of_another_size_is_measured_as_far_off_as_it_is(grow):
-    vertices, evidence, error, views = told_of("grown", grow)
+    vertices, evidence, error, views = checked("grown", grow)
     off_mm = (1 - grow) * float(np.mean(EGG.semi_mm))
     assert np.median(evidence.offset_mm[evidence.known]) == pytest.approx(off_mm, abs=PIXEL_MM / 2)
     assert error.rms_mm == pytest.approx(abs(off_mm), rel=0.3)
@@ -74,7 +74,7 @@ def test_a_mesh_of_another_size_is_measured_as_far_off_as_it_is(grow):
 @pytest.mark.parametrize("depth_mm", [-1.2, 1.2])
 def test_a_patch_pushed_in_or_out_is_found_where_it_is_and_the_error_bar_covers_it(depth_mm):
     towards = (1.0, 0.1, 0.2)
-    vertices, evidence, error, views = told_of("pushed", towards, depth_mm)
+    vertices, evidence, error, views = checked("pushed", towards, depth_mm)
     true_mm = -pushed(towards, depth_mm)[1]
     seen = views >= 2
     peak = np.abs(np.where(seen, error.offset_mm, 0)).argmax()

@@ -1,4 +1,4 @@
-"""A surface settled on outlines whose truth is a closed form: an ellipsoid's shadow is a conic."""
+"""A surface fitted to outlines whose truth is a closed form: an ellipsoid's shadow is a conic."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def outline_seen(camera: Camera, wave_px: np.ndarray, shadow_px: float = 0.0) ->
     return silhouette_of_outline(outline, Window(picture, (0, 0), 1), camera)
 
 
-def hull_and_settled(
+def hull_and_fitted(
     count: int, *, noise_px: float, shadow_px: float = 0.0
 ) -> tuple[np.ndarray, FittedSurface, np.ndarray]:
     rng = np.random.default_rng(3)
@@ -61,32 +61,32 @@ def rms(values: np.ndarray) -> float:
 
 
 def test_between_few_views_the_settled_surface_is_five_times_nearer_than_the_hull():
-    hull, found, faces = hull_and_settled(8, noise_px=0.0)
+    hull, found, faces = hull_and_fitted(8, noise_px=0.0)
     assert rms(EGG.misses_mm(found.vertices)) < rms(EGG.misses_mm(hull)) / 5
     assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.005)
 
 
 def test_with_exact_outlines_from_all_round_it_is_exact_to_a_fiftieth_of_a_millimetre():
-    _, found, _ = hull_and_settled(24, noise_px=0.0)
+    _, found, _ = hull_and_fitted(24, noise_px=0.0)
     assert rms(EGG.misses_mm(found.vertices)) < 0.02
     assert found.miss_mm < 0.01
 
 
 def test_noise_in_the_outlines_does_not_shrink_it_as_it_shrinks_a_strict_hull():
-    _, found, faces = hull_and_settled(24, noise_px=0.5)
+    _, found, faces = hull_and_fitted(24, noise_px=0.5)
     assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.004)
     assert rms(EGG.misses_mm(found.vertices)) < 0.2
 
 
 def test_it_stands_on_the_floor_and_says_where_no_outline_holds_it():
-    _, found, _ = hull_and_settled(24, noise_px=0.0)
+    _, found, _ = hull_and_fitted(24, noise_px=0.0)
     assert found.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
     height = found.vertices[:, 2]
     assert np.median(found.support[height < 0.5]) < 0.1 * np.median(found.support[height > 10])
 
 
 def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
-    hull, found, faces = hull_and_settled(24, noise_px=0.0, shadow_px=8.0)
+    hull, found, faces = hull_and_fitted(24, noise_px=0.0, shadow_px=8.0)
     beyond = volume_mm3(hull, faces) / EGG.volume_mm3 - 1
     assert volume_mm3(found.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
 

@@ -58,7 +58,7 @@ def test_from_a_low_angle_nothing_is_taken_off_but_the_height_is_known_less_well
 
 
 def test_the_scale_of_a_ball_made_too_tall_is_put_right():
-    """A ball of 60 mm as its settled mesh from 45 degrees: its height is not that of the fruit."""
+    """A ball of 60 mm as its fitted mesh from 45 degrees: its height is not that of the fruit."""
     cameras = looking_down(12, 45.0)
     ball = np.random.default_rng(2).normal(size=(4000, 3))
     ball = 30 * ball / np.linalg.norm(ball, axis=1, keepdims=True) + [0, 0, 30]

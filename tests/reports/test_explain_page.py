@@ -210,11 +210,11 @@ def test_a_quantity_of_the_vertices_is_interpolated_where_a_pixel_looks():
     view = Viewing(
         centre_mm=np.zeros(3), azimuth_deg=20.0, elevation_deg=10.0, half_width_mm=30.0, half_height_mm=30.0
     )
-    sight = surface.seen_from(view, width_px=40, height_px=40)
-    seen = sight.of_vertices(fruit.vertices_mm @ np.array([1.0, 2.0, 3.0]))
-    expected = sight.points_mm @ np.array([1.0, 2.0, 3.0])
-    assert seen[sight.hit] == pytest.approx(expected[sight.hit], abs=1e-3)
-    assert np.isnan(seen[~sight.hit]).all()
+    front_surface = surface.seen_from(view, width_px=40, height_px=40)
+    seen = front_surface.of_vertices(fruit.vertices_mm @ np.array([1.0, 2.0, 3.0]))
+    expected = front_surface.points_mm @ np.array([1.0, 2.0, 3.0])
+    assert seen[front_surface.hit] == pytest.approx(expected[front_surface.hit], abs=1e-3)
+    assert np.isnan(seen[~front_surface.hit]).all()
 
 
 def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
@@ -225,9 +225,12 @@ def sides(fruit: MapEntry, *, view_px: int) -> tuple[MapSide, ...]:
 def test_the_blind_zone_is_where_the_signal_is_less_than_three_times_its_noise():
     fruit = bumpy_map()
     front, *_ = sides(fruit, view_px=40)
-    seen = front.sight.of_vertices(fruit.visible)
-    assert front.blind[front.sight.hit].tolist() == (seen[front.sight.hit] < BLIND_BELOW).tolist()
-    assert 0 < front.blind.sum() < front.sight.hit.sum()
+    seen = front.front_surface.of_vertices(fruit.visible)
+    assert (
+        front.blind[front.front_surface.hit].tolist()
+        == (seen[front.front_surface.hit] < BLIND_BELOW).tolist()
+    )
+    assert 0 < front.blind.sum() < front.front_surface.hit.sum()
 
 
 def test_a_map_of_nothing_still_is_a_picture():

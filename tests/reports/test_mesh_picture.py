@@ -54,12 +54,12 @@ def front_view(azimuth_deg: float, elevation_deg: float = 0.0) -> Viewing:
 @pytest.mark.parametrize(("azimuth_deg", "elevation_deg"), [(0.0, 0.0), (35.0, 24.0), (215.0, 80.0)])
 def test_rays_see_the_sphere_where_it_is(fruit: Mesh, azimuth_deg: float, elevation_deg: float) -> None:
     view = front_view(azimuth_deg, elevation_deg)
-    sight = TracedSurface.of(*fruit).seen_from(view, width_px=200, height_px=200)
-    assert sight.hit.mean() * 80.0**2 == pytest.approx(np.pi * RADIUS_MM**2, rel=0.01)
-    points = sight.points_mm[sight.hit]
+    visible = TracedSurface.of(*fruit).seen_from(view, width_px=200, height_px=200)
+    assert visible.hit.mean() * 80.0**2 == pytest.approx(np.pi * RADIUS_MM**2, rel=0.01)
+    points = visible.points_mm[visible.hit]
     assert np.linalg.norm(points, axis=1) == pytest.approx(RADIUS_MM, abs=0.1)
-    assert np.abs(sight.normals[sight.hit] - points / RADIUS_MM).max() < 0.03
-    assert (sight.normals[sight.hit] @ view.axes[2] > -0.05).all()
+    assert np.abs(visible.normals[visible.hit] - points / RADIUS_MM).max() < 0.03
+    assert (visible.normals[visible.hit] @ view.axes[2] > -0.05).all()
 
 
 def test_view_axes_are_right_handed_and_up_is_up() -> None:

@@ -24,9 +24,9 @@ def test_a_figure_is_told_to_three_digits(value: float) -> None:
 
 @given(st.floats(0.01, 10.0), st.floats(1e-4, 1.0))
 def test_value_and_deviation_share_their_decimals_and_keep_the_deviation(value: float, share: float) -> None:
-    told, deviation = with_sd(value, share * value).split(" ± ")
-    assert len(told.partition(".")[2]) == len(deviation.partition(".")[2])
-    assert float(told) == pytest.approx(value, abs=0.5 * share * value + 1e-4 * value)
+    printed, deviation = with_sd(value, share * value).split(" ± ")
+    assert len(printed.partition(".")[2]) == len(deviation.partition(".")[2])
+    assert float(printed) == pytest.approx(value, abs=0.5 * share * value + 1e-4 * value)
 
 
 @given(st.floats(0.0, 1.0))

@@ -111,6 +111,6 @@ def test_the_seal_comes_first_and_fits_the_answer(tmp_path: Path) -> None:
     assert not (tmp_path / "answers.json").exists()
     reveal(tmp_path, "case-1", entry, salt="abc")
     sealed = json.loads((tmp_path / "manifest.json").read_text())["case-1"]
-    told = json.loads((tmp_path / "answers.json").read_text())["case-1"]
-    assert sealed_as(told) == sealed
-    assert sealed_as({**told, "effect": "none"}) != sealed
+    entry = json.loads((tmp_path / "answers.json").read_text())["case-1"]
+    assert sealed_as(entry) == sealed
+    assert sealed_as({**entry, "effect": "none"}) != sealed

@@ -11,7 +11,7 @@ SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
 MARKERS = marker_grid(13, 13, pitch_mm=(0.6, 0.6), first_mm=None)
 NOISE_MM = np.array([0.001, 0.001, 0.004])
 INFORMATION = np.tile(np.diag(1 / NOISE_MM**2), (len(MARKERS), 1, 1))
-STRENGTH = PriorHyperparameters(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
+HYPERPARAMETERS = PriorHyperparameters(pressure_MPa=0.04, shear_MPa=0.01, roughness=1.0, noise=1.0)
 SIDES = (-8, -5, -3.4, -2.4, -1.6, -0.8, 0, 0.8, 1.6, 2.4, 3.4, 5, 8)
 
 
@@ -29,7 +29,7 @@ def grid() -> GelGrid:
 
 @pytest.fixture(scope="module")
 def solver(grid: GelGrid) -> InvertedForce:
-    return InvertedForce(grid, INFORMATION, STRENGTH)
+    return InvertedForce(grid, INFORMATION, HYPERPARAMETERS)
 
 
 def bump(at_mm: np.ndarray) -> np.ndarray:
@@ -105,14 +105,14 @@ def test_lost_markers_change_little(block: GelBlock, solver: InvertedForce) -> N
 def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock, grid: GelGrid) -> None:
     """Half of the markers gone, in the press too: as if their information had been zero from the start."""
     displacement, _, total = elements_say(block)
-    solver = InvertedForce(grid, INFORMATION, STRENGTH)
+    solver = InvertedForce(grid, INFORMATION, HYPERPARAMETERS)
     for seed, share in enumerate((0.1, 0.3, 0.5)):
         rng = np.random.default_rng(seed)
         seen = displacement + noise(rng)
         lost = rng.random(len(MARKERS)) < share
-        told = INFORMATION.copy()
-        told[lost] = 0.0
-        expected = InvertedForce(grid, told, STRENGTH).active_set(np.where(lost[:, None], 0.0, seen))
+        known = INFORMATION.copy()
+        known[lost] = 0.0
+        expected = InvertedForce(grid, known, HYPERPARAMETERS).active_set(np.where(lost[:, None], 0.0, seen))
         found = solver.active_set(np.where(lost[:, None], np.nan, seen))
         assert (found.touching == expected.touching).all()
         np.testing.assert_allclose(found.unknowns, expected.unknowns, atol=1e-7)
@@ -142,7 +142,7 @@ def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: Inv
     rng = np.random.default_rng(6)
     touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.7
     m = int(touching.sum())
-    smooth = np.eye(len(touching)) + STRENGTH.roughness**2 * grid.laplacian
+    smooth = np.eye(len(touching)) + HYPERPARAMETERS.roughness**2 * grid.laplacian
     root = np.linalg.cholesky(np.linalg.inv(smooth[np.ix_(touching, touching)]))
     sizes = np.array([0.01, 0.01, 0.04]) * grid.pitch_mm**2
     K = solver.linear_map(touching, 0.5)

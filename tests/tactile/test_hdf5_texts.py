@@ -82,14 +82,14 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
     path = with_a_broken_heap(tmp_path / "grasp-1.h5")
     fork, children = os.fork, []
 
-    def told():
+    def refuse():
         children.append(fork())
         return children[-1]
 
     def interrupt(_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(os, "fork", told)
+    monkeypatch.setattr(os, "fork", refuse)
     monkeypatch.setattr(tactile.io.hdf5_texts.time, "sleep", interrupt)
     with pytest.raises(KeyboardInterrupt):
         texts_can_be_read(path)
@@ -106,12 +106,12 @@ import os, sys
 from pathlib import Path
 from tactile.io.hdf5_texts import texts_can_be_read
 fork = os.fork
-def told():
+def refuse():
     child = fork()
     if child:
         print(child, flush=True)
     return child
-os.fork = told
+os.fork = refuse
 texts_can_be_read(Path(sys.argv[1]), patience_s=float(sys.argv[2]))
 """
 

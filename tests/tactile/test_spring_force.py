@@ -37,7 +37,7 @@ def test_noise_alone_seldom_touches(springs):
 def test_force_and_displacement_share_their_noise(springs):
     noise = np.random.default_rng(4).normal(size=(40_000, 9, 3)) * SD_MM
     both = np.concatenate([noise.reshape(-1, 27), springs.force_N(noise).reshape(-1, 27)], axis=1)
-    told = springs.joint_covariance()
-    spread = np.sqrt(np.outer(np.diag(told), np.diag(told)))
-    np.testing.assert_allclose(np.cov(both.T) / spread, told / spread, atol=0.03)
-    assert told[2, 27 + 2] < 0
+    covariance = springs.joint_covariance()
+    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
+    np.testing.assert_allclose(np.cov(both.T) / spread, covariance / spread, atol=0.03)
+    assert covariance[2, 27 + 2] < 0

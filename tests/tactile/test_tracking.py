@@ -13,11 +13,11 @@ from tactile.markers.tracking import ReferenceMarkers, follow, reference_of, tra
 FRAMES = 12
 
 
-def press(strength_px: float, centre: tuple[float, float] = (160.0, 120.0)) -> Float[np.ndarray, "n 2"]:
+def press(amplitude_px: float, centre: tuple[float, float] = (160.0, 120.0)) -> Float[np.ndarray, "n 2"]:
     """Markers drawn aside and spread by a press: a shift that fades with distance, and a spread."""
     away = grid() - centre
     fade = np.exp(-(away**2).sum(axis=1, keepdims=True) / 2 / 60.0**2)
-    return grid() + strength_px * fade * ([0.8, 0.4] + 0.01 * away)
+    return grid() + amplitude_px * fade * ([0.8, 0.4] + 0.01 * away)
 
 
 def names(reference: ReferenceMarkers) -> np.ndarray:

@@ -33,7 +33,7 @@ GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
 """Gaps of the signatures, mm: each some 30 to 100 % wider than the one before, as responses change by
 shares."""
 LOWEST_MM, HIGHEST_MM = 0.005, 1.0
-"""Bounds of the gap, mm: wide of those met (0.04 to 0.45 in samples.mismatch.strengths). Set by hand."""
+"""Bounds of the gap, mm: wide of those met (0.04 to 0.45 in samples.mismatch.effect_levels). Set by hand."""
 MOST_FRAMES = 30
 """Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
 PEAK = 0.3

@@ -34,11 +34,11 @@ SPEC = EffectSpec(
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
     parts = next(iter(forward.base.solids.values())).parts
 
-    def derivative(moved: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+    def derivative(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
         change = parts.change_with_poisson_ratio(
-            moved.reshape(len(moved), -1).T, poisson_ratio=forward.poisson_ratio
+            displacement.reshape(len(displacement), -1).T, poisson_ratio=forward.poisson_ratio
         )
-        return np.ascontiguousarray(change.T).reshape(moved.shape)
+        return np.ascontiguousarray(change.T).reshape(displacement.shape)
 
     return derivative, (matrix_operator(parts.k_mu), matrix_operator(parts.k_lambda))
 

@@ -37,7 +37,7 @@ from fem.solid.flesh_pieces import FleshPieces
 B = "b"
 PRIOR_SD = 30.0
 """Of b in the linear round. Set by hand, as large as strong stiffening in the samples
-(samples.mismatch.strengths)."""
+(samples.mismatch.effect_levels)."""
 NEO_HOOKEAN = "neo-hookean"
 HARDLY = 1.0
 """b from which flesh that is Neo-Hookean at most is searched."""

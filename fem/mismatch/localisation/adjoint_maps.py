@@ -39,7 +39,7 @@ BALL_MM, BELOW_MM = 6.0, 4.0
 the skin. Set by hand."""
 STANDARD_RATIO = 0.4
 """Of the moduli: the ball whose visibility is mapped, as the middle of those injected
-(samples.mismatch.strengths)."""
+(samples.mismatch.effect_levels)."""
 SIX = 6
 """Components of a symmetric strain."""
 

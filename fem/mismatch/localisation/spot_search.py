@@ -24,7 +24,7 @@ GRID_MM = 3.0
 RADIUS_MM = 5.5
 """Radius of the ball tried everywhere: the middle of RADII_MM."""
 RADII_MM = (4.0, 5.5, 7.5)
-"""Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.strengths)."""
+"""Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.effect_levels)."""
 CONE_DEG = 38.0
 """Farther than this from the axis of every patch a soft spot cannot be seen."""
 APART_MM = 5.0

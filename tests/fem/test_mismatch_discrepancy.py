@@ -62,7 +62,7 @@ def gain_of(name: str, *, amount: float, compliance_ratio: float = 1.0, complian
 
 
 @pytest.mark.parametrize("name", ["skin", "poisson_ratio"])
-def test_the_seeming_amount_is_no_finding_and_ten_spreads_more_are(name):
+def test_the_discrepancy_amount_is_no_finding_and_ten_spreads_more_are(name):
     mean, sd = prior(name).mean, prior(name).sd
     assert gain_of(name, amount=mean) < 0
     assert gain_of(name, amount=mean + sd) < 0
@@ -76,11 +76,11 @@ def test_jaws_seem_to_give_way_the_more_the_softer_the_flesh():
     assert gain_of("gripper_compliance", amount=10 * soft, compliance_ratio=3.0, compliance=4.0) > 30
 
 
-def test_an_effect_without_a_seeming_amount_counts_from_nothing():
+def test_an_effect_without_a_discrepancy_amount_counts_from_nothing():
     assert gain_of("clock_lag", amount=0.05) > 30
 
 
-def test_a_strong_skin_is_refitted_without_its_own_lookalike_and_less_surely():
+def test_a_strong_skin_is_refitted_without_its_own_discrepancy_and_less_surely():
     columns = [
         Regressor(name="1/E", sd=1.0, fields=[]),
         *(
