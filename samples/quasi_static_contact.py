@@ -54,7 +54,7 @@ class LoadStep:
 
     q: Float[np.ndarray, " u"]
     anchors: tuple[Anchors, ...]
-    force_N: tuple[Float[np.ndarray, "n 3"], ...]
+    force_N: tuple[Float[np.ndarray, "_n 3"], ...]
     residual: float
 
 
@@ -141,7 +141,7 @@ def step(
 
 def _positions(
     contact: QuasiStaticContact, q: Float[np.ndarray, " u"], origins: Float[np.ndarray, "p 3"]
-) -> list[Float[np.ndarray, "n 3"]]:
+) -> list[Float[np.ndarray, "_n 3"]]:
     now = contact.flesh.bricks.nodes_mm + contact.flesh.displacement(q)
     return [(now[f.nodes] - o) @ f.turn for f, o in zip(contact.faces, origins, strict=True)]
 

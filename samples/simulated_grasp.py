@@ -26,8 +26,8 @@ class Grasp:
     """A simulated recording and its truth: marker values without noise, and every load step."""
 
     recording: Recording
-    true_displacement_mm: tuple[Float[np.ndarray, "t n 3"], ...]
-    true_force_N: tuple[Float[np.ndarray, "t n 3"], ...]
+    true_displacement_mm: tuple[Float[np.ndarray, "t _n 3"], ...]
+    true_force_N: tuple[Float[np.ndarray, "t _n 3"], ...]
     steps: tuple[LoadStep, ...]
     contact: QuasiStaticContact
 

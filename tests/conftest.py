@@ -5,15 +5,17 @@ checked.
 """
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import array_annotations  # noqa: F401 - the hook's checks, while their folder is on the path
-from jaxtyping import install_import_hook
+import pytest
+from jaxtyping import config, install_import_hook
 
 sys.path.remove(str(Path(__file__).parent))  # else tests/recon could be imported as the room of that name
 ROOT = Path(__file__).parents[1]
-CHECKED = ("fem/elements", "fem/mesh", "reports", "tactile")
-"""Folders whose modules are checked. The others' annotations are being mended, folder by folder."""
+CHECKED = ("fem", "reports", "tactile")
+"""Rooms whose modules are checked. The others' annotations are being mended, room by room."""
 
 
 def modules_with_arrays() -> list[str]:
@@ -27,3 +29,11 @@ def modules_with_arrays() -> list[str]:
 
 
 install_import_hook(modules_with_arrays(), "array_annotations.check")
+
+
+@pytest.fixture
+def unchecked_shapes() -> Iterator[None]:
+    """For tests of a function's own refusal of arrays that its annotation forbids."""
+    config.update("jaxtyping_disable", True)
+    yield
+    config.update("jaxtyping_disable", False)

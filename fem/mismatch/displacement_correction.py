@@ -33,7 +33,7 @@ class KnownEffect:
 
 def displacement_corrections(
     case: MismatchCase, effects: Sequence[KnownEffect]
-) -> list[Float[np.ndarray, "t n 3"]]:
+) -> list[Float[np.ndarray, "_t _n 3"]]:
     """d(t) of every recording, mm MPa, all frames: zero without contact.
 
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
@@ -70,7 +70,7 @@ def displacement_corrections(
     ]
 
 
-def _corrections(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "f n 3"]]:
+def _corrections(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "_f _n 3"]]:
     """d in the frames used; small corrections add up."""
     corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
     for known in effects:

@@ -49,10 +49,10 @@ class Response:
     None for zero.
     """
 
-    unit: Sequence[Float[np.ndarray, "f n 3"]]
-    shift_mm: Sequence[Float[np.ndarray, "f n 3"]] | None = None
-    balance: Sequence[Float[np.ndarray, "f 6"]] | None = None
-    rest: Sequence[Float[np.ndarray, " p"]] | None = None
+    unit: Sequence[Float[np.ndarray, "_f _n 3"]]
+    shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None
+    balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None
+    rest: Sequence[Float[np.ndarray, " _p"]] | None = None
 
 
 class Effect(Protocol):

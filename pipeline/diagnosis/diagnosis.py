@@ -38,7 +38,7 @@ class Diagnosis:
 
     explanation: Explanation
     grasps: tuple[str, ...]
-    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] = field(default_factory=dict)
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
     facts: tuple[tuple[str, str], ...] = ()
 
 

@@ -39,13 +39,13 @@ def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]
     return values
 
 
-def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "t n 3"]]:
+def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "_t _n 3"]]:
     """What these effects add to the response of each recording of `case`; raises FemFailure."""
     return displacement_corrections(case, [known(one) for one in effects])
 
 
 def with_corrections(
-    models: Sequence[GraspModel | FemFailure], beyond: Sequence[Float[np.ndarray, "t n 3"]]
+    models: Sequence[GraspModel | FemFailure], beyond: Sequence[Float[np.ndarray, "_t _n 3"]]
 ) -> list[GraspModel | FemFailure]:
     """The models with `beyond`, one for each grasp that has a model, added to their displacement
     correction.

@@ -42,7 +42,7 @@ class PlacedGrasp:
     digest: str = ""
 
     @property
-    def touched_mm(self) -> dict[str, Float[np.ndarray, "p 3"]]:
+    def touched_mm(self) -> dict[str, Float[np.ndarray, "_p 3"]]:
         """Where on the surface each pad's markers touch."""
         return {
             pad.name: pad.surface_mm[contact.onset >= 0]
@@ -154,7 +154,7 @@ def _refuse_no_pose(recording: Recording, source: str) -> None:
             )
 
 
-def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray, "p 3"]]:
+def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray, "_p 3"]]:
     """Where each pad's markers touch, all grasps together."""
     names = {pad: None for grasp in grasps for pad in grasp.touched_mm}
     return {pad: np.vstack([g.touched_mm[pad] for g in grasps if pad in g.touched_mm]) for pad in names}

@@ -43,7 +43,7 @@ SPIKE = 2.0
 """A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
 1.45 times as long as wide (recon.pit.priors). It chooses the sentence for a mesh of no fruit's size, no
 more."""
-Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 Read = dict[str, list[tuple[FruitRow, Path]]]
 """Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
 

@@ -31,8 +31,8 @@ INLIER_PX = 4.0
 class GroundFeatures:
     """Places in a photo's own pixels (pixel centres whole) and unit descriptors, for each of SINES."""
 
-    places_px: tuple[Float[np.ndarray, "n 2"], ...]
-    descriptors: tuple[Float[np.ndarray, "n 128"], ...]
+    places_px: tuple[Float[np.ndarray, "_n 2"], ...]
+    descriptors: tuple[Float[np.ndarray, "_n 128"], ...]
 
 
 @dataclass(frozen=True)

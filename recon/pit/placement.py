@@ -15,7 +15,7 @@ from recon.silhouettes.hull import ball
 from recon.surface.poisson import distances_mm
 from recon.triangle_mesh import bodies, open_edges, volume_mm3
 
-Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 LEVEL = 3
 """Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius. The check of flesh
 takes three more."""

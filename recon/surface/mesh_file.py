@@ -23,7 +23,7 @@ MOST_ASCII_BYTES = 30_000_000
 """Of numbers written as text, which take thirty times their length while they are read."""
 FARTHEST_MM = 1e6
 """A coordinate beyond a kilometre is of no fruit, and squares of larger ones overflow."""
-Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
+Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 
 
 def read_mesh(path: Path) -> Mesh:

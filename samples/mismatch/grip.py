@@ -63,7 +63,7 @@ class Grip:
     """
 
     patches: tuple[SkinPatch, ...]
-    rest_mm: tuple[Float[np.ndarray, "n 3"], ...]
+    rest_mm: tuple[Float[np.ndarray, "_n 3"], ...]
     bed: Bed
     gel: Gel
     inner: InnerContact | None = None

@@ -77,6 +77,7 @@ def failure_of(columns, **kind):
     return caught.value
 
 
+@pytest.mark.usefixtures("unchecked_shapes")
 def test_refusals_say_what_was_found_and_what_to_do():
     time, force, travel = injected(np.random.default_rng(6))
     back = time.copy()

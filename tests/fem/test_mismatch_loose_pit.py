@@ -182,8 +182,14 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
     forward, gap = pinched(), 0.002
     recording = forward.base.grasps[0]
     rise = [np.linspace(0, 0.5, 10), np.linspace(0.5, 0.52, 60), np.linspace(0.52, 1, 4)]
-    course = [*rise, np.ones(9), np.linspace(1, 0.9, 40), np.linspace(0.9, 0, 4), np.zeros(3)]
-    held = replace(recording, shares=np.concatenate(course)[:, None] * recording.shares[1])
+    load = np.concatenate([*rise, np.ones(9), np.linspace(1, 0.9, 40), np.linspace(0.9, 0, 4), np.zeros(3)])
+    held = replace(
+        recording,
+        shares=load[:, None] * recording.shares[1],
+        force_N=load[:, None, None] * recording.force_N[1],
+        pose=np.repeat(recording.pose[:, 1:2], len(load), axis=1),
+        load=load,
+    )
     found = loose_response(forward, held, gap)
     flesh = loose_flesh(forward, recording)
     free, opening, pushed = flesh.marker_response(recording)

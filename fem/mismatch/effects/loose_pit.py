@@ -123,8 +123,8 @@ class LoosePit:
         return Response(unit=self._fixed_point(forward, parameters[GAP]))
 
     @staticmethod
-    def _fixed_point(forward: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "f n 3"]]:
-        def unit(compliance: float) -> list[Float[np.ndarray, "f n 3"]]:
+    def _fixed_point(forward: ForwardModel, gap_mm: float) -> list[Float[np.ndarray, "_f _n 3"]]:
+        def unit(compliance: float) -> list[Float[np.ndarray, "_f _n 3"]]:
             return forward.each(lambda recording: loose_response(forward, recording, gap_mm / compliance))
 
         compliance = forward.compliance
@@ -168,7 +168,7 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
     """1/E where the markers move so under the forces."""
     normal = right = 0.0
     for recording, own in zip(forward.base.grasps, unit, strict=True):
@@ -178,7 +178,7 @@ def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "f n 3"]]) -
     return max(right / normal, forward.compliance / 10)
 
 
-def _amount(forward: ForwardModel, more: Sequence[Float[np.ndarray, "f n 3"]]) -> float:
+def _amount(forward: ForwardModel, more: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
     """Of this beside the plain response, by least squares."""
     normal, right = np.zeros((2, 2)), np.zeros(2)
     for recording, own in zip(forward.base.grasps, more, strict=True):

@@ -102,7 +102,7 @@ def _at_rest(recording: GraspResponse, pad: str) -> Float[np.ndarray, " p"]:
 
 def _of_pad(
     forward: ForwardModel, pad: str
-) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
     """Response (mm MPa) and imbalance (N) per N/s of drift; zero where the pad takes no part."""
     found = []
     for recording in forward.base.grasps:

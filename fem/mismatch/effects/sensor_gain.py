@@ -121,7 +121,7 @@ def _stiffer(forward: ForwardModel, pad: str) -> float | None:
 
 def _of_pad(
     forward: ForwardModel, pad: str
-) -> list[tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f 6"]]]:
+) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
     found = []
     for recording in forward.base.grasps:

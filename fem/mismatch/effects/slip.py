@@ -121,7 +121,7 @@ def _ratios(forward: ForwardModel) -> ShearRatios:
     return forward.memoised("shear ratios", lambda: shear_ratios(forward))
 
 
-def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "f n 3"]]:
+def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """Displacement of every recording's markers with Coulomb friction `mu` on the pads."""
     stiffness = {name: spring_ratio(forward, name) for name in pads_of(forward)}
     return [

@@ -150,7 +150,7 @@ def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm:
     return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
 
 
-def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "f n 3"]]:
+def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
     tracks = [recording.tracks for recording in forward.base.grasps]
     return [own.position_mm - own.place_mm - forward.compliance * own.unit_displacement for own in tracks]

@@ -113,7 +113,7 @@ class Viscoelastic:
         )
 
 
-def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "f n 3"]]:
+def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """h: nothing at once, in time all of c."""
     found = []
     for recording in forward.base.grasps:

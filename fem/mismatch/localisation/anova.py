@@ -34,7 +34,7 @@ class Cells:
 
     ln_modulus: Float[np.ndarray, " n"]
     sd: Float[np.ndarray, " n"]
-    factors: dict[str, Float[np.ndarray, "n c"]]
+    factors: dict[str, Float[np.ndarray, "n _c"]]
     neighbour: Bool[np.ndarray, " n"]
 
 

@@ -54,7 +54,7 @@ class ExcessVariance:
         )
 
 
-def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> Located:
+def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Located:
     """`residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it."""
     excess = excess_of(forward, residual)
     numbers = forward.adjoint_basis.observed(residual)
@@ -66,7 +66,7 @@ def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]
     )
 
 
-def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "f n 3"]]) -> ExcessVariance:
+def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> ExcessVariance:
     """The sums that where, when and component are read from."""
     grasps = forward.base.grasps
     names = pads_of(forward)

@@ -86,7 +86,7 @@ class AdjointBasis:
             plain=plain / np.linalg.norm(plain),
         )
 
-    def observed(self, fields: Sequence[Float[np.ndarray, "f n 3"]]) -> Float[np.ndarray, " k"]:
+    def observed(self, fields: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Float[np.ndarray, " k"]:
         """The projections of one field per recording, the change of E removed."""
         together = [basis.observed(field) for basis, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))

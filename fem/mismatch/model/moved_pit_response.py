@@ -17,7 +17,7 @@ SPREAD = np.array([1.0, 1.0, 1.0, 0.15])
 
 def pit_responses(
     forward: ForwardModel, key: str, pit: Float[np.ndarray, "4"]
-) -> list[Float[np.ndarray, "f n 3"]]:
+) -> list[Float[np.ndarray, "_f _n 3"]]:
     """c(t) of every recording, the pit moved by x, y, z (mm) and scaled by exp of the fourth.
 
     Raises FemFailure where the pit would leave the flesh.

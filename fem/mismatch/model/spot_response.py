@@ -15,11 +15,11 @@ unchanged.
 """
 
 
-def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, "f n 3"] | None]:
+def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, "_f _n 3"] | None]:
     """K0^-1 K1 U at each recording's markers, for E = 1 MPa; None where nothing bears on the ball."""
     chosen = [_bearing(recording, inside) for recording in base.grasps]
     moved = _given_way(base, inside, _of_chosen(base, chosen))
-    found: list[Float[np.ndarray, "f n 3"] | None] = []
+    found: list[Float[np.ndarray, "_f _n 3"] | None] = []
     for recording, own, field in zip(base.grasps, chosen, moved, strict=True):
         if not own.any():
             found.append(None)
@@ -31,7 +31,7 @@ def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, 
 
 def softened(
     base: Baseline, inside: csr_array, ratios: Sequence[float]
-) -> list[list[Float[np.ndarray, "f n 3"]]]:
+) -> list[list[Float[np.ndarray, "_f _n 3"]]]:
     """Each recording's markers, for E = 1 MPa outside the ball and each of these ratios of it inside."""
     chosen = [_bearing(recording, inside) for recording in base.grasps]
     plain = _of_chosen(base, chosen)
@@ -51,7 +51,7 @@ def _of_recording(
     inside: csr_array,
     ratios: Sequence[float],
     chosen: Bool[np.ndarray, " r"],
-    fields: Sequence[Float[np.ndarray, "c n 3"]],
+    fields: Sequence[Float[np.ndarray, "c m 3"]],
 ) -> list[Float[np.ndarray, "f n 3"]]:
     """`fields`: U of the chosen patterns, K0^-1 K1 U, and that once more."""
     reduced = Softened.of(inside, *fields, work=_work(base, recording)[np.ix_(chosen, chosen)])

@@ -55,7 +55,7 @@ class PathState:
             found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
         return found
 
-    def at_markers(self, field: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
+    def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
         """Of every recording, in all frames used."""
         found = []
         for recording, own, a, b in zip(
@@ -117,7 +117,7 @@ def path_response(
     *,
     name: str,
     place: Float[np.ndarray, " p"],
-) -> list[Float[np.ndarray, "f n 3"]]:
+) -> list[Float[np.ndarray, "_f _n 3"]]:
     """The markers' displacement for E = 1 MPa of flesh whose law depends on its history, of every recording.
 
     The search starts from its own runs with the law of this `name`; `place`: the law's among them. Raises
@@ -129,7 +129,7 @@ def path_response(
     return whole_response(state, more)
 
 
-def whole_response(state: PathState, more: Float[np.ndarray, "f n 3"]) -> list[Float[np.ndarray, "f n 3"]]:
+def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
     """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
     return [
         recording.tracks.unit_displacement + own
