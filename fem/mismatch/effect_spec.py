@@ -224,7 +224,7 @@ class EffectWords:
 
 @dataclass(frozen=True, kw_only=True)
 class DiscrepancyPrior:
-    """Mean and standard deviation of the amount of an effect's signature that sound recordings seem to have
+    """Mean and standard deviation of the amount of an effect's signature that null cases seem to have
     by the model's own error, of each pad's where it has one (fem.mismatch.evidence.discrepancy_prior).
 
     `per_compliance`: the amount grows as the flesh gives way, times 1/E and ForwardModel.compliance_ratio.
@@ -251,7 +251,7 @@ class EffectSpec:
     what of a grasp it belongs to. `correction`: what grading puts right for it; None where it changes how
     flesh or contact answers a force. `of_the_pit`: there is none of it without a pit. `separated_by`: the
     recording that separates it from another effect; each pair stands in one of the two specs. `modes`: ways
-    to show whose gain on sound recordings is their own, not that of its other ways. `always_refitted`:
+    to show whose gain on null cases is their own, not that of its other ways. `always_refitted`:
     however little the linear round makes of it. `holds_large_deformation`: its law counts from small strain
     on, and holds the flesh's large deformation too.
     """
@@ -287,7 +287,7 @@ class EffectSpec:
 
     @property
     def kinds(self) -> tuple[str, ...]:
-        """Under which names its gains on sound recordings are known (null_reference): itself, its modes."""
+        """Under which names its gains on null cases are known (null_reference): itself, its modes."""
         return (self.name, *(f"{self.name} {mode}" for mode in self.modes))
 
     def kind(self, variant: Variant) -> str:

@@ -59,7 +59,7 @@ class AtPlace:
 
 @dataclass(frozen=True, kw_only=True)
 class InMode:
-    """A way of its own, one of EffectSpec.modes; what it gains on sound recordings is its own too."""
+    """A way of its own, one of EffectSpec.modes; what it gains on null cases is its own too."""
 
     mode: str
 

@@ -1,9 +1,9 @@
 """Thresholds by which the finder decides, each with its unit, its reason and the command that measured it.
 
 In the order in which they are asked: is there a mismatch, what is refitted, which explanation stands, where
-it sits. Gains are ln evidence over that of the plain model, beyond what sound recordings gain
+it sits. Gains are ln evidence over that of the plain model, beyond what null cases gain
 (fem.mismatch.selection.null_reference); "times the compliance ratio": of the flesh to the gel
-(fem.mismatch.model.forward_model), as soft flesh gains more on sound recordings too.
+(fem.mismatch.model.forward_model), as soft flesh gains more on null cases too.
 
 Null cases are those of `python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL`, cases with an injected
 effect those of `python benchmarks/mismatch.py FOLDER...`, both on folders of
@@ -45,21 +45,21 @@ EQUAL_PROBABILITY = 1 / 20
 """Explanations whose probability is at least this share of the best one's cannot be told apart: the level of
 DETECTION_P again."""
 PAIR_GAIN, PAIR_LEFT = 15.0, 0.5
-"""ln evidence that a pair must add to the best single's, at least what some effect adds to sound recordings;
-and the share of the excess chi-square left by that one which a pair may leave beyond what sound recordings
+"""ln evidence that a pair must add to the best single's, at least what some effect adds to null cases;
+and the share of the excess chi-square left by that one which a pair may leave beyond what null cases
 leave at most: what smooths over half a fault is no second effect. Beside single effects by another solver a
 second one that is not there adds 13 at most in firm flesh (`benchmarks/mismatch.py`)."""
 PAIR_PLAIN_GAIN = 25.0
-"""ln evidence, times the compliance ratio, that it must add where the single leaves no more than sound
-recordings do: beside such single effects one that is not there adds 20 at most (`benchmarks/mismatch.py`)."""
+"""ln evidence, times the compliance ratio, that it must add where the single leaves no more than null
+cases do: beside such single effects one that is not there adds 20 at most (`benchmarks/mismatch.py`)."""
 PAIR_SHARE = 0.01
 """Share of the single's gain that it must add where that one's law bends: such a law is never right to the
 last percent, and its neighbours stand for what is left. Beside a hard plastic set that gains 50,000 a damage
 that is not there adds 80, and 15 % to E; a gain that is there adds 5 % to another's
 (`benchmarks/mismatch.py`)."""
 UNKNOWN_LEFT, UNKNOWN_EXCESS = 0.6, 0.3
-"""Share of the excess chi-square that the best explanation may leave, and the excess as a share of what sound
-recordings leave; where it leaves more of both, it is none of the catalogue. Set by hand on cases whose effect
+"""Share of the excess chi-square that the best explanation may leave, and the excess as a share of what null
+cases leave; where it leaves more of both, it is none of the catalogue. Set by hand on cases whose effect
 the catalogue lacks (`benchmarks/mismatch_bank.py FOLDER outside`)."""
 MOST_NULLS = 0.95
 """Share of the null cases that stands for all but a few of them: what the best effect gains, and what the

@@ -54,7 +54,7 @@ def test_what_is_wrong_with_the_jaws_is_put_right_in_the_recordings_and_nothing_
     assert all((spec.enters is Entry.RECORDING) == spec.of_the_jaws for spec in SPECS.values())
 
 
-def test_gains_on_sound_recordings_are_known_under_names_that_the_effects_have():
+def test_gains_on_null_cases_are_known_under_names_that_the_effects_have():
     kinds = {kind for spec in SPECS.values() for kind in spec.kinds}
     assert null_reference().quantiles.keys() <= kinds
 

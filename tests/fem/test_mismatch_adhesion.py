@@ -72,8 +72,8 @@ def chosen(forward: ForwardModel) -> ModelSelection:
     assert len(effects) == 2
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     linear = screened(forward, recorded, effects)
-    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    return select_model(forward, linear, detected=True, null_case=sound)
+    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
+    return select_model(forward, linear, detected=True, null_case=null_case)
 
 
 def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
@@ -102,7 +102,7 @@ def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
         drawn_out(lambda phase: phase != "air"),
         drifting(-0.3),
     ],
-    ids=["sound", "a gel that bulges beside the contact", "a force that drifts to a pull"],
+    ids=["null case", "a gel that bulges beside the contact", "a force that drifts to a pull"],
 )
 def test_what_only_looks_like_a_pull_has_no_signature(altered):
     assert adhesion.EFFECT.signatures(forward_of(altered)) == []

@@ -33,7 +33,7 @@ def bank():
     return drawn(np.random.default_rng(0), 20)
 
 
-def test_p_values_of_sound_recordings_of_fresh_fruits_are_even():
+def test_p_values_of_null_cases_of_fresh_fruits_are_even():
     """Recordings of one fruit are alike: as many independent ones would make every other fruit a mismatch."""
     rng = np.random.default_rng(1)
     p = np.array([p_of(drawn(rng, 1, 1)[0], drawn(rng, 17)) for _ in range(600)])
@@ -69,7 +69,7 @@ def test_statistics_far_beyond_the_bank_have_p_values_that_go_on_falling(bank):
     assert p[-1] < 1e-6
 
 
-def test_a_middling_recording_is_sound_and_each_statistic_says_its_own(bank):
+def test_a_middling_recording_is_a_null_case_and_each_statistic_says_its_own(bank):
     middle = np.median(bank, axis=0)
     whose = np.repeat(np.arange(20), 6)
     p, own = detection.p_values_against(dict(zip(STATISTICS, middle.tolist(), strict=True)), bank, whose)

@@ -155,7 +155,7 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(injecte
     assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
 
 
-def test_what_a_fit_leaves_of_sound_recordings_is_near_their_noise(injected):
+def test_what_a_fit_leaves_of_null_cases_is_near_their_noise(injected):
     forward, recorded = injected
     known = common_nuisances(forward)
     products = GramMatrix(forward, recorded, known)

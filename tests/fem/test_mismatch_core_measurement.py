@@ -188,7 +188,7 @@ def beyond_motions(
 
 
 @pytest.fixture(scope="module")
-def sound() -> ForwardModel:
+def unaltered() -> ForwardModel:
     return plain_forward_model(injected_case(noise=0.0))[0]
 
 
@@ -200,13 +200,13 @@ def sound() -> ForwardModel:
     ],
 )
 def test_each_model_with_the_true_parameters_takes_a_recording_back_to_what_happened(
-    sound, effect, altered, parameters, variant
+    unaltered, effect, altered, parameters, variant
 ):
     """The gel's displacement drives the model, so its forces are those of springs with each pad's gain."""
     forward, _ = plain_forward_model(only_grasp(injected_case(altered, noise=0.0), 0))
     names = [spec.name for spec in effect.spec.searched]
     response = effect.respond(forward, dict(zip(names, parameters, strict=True)), variant)
-    true, recording = sound.base.grasps[0], forward.base.grasps[0]
+    true, recording = unaltered.base.grasps[0], forward.base.grasps[0]
     shift = 0.0 if response.shift_mm is None else response.shift_mm[0]
     np.testing.assert_allclose(recording.tracks.position_mm - shift, true.tracks.position_mm, atol=2e-3)
     off = response.unit[0] - true.tracks.unit_displacement
@@ -225,8 +225,8 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         [pose_error.EFFECT],
     )
     assert linear.best[0].signature.variant == OfPad(pad="right")
-    sound = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
-    best = select_model(forward, linear, detected=True, null_case=sound).ranking[0].refit
+    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
+    best = select_model(forward, linear, detected=True, null_case=null_case).ranking[0].refit
     assert best is not None
     assert best.variants == (OfPad(pad="left"),)
     assert [best.parameters[0][name] for name in NAMES] == pytest.approx([0.5, 2.0, 2.2], abs=0.5)
@@ -268,7 +268,7 @@ def test_a_misplaced_pad_rides_by_the_slope_of_its_model():
         assert np.abs(over_time).max() > 0.01
 
 
-def test_the_weight_of_a_sound_fruit_starts_no_search_for_a_tilt():
+def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
     def weighs(pad: Recording) -> Recording:
         share = 0.13 / len(FLAT) * (np.linalg.norm(pad.force_N, axis=2) > 0).any(axis=1)
         return replace(pad, force_N=pad.force_N + share[:, None, None] * np.array([1.0, 0.0, 0.0]))
@@ -290,16 +290,16 @@ def test_the_weight_of_a_sound_fruit_starts_no_search_for_a_tilt():
         (pose_error.EFFECT, OfPad(pad="left"), (0.0, 0.0, 0.0), (0.15, 0.15, 0.15), 0.03),
     ],
 )
-def test_each_signature_is_the_slope_of_its_own_model(sound, effect, variant, null, steps, tolerance):
-    signature = next(one for one in effect.signatures(sound) if one.variant == variant)
+def test_each_signature_is_the_slope_of_its_own_model(unaltered, effect, variant, null, steps, tolerance):
+    signature = next(one for one in effect.signatures(unaltered) if one.variant == variant)
     names = [spec.name for spec in effect.spec.searched]
     for k, step in enumerate(steps):
         values = np.array(null)
-        here = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
+        here = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
         values[k] += step
-        ahead = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
+        ahead = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
         for number, field in enumerate(signature.columns[k].fields):
-            slope = sound.compliance * (ahead.unit[number] - here.unit[number])
+            slope = unaltered.compliance * (ahead.unit[number] - here.unit[number])
             if ahead.shift_mm is not None:
                 slope = slope + ahead.shift_mm[number] - here.shift_mm[number]
             assert np.linalg.norm(slope / step - field.markers) <= tolerance * np.linalg.norm(field.markers)
@@ -309,7 +309,7 @@ def test_each_signature_is_the_slope_of_its_own_model(sound, effect, variant, nu
                 assert off <= tolerance * np.linalg.norm(field.balance)
 
 
-def test_no_amount_of_any_of_them_changes_nothing(sound):
+def test_no_amount_of_any_of_them_changes_nothing(unaltered):
     for effect, variant, values in [
         (sensor_gain.EFFECT, OfPad(pad="left"), (1.0,)),
         (sensor_drift.EFFECT, OfPad(pad="left"), (0.0,)),
@@ -317,8 +317,8 @@ def test_no_amount_of_any_of_them_changes_nothing(sound):
         (clock_lag.EFFECT, ONE_WAY, (0.0,)),
     ]:
         names = [spec.name for spec in effect.spec.searched]
-        response = effect.respond(sound, dict(zip(names, values, strict=True)), variant)
-        for number, recording in enumerate(sound.base.grasps):
+        response = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
+        for number, recording in enumerate(unaltered.base.grasps):
             np.testing.assert_allclose(response.unit[number], recording.tracks.unit_displacement, atol=1e-12)
             if response.shift_mm is not None:
                 np.testing.assert_allclose(response.shift_mm[number], 0, atol=1e-12)

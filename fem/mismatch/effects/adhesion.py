@@ -36,7 +36,7 @@ PULLS = 6.0
 numbers a recording. In 16 labelled cases without it, four recordings each, no marker had one after its touch;
 with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
 LEAST_EVIDENCE = 20.0
-"""ln evidence: 29 pulling markers, where none does before its touch. A sound case has none."""
+"""ln evidence: 29 pulling markers, where none does before its touch. A null case has none."""
 FEWEST_APART = 4
 """Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
 fewer a pull cannot be told from a drift, and none is seen."""

@@ -39,7 +39,7 @@ MOST_FRAMES = 30
 PEAK = 0.3
 """Peaks of the load above such a share of the greatest are solved for."""
 LEAST_AMOUNT = 0.25
-"""Sound fruit of the bank ask for 0.1 of it at most, loose pits of the samples for 0.37 to 0.84."""
+"""Null cases ask for 0.1 of it at most, loose pits of the samples for 0.37 to 0.84."""
 MOST_ROUNDS, STILL = 12, 1e-3
 """A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it, until it changes
 by a smaller share than STILL (a tenth of what E is known to)."""
