@@ -253,7 +253,8 @@ class EffectSpec:
     recording that separates it from another effect; each pair stands in one of the two specs. `modes`: ways
     to show whose gain on null cases is their own, not that of its other ways. `always_refitted`:
     however little the linear round makes of it. `holds_large_deformation`: its law counts from small strain
-    on, and holds the flesh's large deformation too.
+    on, and holds the flesh's large deformation too. `in_recorded_forces`: the forces as recorded hold it, so
+    that its response is the plain model's and E is right without it; confirmed, it would change nothing.
     """
 
     name: str
@@ -269,6 +270,7 @@ class EffectSpec:
     modes: tuple[str, ...] = ()
     always_refitted: bool = False
     holds_large_deformation: bool = False
+    in_recorded_forces: bool = False
 
     @property
     def searched(self) -> tuple[ParameterSpec, ...]:

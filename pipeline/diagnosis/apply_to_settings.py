@@ -51,7 +51,8 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
         f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
         for one in effects
     )
-    return f"Applied: {path} now holds {applied_effects}; run `drupe grade` again to use it."
+    rest = "".join(f" {_needs_no_entry(name)}" for name in winner.effect.split("+") if _in_forces(name))
+    return f"Applied: {path} now holds {applied_effects}; run `drupe grade` again to use it.{rest}"
 
 
 def why_not(found: Explanation) -> str:
@@ -63,6 +64,8 @@ def why_not(found: Explanation) -> str:
     if not isinstance(found.verdict, str):
         names = ", ".join(found.verdict)
         return f"{names} cannot be told apart yet; record what the answer proposes, and explain again."
+    if all(map(_in_forces, found.verdict.split("+"))):
+        return _needs_no_entry(found.verdict)
     if found.heldout is None:
         return "there is no second recording to confirm the effect by; record another grasp."
     if not found.heldout.rms_after < found.heldout.rms_before:
@@ -79,11 +82,15 @@ def why_not(found: Explanation) -> str:
 def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEffect, ...]:
     """The winner as entries of the settings, a pair as two; raises ValidationError where a parameter lacks.
 
+    What the recorded forces hold (EffectSpec.in_recorded_forces) has none.
+
     Numbers are rounded to six digits, so that the file holds what is used. In a pair a parameter may be
     named "effect.parameter".
     """
     entries = []
     for effect in winner.effect.split("+"):
+        if _in_forces(effect):
+            continue
         values: dict[str, Value] = {}
         spread: dict[str, float | tuple[float, ...]] = {}
         for name, parameter in _own(winner, effect).items():
@@ -121,6 +128,14 @@ def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
 
 def _of_one_fruit(effect: str) -> bool:
     return effect in SPECS and SPECS[effect].scope is Scope.FRUIT
+
+
+def _in_forces(effect: str) -> bool:
+    return effect in SPECS and SPECS[effect].in_recorded_forces
+
+
+def _needs_no_entry(effect: str) -> str:
+    return f"{effect} needs no entry: the recorded forces hold it, so E is right without one."
 
 
 def _rounded(value: Value) -> Value:

@@ -24,6 +24,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import plain_forward_model
 from fem.mismatch.selection.model_selection import ModelSelection, NullCase, select_model
 from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY
 
 REACH_MM = 0.15
 CURVATURE_MM = 30.0
@@ -115,3 +116,16 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
     assert [one.gain for one in with_it.linear_fits] == [one.gain for one in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
+
+
+def test_the_response_of_what_the_recorded_forces_hold_is_the_plain_models():
+    forward, _ = plain_forward_model(injected_case(drawn_out(lambda phase: phase == "unload")))
+    held = [effect for effect in EFFECTS if effect.spec.in_recorded_forces]
+    assert adhesion.EFFECT in held
+    for effect in held:
+        values = {spec.name: spec.high for spec in effect.spec.searched}
+        response = effect.respond(forward, values, ONE_WAY)
+        assert response.balance is None
+        assert response.shift_mm is None
+        for recording, unit in zip(forward.base.grasps, response.unit, strict=True):
+            np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)

@@ -107,6 +107,18 @@ def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
     assert "within the sensors' noise" in why_not(fake_explanation(heldout=quiet))
 
 
+def test_what_the_recorded_forces_hold_is_not_written_and_the_user_is_told_why():
+    adhesion = candidate("adhesion", 0.99, reach_mm=0.13)
+    found = fake_explanation(verdict="adhesion", ranking=(adhesion,))
+    assert why_not(found) == (
+        "adhesion needs no entry: the recorded forces hold it, so E is right without one."
+    )
+    pair = candidate("adhesion+sensor_gain", 0.9, reach_mm=0.13, pad="left", gain=1.1)
+    assert why_not(fake_explanation(verdict="adhesion+sensor_gain", ranking=(pair,))) == ""
+    (entry,) = effects_in(with_effects(TEXT, confirmed_effects(pair, fruit_id="N01"), note="x"))
+    assert entry["effect"] == "sensor_gain"
+
+
 def settings(tmp_path, extra):
     path = tmp_path / "batch.toml"
     path.write_text(TEXT + extra)

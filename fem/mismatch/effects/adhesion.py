@@ -65,6 +65,7 @@ SPEC = EffectSpec(
         ),
     ),
     separated_by=(("slip", NextGrasp.DRY),),
+    in_recorded_forces=True,
 )
 """Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
 
