@@ -28,7 +28,7 @@ SHIFT_MM = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class CalculixCase:
     """One forward solution: what is pressed, how far each patch goes at level 1, how finely it is solved."""
 
     specimen: Specimen
@@ -68,7 +68,7 @@ def grasp(
     return Specimen(**CUBOID, core=core, mirrors=mirrors, patches=tuple(patches)), tuple(moves)
 
 
-def cases() -> dict[str, Case]:
+def cases() -> dict[str, CalculixCase]:
     """Every forward solution, by name."""
     fine = {"mesher": "bricks", "growth": 0.55, "largest_mm": 2.5}
     finest = {"mesher": "bricks", "growth": 0.4, "largest_mm": 2.5}
@@ -79,11 +79,11 @@ def cases() -> dict[str, Case]:
     deep = {"mesher": "tetrahedra", "rim_mm": 0.05, "growth": 0.2, "largest_mm": 1.6}
     shallow = {"mesher": "tetrahedra", "rim_mm": 0.2, "growth": 0.3, "largest_mm": 2.5}
     cube, ball = Core(shape="cube", size_mm=12.0), Core(shape="ball", size_mm=10.0)
-    found: dict[str, Case] = {}
+    found: dict[str, CalculixCase] = {}
 
     def add(name: str, setting: tuple, **how: object) -> None:
         specimen, moves = setting
-        found[name] = Case(specimen=specimen, moves_mm=moves, **how)
+        found[name] = CalculixCase(specimen=specimen, moves_mm=moves, **how)
 
     for edge in (1.0, 3.0, 5.0, 10.0, 15.0):
         how = {"rim_mm": 0.05, **finest} if edge == 10.0 else {"rim_mm": edge / 100, **fine}
@@ -109,7 +109,7 @@ def cases() -> dict[str, Case]:
     return found
 
 
-def meshed(case: Case, *, coarser: float = 1.0) -> Mesh:
+def meshed(case: CalculixCase, *, coarser: float = 1.0) -> Mesh:
     """The case's mesh, or a coarser one."""
     mesher = {"bricks": bricks, "tetrahedra": tetrahedra}[case.mesher]
     return mesher(
@@ -135,7 +135,7 @@ def on_corners(mesh: Mesh, nodes: np.ndarray, force_N: np.ndarray) -> np.ndarray
     return moved
 
 
-def run(name: str, case: Case, scratch: Path) -> dict[str, object]:
+def run(name: str, case: CalculixCase, scratch: Path) -> dict[str, object]:
     """Solve, keep, and say how well."""
     pads = case.specimen.patches
     moves, work, dofs, kept = np.array(case.moves_mm), [], [], None

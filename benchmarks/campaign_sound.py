@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from recon.cameras.mat import mat_mapping, standard_mat
+from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball

@@ -48,7 +48,7 @@ NU = (0.45, 0.49)
 
 
 @dataclass(frozen=True)
-class Case:
+class MeshCase:
     """A specimen, where it is loaded (N at points), and what holds it."""
 
     skin: Surface
@@ -59,7 +59,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Row:
+class ConvergenceRow:
     """One line of the table; shares in percent."""
 
     case: str
@@ -77,16 +77,16 @@ class Row:
     peer: float
 
 
-def press(width_mm: float, core: Surface) -> Case:
+def press(width_mm: float, core: Surface) -> MeshCase:
     """Even pressure on a square of a 30 mm cube's top, its base held."""
     axis = ((np.arange(40) + 0.5) / 40 - 0.5) * width_mm
     u, v = (a.ravel() for a in np.meshgrid(axis, axis))
     at = np.column_stack([u, v, np.full(len(u), 15.0)])
     force = np.tile([0.0, 0.0, -1 / len(at)], (len(at), 1))
-    return Case(box((30, 30, 30)), core, at, force, "base")
+    return MeshCase(box((30, 30, 30)), core, at, force, "base")
 
 
-def grasp(skin: Surface, core: Surface, radius_mm: float = 4.0) -> Case:
+def grasp(skin: Surface, core: Surface, radius_mm: float = 4.0) -> MeshCase:
     """Two pads along x, pressure like Hertz's on a disc under each."""
     axis = 2 * (np.arange(40) + 0.5) / 40 - 1
     y, z = (a.ravel() for a in np.meshgrid(axis, axis))
@@ -101,13 +101,13 @@ def grasp(skin: Surface, core: Surface, radius_mm: float = 4.0) -> Case:
             at[:, 0] = closest_on_triangles(at, *skin).point_mm[:, 0]
         places.append(at)
         forces.append(np.outer(weight / weight.sum(), [-side, 0.0, 0.0]))
-    return Case(skin, core, np.vstack(places), np.vstack(forces), "free")
+    return MeshCase(skin, core, np.vstack(places), np.vstack(forces), "free")
 
 
-def cases(folder: Path | None) -> dict[str, Callable[[], Case]]:
+def cases(folder: Path | None) -> dict[str, Callable[[], MeshCase]]:
     """All cases by name."""
     cube = box((12, 12, 12))
-    found: dict[str, Callable[[], Case]] = {
+    found: dict[str, Callable[[], MeshCase]] = {
         f"press {a * a} mm2, cube": lambda a=a: press(a, cube) for a in (1, 3, 5, 10, 15)
     }
     found |= {
@@ -123,12 +123,12 @@ def cases(folder: Path | None) -> dict[str, Callable[[], Case]]:
     return found
 
 
-def load_on(mesh: FleshMesh, case: Case) -> np.ndarray:
+def load_on(mesh: FleshMesh, case: MeshCase) -> np.ndarray:
     """The case's forces on this mesh's nodes."""
     return locate(mesh, case.at_mm).point_load(case.force_N[None])
 
 
-def solved(mesh: FleshMesh, case: Case, nu: float, parts: Stiffness) -> tuple[float, float, np.ndarray]:
+def solved(mesh: FleshMesh, case: MeshCase, nu: float, parts: Stiffness) -> tuple[float, float, np.ndarray]:
     """Energy, the share of it that the mesh is said to withhold, and each element's part of that."""
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=nu, support=case.support, parts=parts)
     load = load_on(mesh, case)
@@ -137,7 +137,7 @@ def solved(mesh: FleshMesh, case: Case, nu: float, parts: Stiffness) -> tuple[fl
     return float((load * moved).sum()), float(error.energy_share[0]), error.per_element[0]
 
 
-def t4_energy(mesh: FleshMesh, case: Case, nu: float) -> float:
+def t4_energy(mesh: FleshMesh, case: MeshCase, nu: float) -> float:
     """The same energy with linear tetrahedra on the corners alone."""
     corner, tets = np.unique(mesh.tets[:, :4], return_inverse=True)
     nodes, tets = mesh.nodes_mm[corner], tets.reshape(-1, 4)
@@ -172,7 +172,7 @@ def t4_energy(mesh: FleshMesh, case: Case, nu: float) -> float:
     return float(right @ factorise(reduced(matrix, motions)).solve(right[:, None])[:, 0])
 
 
-def adapted(mesh: FleshMesh, case: Case, *, dofs: int) -> tuple[np.ndarray, int]:
+def adapted(mesh: FleshMesh, case: MeshCase, *, dofs: int) -> tuple[np.ndarray, int]:
     """Energy and estimate for both nu on meshes cut again and again where elements hold the error."""
     found = []
     while True:
@@ -192,7 +192,7 @@ def adapted(mesh: FleshMesh, case: Case, *, dofs: int) -> tuple[np.ndarray, int]
             return np.array(found), size
 
 
-def rows(name: str, case: Case, *, dofs: int) -> Iterator[Row]:
+def rows(name: str, case: MeshCase, *, dofs: int) -> Iterator[ConvergenceRow]:
     """Both Poisson's ratios."""
     mesh = tetrahedralise(*case.skin, *case.core, edge_mm=Sizes().edge_mm, refine_at_mm=case.at_mm)
     found, fine_dofs = adapted(mesh, case, dofs=dofs)
@@ -200,7 +200,7 @@ def rows(name: str, case: Case, *, dofs: int) -> Iterator[Row]:
         energy, share = found[:, k].T
         # W + k W s = W_converged: two unknowns, a line through the meshes
         limit = float(np.polyfit(energy * share, energy, 1)[1])
-        yield Row(
+        yield ConvergenceRow(
             name,
             nu,
             3 * len(mesh.nodes_mm),
@@ -227,7 +227,7 @@ def main() -> None:
     args = parser.parse_args()
     table = []
     locked: dict[float, list[float]] = {nu: [] for nu in NU}
-    names = [field.name for field in fields(Row)]
+    names = [field.name for field in fields(ConvergenceRow)]
     print("  ".join(names))
     for name, build in cases(args.cases).items():
         if args.only and name not in args.only:

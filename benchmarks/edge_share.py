@@ -20,9 +20,9 @@ import numpy as np
 from recon_score import read_truth
 
 from recon.cameras.camera import Camera, straightened
-from recon.cameras.mat import parse_mat
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import read_photos
+from recon.cameras.printed_mat import parse_mat
 from recon.checks.photo_check import checked_photos
 from recon.silhouettes.hull import sampled
 from recon.silhouettes.mask import window_around

@@ -27,7 +27,7 @@ WIDTHS = (24, 48, 80, 112)
 BATCH = 32
 
 
-class Block(nn.Module):
+class ConvBlock(nn.Module):
     """Two 3 x 3 convolutions with a way round them."""
 
     def __init__(self, width: int) -> None:
@@ -48,20 +48,20 @@ def convolved(inside: int, out: int, *, stride: int = 1, active: bool = True) ->
     return nn.Sequential(*layers, *([nn.ReLU()] if active else []))
 
 
-class FruitModel(nn.Module):
+class UNet(nn.Module):
     """A U-Net: (n, 3, 192, 192) RGB in [0, 1] to the log odds (n, 1, 96, 96) of fruit."""
 
     def __init__(self) -> None:
         super().__init__()
         a, b, c, d = WIDTHS
         self.stem = convolved(3, a, stride=2)
-        self.one = Block(a)
+        self.one = ConvBlock(a)
         self.down_two = convolved(a, b, stride=2)
-        self.two = Block(b)
+        self.two = ConvBlock(b)
         self.down_three = convolved(b, c, stride=2)
-        self.three = nn.Sequential(Block(c), Block(c))
+        self.three = nn.Sequential(ConvBlock(c), ConvBlock(c))
         self.down_four = convolved(c, d, stride=2)
-        self.four = nn.Sequential(Block(d), Block(d))
+        self.four = nn.Sequential(ConvBlock(d), ConvBlock(d))
         self.up_three = convolved(c + d, c)
         self.up_two = convolved(b + c, b)
         self.up_one = convolved(a + b, a)
@@ -240,7 +240,7 @@ def main() -> None:
     work = np.flatnonzero(~np.array(kept))
     held = np.flatnonzero(kept)
     print(f"{len(work)} pictures to train on, {len(held)} kept back", flush=True)
-    model = FruitModel().to(memory_format=torch.channels_last)
+    model = UNet().to(memory_format=torch.channels_last)
     mean = torch.optim.swa_utils.AveragedModel(
         model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.995), use_buffers=True
     )

@@ -51,7 +51,7 @@ SQUARE_PUNCH = 1.012
 
 
 @dataclass(frozen=True, kw_only=True)
-class Row:
+class PaperRow:
     """One line of the table; percent throughout, None where there is nothing to say."""
 
     experiment: str
@@ -67,7 +67,7 @@ class Row:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Found:
+class FittedModulus:
     """Relative errors of E by least squares and by energy, with what they cost."""
 
     error: float
@@ -135,7 +135,7 @@ def found(
     finite: bool = False,
     cells: int = CELLS,
     size: tuple[float, float, int] = FINE,
-) -> Found:
+) -> FittedModulus:
     """E from one forward solution; the estimator's core shifted against the true one, or left out."""
     start = time.process_time()
     data = forward(name)
@@ -144,7 +144,7 @@ def found(
     solid = _solid(mesh, data.base_fixed, history)
     estimate = _modulus(history, solid, finite=finite)
     energy = estimate.energy.E_MPa if estimate.energy else np.nan
-    return Found(
+    return FittedModulus(
         error=estimate.E_MPa / E_MPA - 1,
         energy=energy / E_MPA - 1,
         dofs=mesh.nodes_mm.size,
@@ -152,9 +152,11 @@ def found(
     )
 
 
-def _row(experiment: str, case: str, paper: str, target: float | None, name: str, got: Found) -> Row:
+def _row(
+    experiment: str, case: str, paper: str, target: float | None, name: str, got: FittedModulus
+) -> PaperRow:
     keeps = "" if target is None else "ok" if 100 * abs(got.error) <= target else "miss"
-    return Row(
+    return PaperRow(
         experiment=experiment,
         case=case,
         paper=paper,
@@ -168,14 +170,14 @@ def _row(experiment: str, case: str, paper: str, target: float | None, name: str
     )
 
 
-def _against(one: Found, other: Found) -> Found:
+def _against(one: FittedModulus, other: FittedModulus) -> FittedModulus:
     """The change from the other to the one."""
     return replace(
         one, error=(1 + one.error) / (1 + other.error) - 1, energy=(1 + one.energy) / (1 + other.energy) - 1
     )
 
 
-def material() -> Iterator[Row]:
+def material() -> Iterator[PaperRow]:
     """Fig. 3c: the same linear estimator on linear and on Neo-Hookean truth, by depth of the press."""
     for kind in ("press", "grasp"):
         linear = found(f"{kind}-linear")
@@ -188,13 +190,13 @@ def material() -> Iterator[Row]:
         try:
             got = found(f"{kind}-neo-hookean", finite=True, size=COARSE)
         except FemFailure as failure:
-            got = Found(error=np.nan, energy=np.nan, dofs=0, seconds=0.0)
+            got = FittedModulus(error=np.nan, energy=np.nan, dofs=0, seconds=0.0)
             case += f" ({failure.problem.value})"
         linear = found(f"{kind}-linear", size=COARSE)
         yield _row("material", case, "", 0.3, f"{kind}-neo-hookean", _against(got, linear))
 
 
-def area() -> Iterator[Row]:
+def area() -> Iterator[PaperRow]:
     """Fig. 3d: the size of the contact."""
     for mm2, paper, target in (
         (1, "27.70", 3.0),
@@ -210,7 +212,7 @@ def area() -> Iterator[Row]:
         yield _row("contact area", f"{mm2} mm2, markers 1 mm apart", "", None, name, found(name, cells=cells))
 
 
-def wrong_core() -> Iterator[Row]:
+def wrong_core() -> Iterator[PaperRow]:
     """Fig. 4: the estimator's core is not where the true one is."""
     for name, title, normal, tangential in (("grasp", "grasp", 0, 1), ("press-100mm2", "press", 2, 0)):
         for word, axis in (("tangential", tangential), ("normal", normal)):
@@ -224,7 +226,7 @@ def wrong_core() -> Iterator[Row]:
                     )
 
 
-def inferred_core() -> Iterator[Row]:
+def inferred_core() -> Iterator[PaperRow]:
     """The core 4 mm off the prior along an axis; two grasps of the same specimen say where it is."""
     for axis in "xy":
         yield _from_two("grasp along x and y", f"grasp-x-core-{axis}", f"grasp-y-core-{axis}", axis)
@@ -232,7 +234,7 @@ def inferred_core() -> Iterator[Row]:
         yield _from_two("press on top and side", f"press-top-core-{axis}", f"press-side-core-{axis}", axis)
 
 
-def _from_two(title: str, first: str, second: str, axis: str) -> Row:
+def _from_two(title: str, first: str, second: str, axis: str) -> PaperRow:
     start = time.process_time()
     data = forward(first)
     histories = [grasp_history(d, cells=CELLS) for d in (data, forward(second))]
@@ -242,7 +244,7 @@ def _from_two(title: str, first: str, second: str, axis: str) -> Row:
     fruit = infer_modulus(histories, mesh, models, budget=budget).modulus
     found_at = fruit.pit.offset_mm if fruit.pit else np.zeros(3)
     off = ", ".join(f"{x:+.1f}" for x in found_at)
-    got = Found(
+    got = FittedModulus(
         error=fruit.E_MPa / E_MPA - 1,
         energy=np.nan,
         dofs=mesh.nodes_mm.size,
@@ -256,7 +258,7 @@ def _models(histories: list[GraspHistory], mesh: FleshMesh, *, base_fixed: bool)
     return [grasp_model(history, solid) for history in histories]
 
 
-def position() -> Iterator[Row]:
+def position() -> Iterator[PaperRow]:
     """Fig. 5a: where on the face one presses."""
     middle = found("press-100mm2", size=COARSE)
     for at in (2, 4, 6, 8):
@@ -265,7 +267,7 @@ def position() -> Iterator[Row]:
         yield _row("position", f"{at} mm off the middle", "2.97", 1.5, name, change)
 
 
-def shape() -> Iterator[Row]:
+def shape() -> Iterator[PaperRow]:
     """Fig. 5b: cores of one volume and several shapes, known to the estimator."""
     ball = found("press-ball")
     yield _row("core shape", "ball, error", "", None, "press-ball", ball)
@@ -274,7 +276,7 @@ def shape() -> Iterator[Row]:
         yield _row("core shape", f"{kind} against ball", "0.57", 0.5, name, _against(found(name), ball))
 
 
-def without_core() -> Iterator[Row]:
+def without_core() -> Iterator[PaperRow]:
     """The same data, by the same estimator without a core, and by a half-space under a square punch."""
     for name in ("grasp", *(f"press-{mm2}mm2" for mm2 in (1, 9, 25, 100, 225))):
         yield _row(
@@ -285,11 +287,11 @@ def without_core() -> Iterator[Row]:
         force = abs(float(pad.force_N[-1].sum(axis=0) @ pad.move_mm))
         punch = 2 * SQUARE_PUNCH * pad.edge_mm / np.sqrt(np.pi)
         modulus = force / (data.levels[-1] * punch) * (1 - POISSON_RATIO**2)
-        closed = Found(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
+        closed = FittedModulus(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
         yield _row("no core", f"{name}, half-space", "", None, name, closed)
 
 
-def limits() -> Iterator[Row]:
+def limits() -> Iterator[PaperRow]:
     """A ball without a core between plates, contact radius up to 0.02 of its own: where closed forms hold."""
     start = time.process_time()
     data = between_plates(cells=10)
@@ -308,7 +310,7 @@ def limits() -> Iterator[Row]:
     )
     name = "ball-between-plates"
     for title, modulus in (("Hertz", hertz), ("ASABE S368, parallel plates", plates)):
-        closed = Found(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
+        closed = FittedModulus(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
         yield _row("small press", f"ball between plates, {title}", "", 1.0, name, closed)
     mesh = tetrahedralise(
         *core_surface(Core(shape="ball", size_mm=data.radius_mm)),
@@ -321,7 +323,7 @@ def limits() -> Iterator[Row]:
         dof_limit=FINE[2],
     )
     estimate = _modulus(data.history, _solid(mesh, False, data.history))
-    got = Found(
+    got = FittedModulus(
         error=estimate.E_MPa / E_MPA - 1,
         energy=estimate.energy.E_MPa / E_MPA - 1 if estimate.energy else np.nan,
         dofs=mesh.nodes_mm.size,
@@ -373,7 +375,7 @@ def main() -> None:
         path.parent.mkdir(exist_ok=True)
         with path.open("w", newline="") as out:
             writer = csv.writer(out, lineterminator="\n")
-            writer.writerow([f.name for f in fields(Row)])
+            writer.writerow([f.name for f in fields(PaperRow)])
             for row in rows:
                 writer.writerow(
                     [

@@ -34,8 +34,8 @@ def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
     """One reconstruction, its error, and what was said of it."""
     from recon_score import read_truth, scored
 
-    from recon.cameras.mat import parse_mat
     from recon.cameras.photos import read_photos
+    from recon.cameras.printed_mat import parse_mat
     from recon.checks.photo_check import checked_photos
     from recon.checks.verdict import require_seen, shape_doubts
     from recon.fruit_mesh import ReconOptions, reconstruct

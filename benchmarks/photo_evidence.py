@@ -25,8 +25,8 @@ from photo_bank_score import MISSED_RMS_MM, MISSED_VOLUME
 from recon_score import Truth, read_truth, signed_distance_mm
 
 from recon.cameras.camera import Camera, straightened
-from recon.cameras.mat import parse_mat
 from recon.cameras.photos import read_photos
+from recon.cameras.printed_mat import parse_mat
 from recon.checks.camera_shadow import left_right_px
 from recon.checks.ground_check import rim_evidence
 from recon.checks.photo_check import checked_photos

@@ -34,7 +34,7 @@ import pyvista as pv
 from public_sets import (
     BOARDS,
     Board,
-    PhotoSet,
+    PublicSet,
     View,
     board_photos,
     brick,
@@ -71,7 +71,7 @@ Mesh = tuple[np.ndarray, np.ndarray]
 
 
 @dataclass(frozen=True)
-class Agreement:
+class ShapeAgreement:
     """Mesh against masks: mean overlap, and the distance between their rims, px."""
 
     overlap: float
@@ -81,7 +81,7 @@ class Agreement:
     outward_px: float
 
 
-def agreement(mesh: Mesh, views: Sequence[View]) -> Agreement:
+def agreement(mesh: Mesh, views: Sequence[View]) -> ShapeAgreement:
     """Overlap in the mean of the views; rims both ways, all views' pixels together."""
     overlaps, away, signed = [], [], []
     for v in views:
@@ -92,7 +92,7 @@ def agreement(mesh: Mesh, views: Sequence[View]) -> Agreement:
         away += [np.abs(here), np.abs(there)]
         signed += [here, there]
     every = np.concatenate(away)
-    return Agreement(
+    return ShapeAgreement(
         overlap=float(np.mean(overlaps)),
         median_px=float(np.median(every)),
         mean_px=float(every.mean()),
@@ -207,7 +207,7 @@ def main() -> int:
     return 0
 
 
-def of_published_cameras(photos: PhotoSet, count: int, out: Path | None) -> None:
+def of_published_cameras(photos: PublicSet, count: int, out: Path | None) -> None:
     """Rows of a set with published cameras."""
     views = [v for v in photos.views if v.whole]
     used, held = parted(views, count)
@@ -262,7 +262,7 @@ def of_board(folder: Path, board: Board, count: int, out: Path | None) -> int:
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedBrick:
     """Where the brick stands on a board, and how many of the board's mm its own are."""
 
     x_mm: float
@@ -282,14 +282,14 @@ class Placed:
         return self.into_board(vertices), faces
 
 
-def placed_brick(views: Sequence[View]) -> Placed:
+def placed_brick(views: Sequence[View]) -> PlacedBrick:
     """Place, turn and scale of the brick for which its rims lie on the masks', by Nelder and Mead."""
     cut = [_cut(v) for v in views]
     low, high = around(views)
     middle = (low + high) / 2
 
     def miss(p: np.ndarray) -> float:
-        return agreement(Placed(*p).mesh(), cut).mean_px
+        return agreement(PlacedBrick(*p).mesh(), cut).mean_px
 
     starts = [np.array([*middle[:2], turn, 1.0]) for turn in (0.0, 22.5, 45.0, 67.5)]
     start = min(starts, key=miss)
@@ -297,7 +297,7 @@ def placed_brick(views: Sequence[View]) -> Placed:
     found = minimize(
         miss, start, method="Nelder-Mead", options={"initial_simplex": simplex, "xatol": 1e-3, "fatol": 1e-3}
     )
-    return Placed(*found.x.tolist())
+    return PlacedBrick(*found.x.tolist())
 
 
 def _cut(view: View) -> View:
@@ -319,7 +319,12 @@ def parted(views: Sequence[View], count: int) -> tuple[list[View], list[View]]:
 
 
 def _whole_route(
-    name: str, photos: list[Photo], board: Board, held: Sequence[View], truth: Placed | None, out: Path | None
+    name: str,
+    photos: list[Photo],
+    board: Board,
+    held: Sequence[View],
+    truth: PlacedBrick | None,
+    out: Path | None,
 ) -> int:
     start = time.perf_counter()
     try:
@@ -363,7 +368,7 @@ def _rims(name: str, mesh: Mesh, views: Sequence[View]) -> str:
     )
 
 
-def _distances(mesh: Mesh, truth: Placed) -> str:
+def _distances(mesh: Mesh, truth: PlacedBrick) -> str:
     """How far the true brick's sides and top are from the mesh, mm of the brick, outward positive; and the
     height of the mesh's lowest point over the board.
     """

@@ -17,8 +17,8 @@ from scipy.io import loadmat
 from scipy.linalg import rq
 
 from recon.cameras.camera import Camera
-from recon.cameras.mat import Mat
 from recon.cameras.photos import Photo, read_photo
+from recon.cameras.printed_mat import Mat
 from recon.silhouettes.mask import Window
 
 BRIGHT = {"dino": 48, "temple": 70}
@@ -46,7 +46,7 @@ class View:
 
 
 @dataclass(frozen=True)
-class PhotoSet:
+class PublicSet:
     """Views in a frame with z up; the published box of the object, mm, where there is one."""
 
     views: tuple[View, ...]
@@ -154,7 +154,7 @@ def brick_points() -> dict[str, np.ndarray]:
     }
 
 
-def middlebury(folder: Path) -> PhotoSet:
+def middlebury(folder: Path) -> PublicSet:
     """dinoRing, templeRing and their kin (Seitz et al. 2006): *_par.txt and the photos anywhere in a folder.
 
     A line is: name, K by rows, R by rows, t, in metres, y up. Views that *_good_silhouette_images.txt does
@@ -192,10 +192,10 @@ def middlebury(folder: Path) -> PhotoSet:
     )
     if corners is not None:
         corners = np.sort(corners @ z_up[:3, :3].T, axis=0)
-    return PhotoSet(tuple(views), "mm", corners)
+    return PublicSet(tuple(views), "mm", corners)
 
 
-def vgg(folder: Path) -> PhotoSet:
+def vgg(folder: Path) -> PublicSet:
     """A turntable ring with 3 x 4 projection matrices: dino_Ps.mat or viff.xml, and one picture for each.
 
     The unit is the matrices' own, scaled here so that the cameras are RING from their middle. A ring that
@@ -219,7 +219,7 @@ def vgg(folder: Path) -> PhotoSet:
         difference = image[..., 2].astype(np.float32) - image[..., 0]
         mask = cv2.GaussianBlur(difference, (3, 3), 0.8) > RED_LESS_BLUE[table.name]
         views.append(_view(numbered[i].name, image, mask, K, pose, True))
-    return PhotoSet(tuple(views), "unit", None)
+    return PublicSet(tuple(views), "unit", None)
 
 
 def board_photos(folder: Path, board: Board) -> list[Photo]:

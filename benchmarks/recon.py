@@ -44,8 +44,8 @@ def row(folder: Path, route: str, which: list[int] | None, height_mm: float | No
     from recon_colmap import colmap_mesh
     from recon_score import read_truth, rigidly_on_truth, scale_error, scored
 
-    from recon.cameras.mat import parse_mat
     from recon.cameras.photos import read_photos
+    from recon.cameras.printed_mat import parse_mat
     from recon.fruit_mesh import reconstruct
     from recon.recon_failure import ReconFailure
     from recon.stage_clock import one_thread

@@ -7,9 +7,9 @@ import numpy as np
 import open3d as o3d
 import pycolmap
 
-from recon.cameras.mat import Mat
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import Mat
 from recon.cameras.similarity import moved, robust_similarity
 
 

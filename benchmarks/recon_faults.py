@@ -28,7 +28,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from fault_cases import Case, PhotoSet, cases
+from fault_cases import FaultCase, PhotoSet, cases
 from fault_pictures import TrueView
 from fault_words import HARMLESS, WORDS
 from jaxtyping import Bool, Float
@@ -39,8 +39,8 @@ from pipeline.batch.records import Given
 from pipeline.batch.settings import Recon, Settings
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.fruit_shape import fruit_shape
-from recon.cameras.mat import parse_mat
 from recon.cameras.photos import read_photos
+from recon.cameras.printed_mat import parse_mat
 from recon.cameras.similarity import fitted_similarity
 from recon.pit.priors import STONE_FRUIT, load_prior
 from recon.recon_failure import ReconFailure
@@ -130,7 +130,7 @@ def how_wrong(made: Mesh, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, align:
     return rms, volume_mm3(*made) / volume_mm3(*truth) - 1
 
 
-def about(case: Case, said: str) -> bool:
+def about(case: FaultCase, said: str) -> bool:
     """Whether words are about a case's fault; of one without a fault none are."""
     if case.name in HARMLESS:
         return False
@@ -138,7 +138,7 @@ def about(case: Case, said: str) -> bool:
 
 
 def tried(
-    case: Case, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, category: str
+    case: FaultCase, good: PhotoSet, truth: Mesh, seen: Float[np.ndarray, "n 3"], *, category: str
 ) -> dict[str, Any]:
     """One case from files to ending, by the pipeline's own way."""
     spoiled = case.fault(good)

@@ -12,7 +12,7 @@ import argparse
 import json
 from pathlib import Path
 
-from recon.cameras.mat import mat_mapping, standard_mat
+from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.kinds import KINDS, fruit_of_kind

@@ -29,9 +29,9 @@ def main() -> int:
     from recon_score import read_truth
 
     from recon.cameras.camera import straightened
-    from recon.cameras.mat import parse_mat
     from recon.cameras.mat_poses import cameras_from_mat
     from recon.cameras.photos import read_photos
+    from recon.cameras.printed_mat import parse_mat
     from recon.checks.photo_check import checked_photos
     from recon.silhouettes.all_views import find_fruit
     from recon.stage_clock import one_thread

@@ -12,10 +12,10 @@ from scipy.spatial import cKDTree
 
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.coin import Coin
-from recon.cameras.mat import Mat
 from recon.cameras.mat_poses import Poses, cameras_from_mat
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo, require_enough
+from recon.cameras.printed_mat import Mat
 from recon.checks.ground_check import rim_evidence
 from recon.checks.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.checks.surface_error import surface_error

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from recon.cameras.ground_plane import ground_plane, upright
-from recon.cameras.mat import Mat, detect_tags
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.geometry_model import PointMaps
 from recon.recon_failure import ReconFailure, ReconProblem

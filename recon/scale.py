@@ -10,7 +10,7 @@ from jaxtyping import Float, UInt8
 
 from recon.cameras.camera import Camera
 from recon.cameras.coin import Coin, coin_scale
-from recon.cameras.mat import Mat
+from recon.cameras.printed_mat import Mat
 from recon.recon_failure import ReconFailure
 from recon.surface.unseen_top import expected_excess
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from recon.cameras.mat import Mat
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import Mat
 from recon.cameras.similarity import moved
 from recon.checks.photo_check import checked_photos
 from recon.checks.quality import seen_doubts

@@ -5,7 +5,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import cKDTree
 
-from recon.cameras.mat import Mat, tag_bits
+from recon.cameras.printed_mat import Mat, tag_bits
 
 # sRGB anchors, chosen by eye on shop nectarines
 _GROUND_UNRIPE = (0.62, 0.66, 0.22)

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from scipy.spatial.transform import Rotation
 
-from recon.cameras.mat import Mat
+from recon.cameras.printed_mat import Mat
 from samples.appearance import mat_texture, table_texture
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, box_mm

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from recon.cameras.mat import mat_mapping, standard_mat
+from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import (
     MESH_ERROR_MM,

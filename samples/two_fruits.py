@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from recon.cameras.mat import standard_mat
+from recon.cameras.printed_mat import standard_mat
 from samples.fruit import fruits_of_seed
 from samples.hexahedra import SHIPPED, Fineness
 from samples.photo_set import PhotoOptions, write_photos

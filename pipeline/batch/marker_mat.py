@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.batch.paper_sizes import Paper
 from pipeline.batch.write_guard import require_new_or_ours
 from pipeline.files.whole_file import put
-from recon.cameras.mat import mat_mapping, standard_mat, tag_bits
+from recon.cameras.printed_mat import mat_mapping, standard_mat, tag_bits
 from reports.mat_sheet import mat_sheet_pdf
 
 

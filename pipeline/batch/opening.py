@@ -18,7 +18,7 @@ from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
-from recon.cameras.mat import Mat, parse_mat
+from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.measured import load_pit
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior

@@ -10,7 +10,7 @@ from pipeline.batch.opening import Batch, reference_ratio
 from pipeline.batch.records import Given
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
-from recon.cameras.mat import Mat
+from recon.cameras.printed_mat import Mat
 from recon.pit.priors import PitBody, PitPrior
 
 IN_THE_REPORT_ALONE = {"grading", "cultivar", "lot", "harvest_date", "notes", "reference"}

@@ -35,8 +35,8 @@ def calibrate(
     press cannot be used, 130 interrupted.
     """
     with elsewhere():
-        from pipeline.recordings.calibration import Presses
-        from pipeline.recordings.calibration import calibrate as calibrate_sensor
+        from pipeline.recordings.sensor_calibration import Presses
+        from pipeline.recordings.sensor_calibration import calibrate as calibrate_sensor
         from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 

@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 
 from recon.cameras.camera import Camera
 from recon.cameras.colmap import pycolmap
-from recon.cameras.mat import Mat, detect_tags
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
+from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, blank_box, with_print_error

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from recon.cameras.mat import Mat
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import Mat
 from recon.cameras.tag_optics import TagOptics
 from recon.wording import listed
 

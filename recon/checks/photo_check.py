@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from recon.cameras.mat import Mat, detect_tags, standard_mat
 from recon.cameras.mat_poses import FEWEST_TAGS
 from recon.cameras.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
+from recon.cameras.printed_mat import Mat, detect_tags, standard_mat
 from recon.cameras.tag_optics import TagOptics, tag_optics
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed

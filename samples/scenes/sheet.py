@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.cameras.mat import Mat, standard_mat
+from recon.cameras.printed_mat import Mat, standard_mat
 from samples.appearance import mat_texture
 
 STATES = ("clean", "creased", "dirty")

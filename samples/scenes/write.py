@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from recon.cameras.mat import Mat, mat_mapping
+from recon.cameras.printed_mat import Mat, mat_mapping
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
 from samples.scenes.draw import Scene, scene_mapping

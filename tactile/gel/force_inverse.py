@@ -41,7 +41,7 @@ MOST_ROUNDS = 12
 """In which nodes may join; then they only leave, so that the search ends. Set by hand."""
 SMOOTH_SHARE = np.array([0.02, 0.02, 0.005])
 """Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z; free sides
-three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_images.py`)."""
+three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_image_errors.py`)."""
 LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
 """Largest displacement of a frame, mm: at least this for the smooth field, and that of a usual press."""
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 PLACING = 0.15
 """With it 94 % of the forces of a press rendered for two cameras lie within two standard deviations, and of
-those that it was not chosen on 96 % with shading, 99 % with dots alone (`benchmarks/gel_images.py`)."""
+those that it was not chosen on 96 % with shading, 99 % with dots alone (`benchmarks/gel_image_errors.py`)."""
 NEIGHBOURS, ADJACENT = 8, 1.45
 """Neighbours at most, and how many spacings away (across a square's corner: 1.41)."""
 

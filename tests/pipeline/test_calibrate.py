@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-import pipeline.recordings.calibration
+import pipeline.recordings.sensor_calibration
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
-from pipeline.recordings.calibration import Presses, _scaled, as_toml, calibrate
+from pipeline.recordings.sensor_calibration import Presses, _scaled, as_toml, calibrate
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.press_modulus import GelGain
@@ -154,7 +154,7 @@ def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
 
     calibrated(5.0)
     assert read_sensor(out).calibration_file == out.with_suffix(".npz")
-    whole, written = pipeline.recordings.calibration.put, []
+    whole, written = pipeline.recordings.sensor_calibration.put, []
 
     def killed(path: Path, data: bytes) -> None:
         if written:
@@ -162,10 +162,10 @@ def test_a_look_up_of_another_run_is_noticed_wherever_a_run_was_killed(
         written.append(path)
         whole(path, data)
 
-    monkeypatch.setattr(pipeline.recordings.calibration, "put", killed)
+    monkeypatch.setattr(pipeline.recordings.sensor_calibration, "put", killed)
     with pytest.raises(KeyboardInterrupt):
         calibrated(5.2)
-    monkeypatch.setattr(pipeline.recordings.calibration, "put", whole)
+    monkeypatch.setattr(pipeline.recordings.sensor_calibration, "put", whole)
     with pytest.raises(TactileFailure, match=r"calibration_file: found out\.npz of another calibration"):
         read_sensor(out)
     calibrated(5.2)

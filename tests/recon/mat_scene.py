@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from recon.cameras.camera import Camera
-from recon.cameras.mat import Mat, standard_mat, tag_bits
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import Mat, standard_mat, tag_bits
 
 
 @dataclass(frozen=True, kw_only=True)

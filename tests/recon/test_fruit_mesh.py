@@ -9,9 +9,9 @@ import pytest
 from mat_scene import Egg, photographed, ring
 
 from recon import fruit_mesh
-from recon.cameras.mat import standard_mat
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY

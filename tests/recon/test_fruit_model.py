@@ -7,7 +7,7 @@ import pytest
 from mat_scene import Egg, photographed, ring
 from tiny_onnx import write_constant_model
 
-from recon.cameras.mat import standard_mat
+from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import reconstruct_with_model
 from recon.learned.fruit_model import AT_ONCE, SHIPPED, SIDE_PX, FruitModel, fruit_model, is_fruit_model
 from recon.recon_failure import ReconFailure, ReconProblem

@@ -8,7 +8,7 @@ from mat_scene import Egg, photographed, point_map, ring
 from scipy.spatial.transform import Rotation
 from tiny_onnx import write_constant_model
 
-from recon.cameras.mat import standard_mat
+from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct_with_model
 from recon.learned.geometry_model import PointMaps, point_maps
 from recon.point_route import fruit_points

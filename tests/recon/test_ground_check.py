@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.cameras.mat import standard_mat
+from recon.cameras.printed_mat import standard_mat
 from recon.checks.ground_check import rim_evidence, student
 from recon.checks.surface_error import sd_on_patch_mm, surface_error
 from recon.checks.surface_verdict import place_in_words, surface_doubts, surface_offset

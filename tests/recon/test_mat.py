@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mat_scene import photographed, ring
 
-from recon.cameras.mat import detect_tags, mat_mapping, parse_mat, standard_mat, tag_bits
+from recon.cameras.printed_mat import detect_tags, mat_mapping, parse_mat, standard_mat, tag_bits
 from recon.recon_failure import ReconFailure, ReconProblem
 
 

@@ -5,9 +5,9 @@ import pytest
 from mat_scene import Egg, photographed, ring
 
 from recon.cameras.ground_plane import upright
-from recon.cameras.mat import standard_mat
 from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import standard_mat
 from recon.recon_failure import ReconFailure, ReconProblem
 
 

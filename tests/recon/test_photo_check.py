@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.cameras.mat import detect_tags, standard_mat
+from recon.cameras.printed_mat import detect_tags, standard_mat
 from recon.cameras.tag_optics import tag_optics
 from recon.checks.photo_check import checked_photos
 from recon.recon_failure import ReconFailure, ReconProblem

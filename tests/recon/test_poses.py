@@ -5,9 +5,9 @@ import pytest
 from mat_scene import Egg, photographed, ring
 
 from recon.cameras.camera import straightened
-from recon.cameras.mat import standard_mat
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
+from recon.cameras.printed_mat import standard_mat
 from recon.recon_failure import ReconFailure, ReconProblem
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
 
-from recon.cameras.mat import standard_mat
+from recon.cameras.printed_mat import standard_mat
 from recon.checks.rim_check import rim_doubts, rim_offset
 from recon.silhouettes.hull import ball
 

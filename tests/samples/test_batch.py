@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recon.cameras.mat import parse_mat
+from recon.cameras.printed_mat import parse_mat
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import mesh_volume_mm3
 from samples.hexahedra import COARSE

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.cameras.mat import detect_tags, mat_mapping, parse_mat
 from recon.cameras.photos import read_photo
+from recon.cameras.printed_mat import detect_tags, mat_mapping, parse_mat
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import box_mm, skin_mesh
 from samples.scenes.draw import Scene, draw_scene, scene_mapping

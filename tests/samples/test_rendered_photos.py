@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from recon.cameras.mat import detect_tags, standard_mat
+from recon.cameras.printed_mat import detect_tags, standard_mat
 from samples.appearance import mat_texture, skin_colours, table_texture
 from samples.cubed_sphere import even_sphere
 from samples.fruit import fruit_of_seed

@@ -1,6 +1,6 @@
 """The maker's own Tac3D recordings, read and judged.
 
-    python benchmarks/tac3d.py FOLDER --out DIR
+    python benchmarks/tac3d_recordings.py FOLDER --out DIR
 
 Downloads the wheel `pytac3d` 3.3.0.9 by name into FOLDER (never installed; no licence is stated, so nothing
 of it belongs into a repository), unpacks its three recordings there, converts them, says what was noticed,

@@ -1,6 +1,6 @@
 """How much taller than the fruit its fitted hull is, by the elevation from which its top is seen.
 
-    python benchmarks/unseen_top.py BANK [--sets 6]
+    python benchmarks/unseen_top_error.py BANK [--sets 6]
 
 Outlines of the true meshes of a bank's work half (benchmarks/photo_bank.py), standing as they were drawn,
 with waves of half a pixel; 8 and 12 cameras all around at one elevation, 2 degrees up and down. Columns: the

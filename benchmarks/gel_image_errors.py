@@ -1,6 +1,6 @@
 """Print how well images of a gel give back displacement and force: rendered gels with known answers.
 
-    python benchmarks/gel_images.py [--out gel_images.csv] [--keep gel.npz]
+    python benchmarks/gel_image_errors.py [--out gel_images.csv] [--keep gel.npz]
 
 Truth: 26 x 22 x 4 mm of gel (E 0.2 MPa, nu 0.48) in 27-node bricks, pressed 0.7 mm deep by a rigid ball of
 15 mm radius with friction, pushed 0.45 mm aside, turned by 3 degrees and let go (`samples/gel_press.py`).
@@ -42,7 +42,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Truth:
+class KnownGel:
     """The pressed gel over time, and a calibration press."""
 
     block: GelBlock
@@ -50,7 +50,7 @@ class Truth:
     ball: list[Pressed]
 
 
-def truth(keep: Path | None) -> Truth:
+def truth(keep: Path | None) -> KnownGel:
     """Press the gel; the block's compliance is kept in `keep`."""
     if keep is not None and keep.exists():
         with np.load(keep) as stored:
@@ -66,7 +66,7 @@ def truth(keep: Path | None) -> Truth:
     ]
     up = [BallPose(centre_mm=(0.4, 0.2, BALL_MM - d), turn_rad=0.05) for d in np.linspace(0.6, -0.05, 8)]
     ball = [BallPose(centre_mm=(0.2, -0.1, CALIBRATION_BALL_MM - d)) for d in (-0.1, 0.2, 0.4, 0.55)]
-    return Truth(
+    return KnownGel(
         block,
         pressed(block, [*still, *down, *aside, *up], radius_mm=BALL_MM, friction=FRICTION),
         pressed(block, ball, radius_mm=CALIBRATION_BALL_MM, friction=FRICTION)[2:],
@@ -134,7 +134,7 @@ def rendered(eye: GelCamera, one: Sensor, shapes: list[Field], rng: np.random.Ge
     return [gel_image(eye, one.lights, look, shape, rng) for shape in shapes]
 
 
-def measured(kind: str, known: Truth, rng: np.random.Generator) -> tuple[GelFields, float]:
+def measured(kind: str, known: KnownGel, rng: np.random.Generator) -> tuple[GelFields, float]:
     """Render, track and invert; the fields, and CPU seconds per frame."""
     one = sensor(kind)
     block = known.block
@@ -176,7 +176,7 @@ def measured(kind: str, known: Truth, rng: np.random.Generator) -> tuple[GelFiel
     return chosen, spent + (time.process_time() - began) / len(images)
 
 
-def row(kind: str, fields: GelFields, known: Truth, seconds: float) -> dict[str, object]:
+def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[str, object]:
     """The table's row; the peak is the frame of greatest force."""
     block, at = known.block, GRID[:, :2]
     true_u = np.stack([smooth_field(block.x_mm, block.y_mm, p.displacement_mm)(at) for p in known.frames])
