@@ -33,12 +33,33 @@ class PadHistory:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PatternNoise:
+    """Noise in forces that were brought to patterns f_r: in each frame the amount of f_r is off by
+
+        g_r . n_d + q_r . n_f
+
+    n_d, n_f: noise of the markers' displacement and of their recorded force in that frame. `patterns`: f_r.
+    `of_displacement` (N/mm): g_r, the gel's springs, so that this part is the same noise as that of the
+    markers' places. `of_force` (1): q_r, where the recorded force itself was kept. All pads side by side.
+    """
+
+    patterns: Float[np.ndarray, "r n 3"]
+    of_displacement: Float[np.ndarray, "r n 3"]
+    of_force: Float[np.ndarray, "r n 3"]
+
+
+@dataclass(frozen=True, kw_only=True)
 class GraspHistory:
-    """One recording: a time and a phase ("air", "load", "hold", "unload") per frame, and its pads."""
+    """One recording: a time and a phase ("air", "load", "hold", "unload") per frame, and its pads.
+
+    `pattern_noise`: of forces that were brought to patterns (fem.estimation.prepared_grasp); None: each
+    component of each force carries noise of its own, PadHistory.force_sd_N.
+    """
 
     time_s: Float[np.ndarray, " t"]
     phase: tuple[str, ...]
     pads: tuple[PadHistory, ...]
+    pattern_noise: PatternNoise | None = None
 
     @property
     def pad_of_marker(self) -> Int[np.ndarray, " n"]:

@@ -21,10 +21,29 @@ ABOVE_NOISE = 1.5
 
 @dataclass(frozen=True, kw_only=True)
 class DenoisedForce:
-    """`force_N` in the fruit frame, all frames; `sd_N`: noise of one component in one frame that is left."""
+    """`force_N` in the fruit frame, all frames; `sd_N`: noise of one component in one frame that is left.
+
+    It is A d + Q (f - A d): `stiffness_N_per_mm`, the diagonal of A along the pad's axes `turn` (columns, in
+    the fruit frame), and `kept`, the orthonormal patterns (rows, pad axes) that Q projects on; None: Q = 1,
+    the forces as recorded.
+    """
 
     force_N: Float[np.ndarray, "t n 3"]
     sd_N: float
+    turn: Float[np.ndarray, "3 3"]
+    stiffness_N_per_mm: Float[np.ndarray, "3"]
+    kept: Float[np.ndarray, "q d"] | None
+
+    def noise_of(
+        self, patterns: Float[np.ndarray, "r n 3"]
+    ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r n 3"]]:
+        """How the amounts of patterns f_r (fruit frame) change with the markers' displacement, A (1 - Q) f_r
+        (N/mm), and with their recorded force, Q f_r.
+        """
+        own = (patterns @ self.turn).reshape(len(patterns), -1)
+        of_force = own if self.kept is None else (own @ self.kept.T) @ self.kept
+        of_displacement = (own - of_force).reshape(patterns.shape) * self.stiffness_N_per_mm
+        return of_displacement @ self.turn.T, of_force.reshape(patterns.shape) @ self.turn.T
 
 
 def denoised_force(
@@ -37,14 +56,22 @@ def denoised_force(
     stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
     noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
     if noise > pad.force_sd_N:  # displacement says less than the forces themselves
-        return DenoisedForce(force_N=pad.force_N, sd_N=pad.force_sd_N)
+        return DenoisedForce(
+            force_N=pad.force_N, sd_N=pad.force_sd_N, turn=turn, stiffness_N_per_mm=np.zeros(3), kept=None
+        )
     springs = moved * stiffness
     beyond = (force - springs).reshape(len(force), -1)
     _, size, right = np.linalg.svd(beyond[used], full_matrices=False)
     sd = pad.force_sd_N * float(np.sqrt(variance_inflation(np.array([pad.lag1]))[0]))
     kept = right[size > ABOVE_NOISE * sd * (np.sqrt(used.sum()) + np.sqrt(beyond.shape[1]))]
     more = (beyond @ kept.T) @ kept
-    return DenoisedForce(force_N=(springs + more.reshape(force.shape)) @ turn.T, sd_N=max(noise, 1e-9))
+    return DenoisedForce(
+        force_N=(springs + more.reshape(force.shape)) @ turn.T,
+        sd_N=max(noise, 1e-9),
+        turn=turn,
+        stiffness_N_per_mm=stiffness,
+        kept=kept,
+    )
 
 
 def _slope(

@@ -10,19 +10,25 @@ it says of a pit is a few tenths of a micrometre, less than what any model leave
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.linalg import eigh
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import JudgedInformation, MarkerTracks, information, judged_information
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import leading_patterns
+from fem.grasp_history import GraspHistory
 
 SCALE_MODES = 16
 """Patterns of force-scale errors that are kept: those that move the markers most."""
 FORCE_SCALE = "force scale"
 SEEN = 1e-9
 """A pad with less than this share of the best pad's information has nothing to compare."""
+BETWEEN_PADS = 2.5
+"""Variance of the difference between the pads of a recording over what noise makes of it, pit and places as
+the priors have them: two pads differ by what contact does that no model holds. 2.4 by maximum likelihood
+over 31 sound fruit (even numbers from 38 of the bank of benchmarks/field_bank.py; `python
+benchmarks/pads_apart.py BANK --half even`); 4.1 on eight grasps of the sample batch."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which what the model leaves counts as one draw."""
 
@@ -55,19 +61,52 @@ class GraspInformation:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class PadCompliances:
+    """1/E as each pad of a recording has it, per MPa, by the pad's own markers.
+
+    `weight`: inverse of their covariance by noise. `slopes`: how each changes with every one of `causes`, as
+    a share of it.
+    """
+
+    causes: tuple[str, ...]
+    values: Float[np.ndarray, " p"]
+    weight: Float[np.ndarray, "p p"]
+    slopes: Float[np.ndarray, "p k"]
+
+
 def grasp_information(
     tracks: MarkerTracks,
     model: GraspModel,
     force_N: Float[np.ndarray, "t n 3"],
     *,
-    pad_of_marker: Int[np.ndarray, " n"],
-    force_sd_N: float,
+    history: GraspHistory,
     scale_sd: float,
 ) -> GraspInformation:
-    """The information of one recording, its noise taken as large as what the model leaves of it.
-
-    What noise in the forces does to the pads' numbers (`_of_force_noise`) adds to their variance.
+    """The information of one recording: that of its pads' numbers, whose differences count BETWEEN_PADS times
+    as uncertain as noise makes them.
     """
+    pads = pad_compliances(tracks, model, force_N, history=history, scale_sd=scale_sd)
+    weight = _between_pads(pads.weight)
+    sees = np.column_stack([np.ones(len(pads.values)), pads.slopes])
+    return GraspInformation(
+        causes=pads.causes, normal=sees.T @ weight @ sees, right=sees.T @ weight @ pads.values
+    )
+
+
+def pad_compliances(
+    tracks: MarkerTracks,
+    model: GraspModel,
+    force_N: Float[np.ndarray, "t n 3"],
+    *,
+    history: GraspHistory,
+    scale_sd: float,
+) -> PadCompliances:
+    """The numbers of the pads that have some, the noise of places taken as large as what the model leaves.
+
+    What noise in the forces does to them (`_of_force_noise`) adds to their variance.
+    """
+    pad_of_marker = history.pad_of_marker
     felt = tracks.unit_displacement
     pads = [np.where((pad_of_marker == pad)[:, None], felt, 0.0) for pad in np.unique(pad_of_marker)]
     patterns = _scale_patterns(model, force_N)
@@ -80,37 +119,88 @@ def grasp_information(
         pads = [pad for pad, says in zip(pads, recording, strict=True) if says]
         alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     own = np.arange(len(pads))
-    weight = alone.normal
-    each = np.linalg.solve(weight, alone.right)
+    normal = alone.normal
+    each = np.linalg.solve(normal, alone.right)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=moves)
     # What the pads' own fit makes of each field: all of them together are the response itself.
-    sees = np.linalg.solve(weight, known.normal[own])
-    sees = np.column_stack([np.ones(len(pads)), sees[:, len(pads) :]])
-    variance = _design_effect(alone, model.place_mm) * weight
-    variance += _of_force_noise(alone, model, tracks, each.mean() * force_sd_N)
-    weight = weight @ np.linalg.solve(variance, weight)
-    return GraspInformation(
+    sees = np.linalg.solve(normal, known.normal[own])
+    variance = _design_effect(alone, model.place_mm) * normal
+    variance += _of_force_noise(alone, model, tracks, history, compliance=float(each.mean()))
+    return PadCompliances(
         causes=(*model.sensitivity.causes, *len(patterns) * (FORCE_SCALE,)),
-        normal=sees.T @ weight @ sees,
-        right=sees.T @ weight @ each,
+        values=each,
+        weight=normal @ np.linalg.solve(variance, normal),
+        slopes=sees[:, len(pads) :],
     )
 
 
-def _of_force_noise(
-    alone: JudgedInformation, model: GraspModel, tracks: MarkerTracks, moved_sd: float
-) -> Float[np.ndarray, "p p"]:
-    """Covariance of the pads' right-hand sides from noise n in the forces: it feigns a displacement s C n.
-
-    `moved_sd` is s times the noise of one component in one frame. Unlike noise in the displacement, one
-    force's moves the markers of both pads. Its share in 1/E does not fall with the number of markers as the
-    other does: that of their total force stays.
+def _between_pads(weight: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
+    """Weights of the pads' numbers whose differences have BETWEEN_PADS times the variance: V, the inverse of
+    `weight`, is 1 1' / (1' W 1), the variance of their common value, and the rest, that of the differences.
     """
-    pads, frames, markers = alone.influence.shape[:3]
-    felt = alone.influence.reshape(pads * frames, -1) @ model.compliance
-    felt = felt.reshape(pads, frames, markers, 3)
-    variance_N2 = variance_inflation(tracks.lag1) * moved_sd**2
-    return np.asarray(np.einsum("ptnx,qtnx,n->pq", felt, felt, variance_N2, optimize=True))
+    apart = np.linalg.inv(weight) - 1 / weight.sum()
+    return np.asarray(np.linalg.inv(np.linalg.inv(weight) + (BETWEEN_PADS - 1) * apart))
+
+
+def _of_force_noise(
+    alone: JudgedInformation,
+    model: GraspModel,
+    tracks: MarkerTracks,
+    history: GraspHistory,
+    *,
+    compliance: float,
+) -> Float[np.ndarray, "p p"]:
+    """What noise n in the forces adds to the covariance of the pads' right-hand sides: it feigns a
+    displacement s C n.
+
+    Unlike noise in the displacement, one force's moves the markers of both pads. Its share in 1/E does not
+    fall with the number of markers as the other does: that of their total force stays. Where the forces come
+    from the gel's displacement, n is the noise of the places too, and the two partly cancel.
+    """
+    pads, frames = alone.influence.shape[:2]
+    inflation = variance_inflation(tracks.lag1)
+    force_sd_N = np.array([pad.force_sd_N for pad in history.pads])[history.pad_of_marker]
+    noise = history.pattern_noise
+    if noise is None:
+        felt = compliance * (alone.influence.reshape(pads * frames, -1) @ model.compliance)
+        felt = felt.reshape(alone.influence.shape)
+        return _covariance(felt, inflation * force_sd_N**2)
+    response = compliance * model.unit_displacement(noise.patterns)
+    amounts = np.einsum("ptnx,rnx->ptr", alone.influence, response, optimize=True)
+    of_force = np.tensordot(amounts, noise.of_force, axes=1)
+    of_places = alone.influence - np.tensordot(amounts, noise.of_displacement, axes=1)
+    places_mm2 = inflation * tracks.sd_mm**2
+    return np.asarray(
+        _covariance(of_force, inflation * force_sd_N**2)
+        + _covariance(of_places, places_mm2)
+        - _covariance(alone.influence, places_mm2)
+    )
+
+
+def feigned_displacement_sd(model: GraspModel, history: GraspHistory) -> float:
+    """Displacement times E, mm MPa, that noise in the forces of one frame feigns: root mean square over the
+    markers' components.
+    """
+    force_sd_N = np.array([pad.force_sd_N for pad in history.pads])[history.pad_of_marker]
+    noise = history.pattern_noise
+    if noise is None:
+        feigned = model.compliance * np.repeat(force_sd_N, 3)
+    else:
+        places_mm = np.array([pad.displacement_sd_mm for pad in history.pads])[history.pad_of_marker]
+        amounts = np.concatenate(
+            [noise.of_displacement * places_mm[:, None], noise.of_force * force_sd_N[:, None]], axis=1
+        )
+        response = model.unit_displacement(noise.patterns).reshape(len(noise.patterns), -1)
+        feigned = response.T @ amounts.reshape(len(amounts), -1)
+    return float(np.sqrt((feigned**2).sum(axis=1).mean()))
+
+
+def _covariance(
+    influence: Float[np.ndarray, "p t n 3"], variance: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, "p p"]:
+    """Of numbers that change so with independent noise of the markers, each of its variance."""
+    return np.asarray(np.einsum("ptnx,qtnx,n->pq", influence, influence, variance, optimize=True))
 
 
 def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "k n"]:

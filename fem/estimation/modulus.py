@@ -12,7 +12,7 @@ from fem.estimation.energy_ratio import energy_ratio
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
-from fem.estimation.information import GraspInformation, grasp_information
+from fem.estimation.information import GraspInformation, feigned_displacement_sd, grasp_information
 from fem.estimation.joint_inference import GraspEvidence, joint_modulus
 from fem.estimation.modulus_by_frame import FrameModulus, modulus_per_frame
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning, warnings_of
@@ -125,7 +125,6 @@ def _from_first_touch(
     budget: ErrorBudget,
 ) -> ModulusEstimate:
     """The estimate by displacement since first touch: the fit's 1/E, its error from fit and energy ratio."""
-    force_sd_N = max(pad.force_sd_N for pad in history.pads)
     ratio = energy_ratio(
         tracks,
         force,
@@ -141,8 +140,7 @@ def _from_first_touch(
             tracks,
             model,
             force,
-            pad_of_marker=history.pad_of_marker,
-            force_sd_N=force_sd_N,
+            history=history,
             scale_sd=budget.gel_scale_sd,
         ),
         E_MPa=modulus,
@@ -155,7 +153,7 @@ def _from_first_touch(
     noise = float(np.linalg.norm([*share.values(), ratio.displacement_noise, ratio.gel_scale]))
     energy = MethodEstimate(E_MPa=ratio.modulus_MPa, sd_MPa=noise * ratio.modulus_MPa) if elastic else None
     frames = modulus_per_frame(history, tracks, fit, loaded)
-    feigned_mm = fit.compliance * force_sd_N * float(np.sqrt((model.compliance**2).sum(axis=1).mean()))
+    feigned_mm = fit.compliance * feigned_displacement_sd(model, history)
     return ModulusEstimate(
         E_MPa=modulus,
         E_sd_MPa=modulus * float(np.linalg.norm(list(share.values()))),

@@ -52,11 +52,7 @@ def fruit_modulus(
 
     The responses on each mesh that is tried are kept as `stage` and a number.
     """
-    prepared = [_prepared(grasp) for grasp in grasps]
-    histories = [
-        history(grasp) if isinstance(one, FemFailure) else one.history
-        for grasp, one in zip(grasps, prepared, strict=True)
-    ]
+    prepared, histories = prepared_histories(grasps)
     number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
@@ -64,6 +60,20 @@ def fruit_modulus(
         return responses(task, name, grasps, prepared, moved, poisson_ratio=poisson_ratio, budget=budget)
 
     return infer_modulus(histories, mesh, respond, budget=budget)
+
+
+def prepared_histories(
+    grasps: Sequence[PlacedGrasp],
+) -> tuple[list[PreparedGrasp | FemFailure], list[GraspHistory]]:
+    """Of each grasp how it drives models, or why it drives none, and its recording, prepared where it can
+    be.
+    """
+    prepared = [_prepared(grasp) for grasp in grasps]
+    histories = [
+        history(grasp) if isinstance(one, FemFailure) else one.history
+        for grasp, one in zip(grasps, prepared, strict=True)
+    ]
+    return prepared, histories
 
 
 def _prepared(grasp: PlacedGrasp) -> PreparedGrasp | FemFailure:

@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
-from drawn_grasps import NU, Off, Sensor, True1MPa, World, press_of, recorded
+from drawn_grasps import NU, Off, Sensor, True1MPa, World, press_of
+from drawn_grasps import recorded as recorded_raw
 
 from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.modulus import ModulusEstimate, estimate_modulus
+from fem.estimation.prepared_grasp import prepared_grasp
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.solid.linear_solid import UnitModulusSolid
@@ -34,12 +38,20 @@ def drawn_modulus_MPa(rng: np.random.Generator) -> float:
     return float(SOFTEST_MPA * (STIFFEST_MPA / SOFTEST_MPA) ** rng.uniform())
 
 
+def recorded(world: World, grasp: int, truth: True1MPa, **options: Any) -> GraspHistory:
+    """A recording as grading prepares it."""
+    axes = [pad.axes for pad in world.grasps[grasp]]
+    turns = np.stack([np.column_stack([one[1], one[0], -one[2]]) for one in axes])
+    return prepared_grasp(recorded_raw(world, grasp, truth, **options), turns).history
+
+
 @dataclass(frozen=True, kw_only=True)
 class Estimator:
     """The estimator's mesh of a world's fruit; models of all grasps on it, for the usual press.
 
-    `typical`: the grasps without noise on a fruit that is as it is said to be. The responses' change with
-    what is not known follows from forces, and those of any recording are `typical` ones times the press.
+    `typical`: the grasps without noise on a fruit that is as it is said to be, all frames under load. The
+    responses' change with what is not known follows from forces, and those of any recording are `typical`
+    ones times the press.
     """
 
     world: World
@@ -57,17 +69,21 @@ class Estimator:
             Sensor(displacement_mm=0.0, force_N=0.0, gel_scale=0.0, force_scale=0.0),
         )
         typical = tuple(
-            recorded(world, k, truth, E_MPa=0.5, rng=rng, sensor=silent)
+            recorded_raw(world, k, truth, E_MPa=0.5, rng=rng, sensor=silent)
             for k, truth in enumerate(world.solved(Off()))
         )
         return cls(world=world, mesh=mesh, typical=typical, models=models_on(mesh, typical))
 
-    def of_press(self, models: Sequence[GraspModel], E_MPa: float) -> list[GraspModel]:
-        """The models for recordings of a fruit of that modulus."""
-        sensitivities = [
-            replace(m.sensitivity, values=press_of(E_MPa) * m.sensitivity.values) for m in models
-        ]
-        return [replace(m, sensitivity=s) for m, s in zip(models, sensitivities, strict=True)]
+    def of_press(
+        self, models: Sequence[GraspModel], histories: Sequence[GraspHistory], E_MPa: float
+    ) -> list[GraspModel]:
+        """The models for these recordings of a fruit of that modulus, in the frames that they load."""
+        found = []
+        for model, usual, own in zip(models, self.typical, histories, strict=True):
+            used = loaded_frames(own)[loaded_frames(usual)]
+            values = press_of(E_MPa) * model.sensitivity.values[:, used]
+            found.append(replace(model, sensitivity=replace(model.sensitivity, values=values)))
+        return found
 
     def both(
         self, truths: Sequence[True1MPa], *, E_MPa: float, rng: np.random.Generator, budget: ErrorBudget
@@ -80,7 +96,7 @@ class Estimator:
 
         def respond(mesh: FleshMesh) -> list[GraspModel]:
             models = self.models if mesh is self.mesh else models_on(mesh, self.typical)
-            return self.of_press(models, E_MPa)
+            return self.of_press(models, histories, E_MPa)
 
         return infer_modulus(histories, self.mesh, respond, budget=budget)
 
@@ -94,15 +110,12 @@ class Estimator:
         sensor: Sensor,
     ) -> list[ModulusEstimate]:
         """Each grasp's own modulus."""
-        models = self.of_press(self.models, E_MPa)
-        return [
-            estimate_modulus(
-                recorded(self.world, k, truth, E_MPa=E_MPa, rng=rng, sensor=sensor, said=Sensor()),
-                models[k],
-                budget=budget,
-            )
+        histories = [
+            recorded(self.world, k, truth, E_MPa=E_MPa, rng=rng, sensor=sensor, said=Sensor())
             for k, truth in enumerate(truths)
         ]
+        models = self.of_press(self.models, histories, E_MPa)
+        return [estimate_modulus(*pair, budget=budget) for pair in zip(histories, models, strict=True)]
 
 
 def models_on(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> tuple[GraspModel, ...]:
