@@ -211,7 +211,7 @@ class ExplainEntry(_Entry):
     maps: MapEntry | None = Field(default=None, exclude=True)
     effects: Mapping[str, EffectEntry] = Field(default={}, exclude=True)
     parameter_words: Mapping[str, Mapping[str, str]] = Field(default={}, exclude=True)
-    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] = Field(default={}, exclude=True)
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = Field(default={}, exclude=True)
     facts: tuple[tuple[str, str], ...] = Field(default=(), exclude=True)
 
     @property

@@ -38,7 +38,7 @@ def mesh_picture(
     *,
     pit_vertices: Float[np.ndarray, "k 3"] | None = None,
     pit_faces: Int[np.ndarray, "j 3"] | None = None,
-    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] | None = None,
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
     axis_words: tuple[str, str] = ("stem", "suture"),
     view_px: int = 440,
     samples: int = 2,
@@ -86,7 +86,7 @@ def mesh_picture(
 def _painted(
     fruit: TracedSurface,
     pit: TracedSurface | None,
-    touched: Mapping[str, Float[np.ndarray, "p 3"]],
+    touched: Mapping[str, Float[np.ndarray, "_p 3"]],
     view: Viewing,
     *,
     pixels: int,

@@ -69,7 +69,7 @@ def sides_of(
     visible: Float[np.ndarray, " n"],
     *,
     hatched_below: float,
-    contacts_mm: Mapping[str, Float[np.ndarray, "p 3"]] | None = None,
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
     view_px: int = 250,
     samples: int = 2,
 ) -> tuple[MapSide, ...]:

@@ -1,6 +1,8 @@
 """The checker of tests/conftest.py: beartype on the rooms' array annotations, and on no others.
 
 Types that are not arrays are mypy's matter; tests may hand in simpler objects in their place.
+An axis named with an underscore (`list[Float[np.ndarray, "_f _n 3"]]`) may have another size in each array of
+a container; one named without has the same size wherever the name stands in a signature.
 """
 
 from collections.abc import Callable
