@@ -18,14 +18,14 @@ from recon.cameras.photos import Photo, require_enough
 from recon.cameras.printed_mat import Mat
 from recon.checks.ground_check import rim_evidence
 from recon.checks.quality import NOTHING_KNOWN, ReconQuality, outline_rms_mm, warnings_of, widest_gap_deg
-from recon.checks.surface_error import surface_error
+from recon.checks.surface_error import SurfaceError, surface_error
 from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import point_maps
 from recon.point_route import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import scale_without_mat, scaled_to_height, spread_of_scale
-from recon.silhouettes.all_views import find_fruit
+from recon.silhouettes.all_views import FoundFruit, find_fruit
 from recon.silhouettes.carve import AGREEMENT
 from recon.stage_clock import Progress, StageClock, one_thread
 from recon.surface.coverage import seeing_views, seen_and_unseen
@@ -160,84 +160,159 @@ def _reconstructed(
                 [cameras[i] for i in fruit.used.tolist()],
             )
         with clock.stage("relief", 0.7):
-            vertices, relief_share, hollow = fruit.vertices, 0.0, np.zeros(len(fruit.vertices))
-            top_measured = 0.0
-            if options.relief:
-                found = relief(vertices, fruit.faces, images, cameras, support=fruit.support)
-                vertices, relief_share = found.vertices, float(found.measured.mean())
-                hollow = np.where(found.measured, 0.0, found.bridged)
-                top_measured = top_share(vertices, found.measured)
-            skin = cKDTree(vertices)
+            skin = _skin(fruit, images, cameras, with_relief=options.relief)
+            tree = cKDTree(skin.vertices)
         with clock.stage("surface", 0.85):
             mesh = closed_surface(
-                vertices, vertex_normals(vertices, fruit.faces), max_faces=options.max_faces
+                skin.vertices, vertex_normals(skin.vertices, fruit.faces), max_faces=options.max_faces
             )
-            vertices, faces = mesh.vertices, mesh.faces
-            bridged = hollow[skin.query(vertices)[1]]
+            bridged = skin.bridged[tree.query(mesh.vertices)[1]]
         with clock.stage("quality", 0.95):
-            outline_mm = outline_rms_mm(vertices, faces, fruit.silhouettes)
-            scale_sd, placed = poses.scale_sd, cameras
-            scale_doubts: tuple[str, ...] = ()
-            if mat is None and height_mm is not None:
-                scale = scale_without_mat(
-                    vertices,
-                    images,
-                    cameras,
-                    height_mm=height_mm,
-                    height_sd_mm=options.height_sd_mm,
-                    surface_sd=outline_mm,
-                    coin=options.coin,
-                    top_measured=top_measured,
-                )
-                factor, scale_sd, scale_doubts = scale.factor, scale.sd, scale.warnings
-                vertices = vertices * factor
-                placed = [c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras]
-                outline_mm *= factor
-            views = seeing_views(vertices, faces, np.array([c.place for c in placed]))
-            share, hole_mm2 = seen_and_unseen(vertices, faces, views)
-            evidence = rim_evidence(images, placed, vertices, faces)
-            error = surface_error(
-                evidence, vertices, faces, np.array([c.place for c in placed]), views, bridged=bridged
-            )
-            offset = surface_offset(error, vertices, faces, views)
-            doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
-            quality = ReconQuality(
+            scaled = _scaled(mesh, fruit, poses, images, cameras, mat, height_mm, options, skin.top_measured)
+            checked = _checked(scaled, images, mesh.faces, bridged)
+            quality = replace(
+                checked.quality,
                 views_given=len(photos),
                 views_used=len(fruit.used),
                 reprojection_px=poses.reprojection_px,
                 silhouette_iou=fruit.agreement,
-                outline_rms_mm=outline_mm,
                 clear_outline_share=fruit.clear_share,
                 focal_px=poses.cameras[0].focal_px,
                 focal_sd_px=poses.focal_sd_px,
                 k1=poses.cameras[0].k1,
                 widest_gap_deg=widest_gap_deg(np.array([c.place for c in cameras]), fruit.vertices.mean(0)),
-                seen_share=share,
-                unseen_mm2=hole_mm2,
                 decimation_rms_mm=mesh.deviation_rms_mm,
-                relief_share=relief_share,
-                offset_rms_mm=offset.rms_mm,
-                offset_local_mm=offset.local_mm,
-                offset_volume_share=offset.volume_share,
-                ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
+                relief_share=skin.relief_share,
             )
     return Reconstruction(
-        vertices=vertices,
-        faces=faces,
-        scale_sd=scale_sd,
-        surface_sd_mm=error.rms_mm,
+        vertices=scaled.vertices,
+        faces=mesh.faces,
+        scale_sd=scaled.sd,
+        surface_sd_mm=checked.error.rms_mm,
         quality=quality,
         warnings=poses.warnings
-        + scale_doubts
-        + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
-        + doubts,
+        + scaled.warnings
+        + warnings_of(quality, largest_mm=float(np.ptp(scaled.vertices, axis=0).max()))
+        + checked.doubts,
         seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
-        cameras=tuple(placed),
-        views=views,
-        sd_mm=error.sd_mm,
+        cameras=tuple(scaled.cameras),
+        views=checked.views,
+        sd_mm=checked.error.sd_mm,
         unplaced=tuple(p.name for i, p in enumerate(photos) if i not in poses.used),
     )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Skin:
+    """The hull after the search for relief: its vertices; the share of them, and of the top, that relief has
+    measured; how far the hull bridges a hollow where it has not, at each vertex.
+    """
+
+    vertices: Float[np.ndarray, "n 3"]
+    relief_share: float
+    top_measured: float
+    bridged: Float[np.ndarray, " n"]
+
+
+def _skin(
+    fruit: FoundFruit, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], *,
+    with_relief: bool,
+) -> _Skin:  # fmt: skip
+    """The skin with what no outline shows, where that is looked for."""
+    if not with_relief:
+        return _Skin(
+            vertices=fruit.vertices,
+            relief_share=0.0,
+            top_measured=0.0,
+            bridged=np.zeros(len(fruit.vertices)),
+        )
+    found = relief(fruit.vertices, fruit.faces, images, cameras, support=fruit.support)
+    return _Skin(
+        vertices=found.vertices,
+        relief_share=float(found.measured.mean()),
+        top_measured=top_share(found.vertices, found.measured),
+        bridged=np.where(found.measured, 0.0, found.bridged),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Scaled:
+    """Mesh and cameras in mm: vertices, cameras, deviation from the outlines, the scale's relative error."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    cameras: Sequence[Camera]
+    outline_mm: float
+    sd: float
+    warnings: tuple[str, ...]
+
+
+def _scaled(
+    mesh: RepairedMesh, fruit: FoundFruit, poses: Poses, images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    cameras: Sequence[Camera], mat: Mat | None, height_mm: float | None, options: ReconOptions,
+    top_measured: float,
+) -> _Scaled:  # fmt: skip
+    """By the mat as it is; without one by the fruit's height or a coin."""
+    outline_mm = outline_rms_mm(mesh.vertices, mesh.faces, fruit.silhouettes)
+    if mat is not None or height_mm is None:
+        return _Scaled(
+            vertices=mesh.vertices, cameras=cameras, outline_mm=outline_mm, sd=poses.scale_sd, warnings=()
+        )
+    scale = scale_without_mat(
+        mesh.vertices,
+        images,
+        cameras,
+        height_mm=height_mm,
+        height_sd_mm=options.height_sd_mm,
+        surface_sd=outline_mm,
+        coin=options.coin,
+        top_measured=top_measured,
+    )
+    factor = scale.factor
+    return _Scaled(
+        vertices=mesh.vertices * factor,
+        cameras=[c.moved(np.diag([factor, factor, factor, 1.0])) for c in cameras],
+        outline_mm=outline_mm * factor,
+        sd=scale.sd,
+        warnings=scale.warnings,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Checked:
+    """The mesh held against its photos: views of each vertex, the skin's error, what of `quality` that
+    makes, and what it casts doubt on.
+    """
+
+    views: Int[np.ndarray, " n"]
+    error: SurfaceError
+    quality: ReconQuality
+    doubts: tuple[str, ...]
+
+
+def _checked(
+    scaled: _Scaled, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], faces: Int[np.ndarray, "m 3"],
+    bridged: Float[np.ndarray, " n"],
+) -> _Checked:  # fmt: skip
+    """Raises ReconFailure, surface-contradicted, where the photos do not show the mesh."""
+    vertices, places = scaled.vertices, np.array([c.place for c in scaled.cameras])
+    views = seeing_views(vertices, faces, places)
+    share, hole_mm2 = seen_and_unseen(vertices, faces, views)
+    evidence = rim_evidence(images, scaled.cameras, vertices, faces)
+    error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
+    offset = surface_offset(error, vertices, faces, views)
+    doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
+    quality = replace(
+        NOTHING_KNOWN,
+        outline_rms_mm=scaled.outline_mm,
+        seen_share=share,
+        unseen_mm2=hole_mm2,
+        offset_rms_mm=offset.rms_mm,
+        offset_local_mm=offset.local_mm,
+        offset_volume_share=offset.volume_share,
+        ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
+    )
+    return _Checked(views=views, error=error, quality=quality, doubts=doubts)
 
 
 def reconstruct_with_model(

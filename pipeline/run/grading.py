@@ -4,7 +4,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -65,7 +65,7 @@ RETRIED = frozenset(
 
 
 def utc_now() -> datetime:
-    """The present moment, aware."""
+    """The time now, aware of its zone."""
     return datetime.now(UTC)
 
 
@@ -88,97 +88,144 @@ def grade(
     written, and NotWritten where the batch's own files cannot be.
     """
     started, since_s = now(), time.monotonic()
-
-    def until_now() -> datetime:
-        return started + timedelta(seconds=time.monotonic() - since_s)
-
-    batch = open_batch(root, force=force)
-    results = Results(out or batch.folder.default_results)
-    fruits = [results.fruit(row.fruit_id) for row in batch.rows]
-    require_results_apart(results, batch.folder, read_files(batch), "--out")
-    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
-    named = batch.settings.reference.chart
-    chart_at = None if named is None else chart_path(batch.folder, named)
-    if chart_at is not None:
-        require_chart_place(chart_at, batch.folder, results, read_files(batch))
-    inputs = input_hashes(batch.folder.root, _inputs(batch))
-
-    def require_ours() -> None:
-        require_free(results, fruits, "--out")
-        require_same_batch(results, identity(batch, inputs), "--out")
-
-    if not is_held(results.root):
-        require_ours()
-    with results_lock(results.root):
-        require_ours()
-        _begun(results, fruits)
-        tasks = {row.fruit_id: fruit_task(batch, row.fruit_id, results) for row in batch.rows}
-        doubted_inputs = implausible_fruit(batch)
-        forced: dict[str, list[str]] = {}
-        if force:
-            for fruit_id, sentence in doubted_inputs.items():
-                console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
-            forced, doubted_inputs = _forced(batch, doubted_inputs), {}
-        records = dict(_kept({name: task for name, task in tasks.items() if name not in doubted_inputs}))
-        todo = [(name, task) for name, task in tasks.items() if name not in {*records, *doubted_inputs}]
-        if records:
-            console.print(
-                f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False
-            )
-        for fruit_id, sentence in doubted_inputs.items():
-            records[fruit_id] = _refused(tasks[fruit_id], sentence)
-
-        def provenance(status: int | None, finding: ReferenceFinding | None = None) -> None:
-            write_provenance(
-                results.provenance,
-                batch=batch_folder(batch),
-                settings=batch.settings.model_dump(mode="json"),
-                inputs=inputs,
-                started=started,
-                finished=None if status is None else until_now(),
-                exit_status=status,
-                outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
-                reference=None if finding is None else asdict(finding),
-                force=force,
-            )
-
+    run = _placed(open_batch(root, force=force), out, started=started, since_s=since_s, force=force)
+    if not is_held(run.results.root):
+        run.require_ours()
+    with results_lock(run.results.root):
+        run.require_ours()
+        _begun(run.results, run.fruits)
+        records, todo, forced = _sorted_out(run, console)
         with suppress(NotWritten):
-            provenance(None)
+            run.write_provenance(records, None)
         try:
             jobs = _jobs([task for _, task in todo], jobs, console)
             _work(todo, records, jobs=jobs, time_limit_s=time_limit_s, console=console)
         except KeyboardInterrupt:
             with suppress(NotWritten):
-                provenance(INTERRUPTED)
+                run.write_provenance(records, INTERRUPTED)
             raise
         for fruit_id, record in records.items():
-            records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), results)
-        measured = [records[row.fruit_id] for row in batch.rows]
-        compared = copies_doubted(measured, batch.folder)
-        in_order, finding = against_references(compared, correct=batch.settings.reference.correct)
-        _keep_comparisons(measured, in_order, results)
-        chart, own = ControlChart(), []
-        if chart_at is not None and finding is not None:
-            own = own_points(finding, lot=batch.settings.lot, now=started, inputs=inputs)
-            chart = with_points(read_chart(chart_at), own)
-            finding = drift(chart, finding)
-        status = _status(in_order, finding)
-        entry = batch_entry(
-            batch,
-            in_order,
-            results=results,
-            inputs=inputs,
-            started=started,
-            finished=until_now(),
+            records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), run.results)
+        return _reported(run, records)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Run:
+    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began."""
+
+    batch: Batch
+    results: Results
+    chart: Path | None
+    inputs: Mapping[str, str]
+    force: bool
+    started: datetime
+    since_s: float
+
+    @property
+    def fruits(self) -> list[FruitResults]:
+        return [self.results.fruit(row.fruit_id) for row in self.batch.rows]
+
+    def until_now(self) -> datetime:
+        return self.started + timedelta(seconds=time.monotonic() - self.since_s)
+
+    def require_ours(self) -> None:
+        """Raises BatchRefused where the results hold files of others, or another batch's."""
+        require_free(self.results, self.fruits, "--out")
+        require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
+
+    def write_provenance(
+        self,
+        records: Mapping[str, FruitRecord],
+        status: int | None,
+        finding: ReferenceFinding | None = None,
+    ) -> None:
+        """batch.json, with the outcomes so far; `status` is None before the end. Raises NotWritten."""
+        write_provenance(
+            self.results.provenance,
+            batch=batch_folder(self.batch),
+            settings=self.batch.settings.model_dump(mode="json"),
+            inputs=self.inputs,
+            started=self.started,
+            finished=None if status is None else self.until_now(),
             exit_status=status,
-            finding=finding,
-            chart=chart,
+            outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
+            reference=None if finding is None else asdict(finding),
+            force=self.force,
         )
-        write_whole(results.ranking, ranking_csv(entry))
-        write_whole(results.report, report_html(entry))
-        provenance(status, finding)
-        if chart_at is not None and own:
-            update_chart(chart_at, own)
+
+
+def _placed(batch: Batch, out: Path | None, *, started: datetime, since_s: float, force: bool) -> _Run:
+    """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
+    results = Results(out or batch.folder.default_results)
+    require_results_apart(results, batch.folder, read_files(batch), "--out")
+    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
+    named = batch.settings.reference.chart
+    chart = None if named is None else chart_path(batch.folder, named)
+    if chart is not None:
+        require_chart_place(chart, batch.folder, results, read_files(batch))
+    return _Run(
+        batch=batch,
+        results=results,
+        chart=chart,
+        inputs=input_hashes(batch.folder.root, _inputs(batch)),
+        force=force,
+        started=started,
+        since_s=since_s,
+    )
+
+
+def _sorted_out(
+    run: _Run, console: Console
+) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
+    """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
+    tasks = {row.fruit_id: fruit_task(run.batch, row.fruit_id, run.results) for row in run.batch.rows}
+    implausible = implausible_fruit(run.batch)
+    forced: dict[str, list[str]] = {}
+    if run.force:
+        for fruit_id, sentence in implausible.items():
+            console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
+        forced, implausible = _forced(run.batch, implausible), {}
+    records = dict(_kept({name: task for name, task in tasks.items() if name not in implausible}))
+    todo = [(name, task) for name, task in tasks.items() if name not in {*records, *implausible}]
+    if records:
+        console.print(f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False)
+    for fruit_id, sentence in implausible.items():
+        records[fruit_id] = _refused(tasks[fruit_id], sentence)
+    return records, todo, forced
+
+
+def _reported(run: _Run, records: Mapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
+    """Fruit held against each other and the reference bodies; ranking, report, provenance and chart written.
+
+    The exit status and what the report says; raises NotWritten.
+    """
+    settings = run.batch.settings
+    measured = [records[row.fruit_id] for row in run.batch.rows]
+    compared = copies_doubted(measured, run.batch.folder)
+    in_order, finding = against_references(compared, correct=settings.reference.correct)
+    _keep_comparisons(measured, in_order, run.results)
+    chart, own = ControlChart(), []
+    if run.chart is not None and finding is not None:
+        own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
+        chart = with_points(read_chart(run.chart), own)
+        finding = drift(chart, finding)
+    status = _status(in_order, finding)
+    entry = batch_entry(
+        run.batch,
+        in_order,
+        results=run.results,
+        inputs=run.inputs,
+        started=run.started,
+        finished=run.until_now(),
+        exit_status=status,
+        finding=finding,
+        chart=chart,
+    )
+    write_whole(run.results.ranking, ranking_csv(entry))
+    write_whole(run.results.report, report_html(entry))
+    run.write_provenance(records, status, finding)
+    if run.chart is not None and own:
+        update_chart(run.chart, own)
     return status, entry
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
 from recon.cameras.colmap import pycolmap
@@ -55,27 +55,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
-    seen = [photo.tags or detect_tags(photo.image, mat) for photo in photos]
-    sightings = [
-        _Sighting(i, np.concatenate([mat.corners_mm[t] for t in tags.tolist()]), corners.reshape(-1, 2))
-        for i, (tags, corners) in enumerate(seen)
-        if len(tags) >= FEWEST_TAGS
-    ]
-    most = max(len(tags) for tags, _ in seen)
-    if most == 0:
-        raise ReconFailure(
-            ReconProblem.MAT_NOT_FOUND,
-            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
-            f"{len(photos)} photos; check that mat.json belongs to the printed mat and that it is in view.",
-        )
-    if len(sightings) < FEWEST_PHOTOS:
-        raise ReconFailure(
-            ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
-            f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the mat "
-            f"(the best "
-            f"shows {most}); at least {FEWEST_PHOTOS} must: keep the mat uncovered and in focus.",
-        )
-    sightings, size, warnings = _of_one_size(sightings, photos)
+    sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
     known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
     focal_px = focal_from_homographies(sightings, size) or (
         float(np.median(known)) if known else 1.2 * max(size)
@@ -97,16 +77,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         good = [e < LONGEST_ERROR_PX for e in errors]
         if all(g.all() for g in good):
             break
-        kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
-        if len(kept) < FEWEST_PHOTOS:
-            raise ReconFailure(
-                ReconProblem.MAT_NOT_FOUND,
-                f"The tags seen in {len(sightings)} photos do not fit the mat of mat.json (half of the "
-                f"corners of "
-                f"only {len(kept)} photos within {LONGEST_ERROR_PX:g} px); check that it is the mat that "
-                f"was printed, "
-                "that it lies flat and that no photo is mirrored.",
-            )
+        kept = _consistent(good)
         sightings = [
             _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
             for i in kept
@@ -126,6 +97,44 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         box=blank_box(mat),
         warnings=warnings,
     )
+
+
+def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
+    """Corners of tags in the photos that show enough of them; raises ReconFailure where too few do."""
+    seen = [photo.tags or detect_tags(photo.image, mat) for photo in photos]
+    sightings = [
+        _Sighting(i, np.concatenate([mat.corners_mm[t] for t in tags.tolist()]), corners.reshape(-1, 2))
+        for i, (tags, corners) in enumerate(seen)
+        if len(tags) >= FEWEST_TAGS
+    ]
+    most = max(len(tags) for tags, _ in seen)
+    if most == 0:
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"No marker of the mat ({mat.dictionary}, {len(mat.corners_mm)} tags) was found in any of "
+            f"{len(photos)} photos; check that mat.json belongs to the printed mat and that it is in view.",
+        )
+    if len(sightings) < FEWEST_PHOTOS:
+        raise ReconFailure(
+            ReconProblem.TOO_FEW_VIEWS if most >= FEWEST_TAGS else ReconProblem.MAT_NOT_FOUND,
+            f"Only {len(sightings)} of {len(photos)} photos show at least {FEWEST_TAGS} tags of the mat "
+            f"(the best "
+            f"shows {most}); at least {FEWEST_PHOTOS} must: keep the mat uncovered and in focus.",
+        )
+    return sightings
+
+
+def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
+    """Sightings of which most corners fit; raises ReconFailure (mat-not-found) where too few are left."""
+    kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
+    if len(kept) < FEWEST_PHOTOS:
+        raise ReconFailure(
+            ReconProblem.MAT_NOT_FOUND,
+            f"The tags seen in {len(good)} photos do not fit the mat of mat.json (half of the corners of "
+            f"only {len(kept)} photos within {LONGEST_ERROR_PX:g} px); check that it is the mat that "
+            "was printed, that it lies flat and that no photo is mirrored.",
+        )
+    return kept
 
 
 def _of_one_size(

@@ -1,6 +1,6 @@
 """A learned geometry model (ONNX, VGGT's names): photos in, one 3D point for each pixel out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from jaxtyping import Float, UInt8
 from recon.cameras.photos import Photo
 from recon.learned.model_cameras import camera_places, first_place, unprojected
 from recon.learned.onnx_file import bad_model
-from recon.learned.onnx_session import opened
+from recon.learned.onnx_session import Session, opened
 
 MULTIPLE = 14
 """px: sides must be a multiple of the model's patch, 14 in VGGT."""
@@ -53,6 +53,27 @@ def point_maps(
     (bad-geometry-model) that names the file and the input, output or provider that is missing or misshapen.
     """
     session = opened(model, providers)
+    offered = {o.name for o in session.get_outputs()}
+    _require_signature(model, session, offered, photos=len(photos))
+    shape = session.get_inputs()[0].shape
+    height, width = photos[0].image.shape[:2]
+    columns = shape[4] if isinstance(shape[4], int) else WIDTH_PX
+    rows = (
+        shape[3]
+        if isinstance(shape[3], int)
+        else max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
+    )
+    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None]
+    outputs = _outputs(model, session, images, offered)
+    poses = None if "pose_enc" not in outputs else np.asarray(outputs["pose_enc"][0], float)
+    points, trust = _trusted_points(model, outputs, poses)
+    scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
+    places = first_place(points[0], trust[0]) if poses is None else camera_places(poses)
+    return PointMaps(points, trust, scale, places)
+
+
+def _require_signature(model: Path, session: Session, offered: set[str], *, photos: int) -> None:
+    """Raises ReconFailure where it does not take so many images, or offers too little."""
     inputs = {i.name: i.shape for i in session.get_inputs()}
     if list(inputs) != ["images"]:
         raise bad_model(
@@ -61,7 +82,6 @@ def point_maps(
     shape = inputs["images"]
     if len(shape) != 5 or (shape[2] not in (3, "3") and isinstance(shape[2], int)):
         raise bad_model(model, f'has the input "images" of shape {shape}', "(1, S, 3, H, W)")
-    offered = {o.name for o in session.get_outputs()}
     if not any(set(names) <= offered for names in ENOUGH):
         missing = '"world_points"'
         half = {"depth": "pose_enc", "pose_enc": "depth"}
@@ -71,39 +91,48 @@ def point_maps(
             f"has no output {lacks or missing} (its outputs are {', '.join(sorted(offered)) or 'none'})",
             '"world_points", or "depth" with "pose_enc"',
         )
-    if isinstance(shape[1], int) and shape[1] != len(photos):
+    if isinstance(shape[1], int) and shape[1] != photos:
         raise bad_model(
-            model, f"takes exactly {shape[1]} photos, not {len(photos)}", "a model for any number of photos"
+            model, f"takes exactly {shape[1]} photos, not {photos}", "a model for any number of photos"
         )
-    height, width = photos[0].image.shape[:2]
-    columns = shape[4] if isinstance(shape[4], int) else WIDTH_PX
-    rows = (
-        shape[3]
-        if isinstance(shape[3], int)
-        else max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
-    )
     kind = session.get_inputs()[0].type
     if kind not in KINDS:
         raise bad_model(model, f'takes "images" as {kind}', "float or float16")
-    images = np.stack([_prepared(p.image, columns, rows) for p in photos])[None].astype(KINDS[kind])
+
+
+def _outputs(
+    model: Path,
+    session: Session,
+    images: Float[np.ndarray, "1 s 3 h w"],
+    offered: set[str],
+) -> dict[str, np.ndarray]:
+    """What it gives for the images, of the shapes that it should be; raises ReconFailure."""
+    kind = session.get_inputs()[0].type
     wanted = [
         n for n in ("world_points", "world_points_conf", "depth", "depth_conf", "pose_enc") if n in offered
     ]
     try:
-        outputs = dict(zip(wanted, session.run(wanted, {"images": images}), strict=True))
+        outputs = dict(zip(wanted, session.run(wanted, {"images": images.astype(KINDS[kind])}), strict=True))
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
             model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
         ) from error
-    grid = (1, len(photos), rows, columns)
+    _, photos, _, rows, columns = images.shape
+    grid = (1, photos, rows, columns)
     expected = {
         "world_points": (*grid, 3), "depth": (*grid, 1), "world_points_conf": grid, "depth_conf": grid,
-        "pose_enc": (1, len(photos), 9),
+        "pose_enc": (1, photos, 9),
     }  # fmt: skip
     for name, full in expected.items():
         if name in outputs and outputs[name].shape != full:
             raise bad_model(model, f'gives "{name}" of shape {outputs[name].shape}', f"{full}")
-    poses = None if "pose_enc" not in outputs else np.asarray(outputs["pose_enc"][0], float)
+    return outputs
+
+
+def _trusted_points(
+    model: Path, outputs: Mapping[str, np.ndarray], poses: Float[np.ndarray, "s 9"] | None
+) -> tuple[Float[np.ndarray, "s h w 3"], Float[np.ndarray, "s h w"]]:
+    """Points and how far to trust each, -inf where it is none; raises ReconFailure for too few."""
     if poses is not None and not (np.isfinite(poses).all() and poses[:, 3:7].any(axis=1).all()):
         raise bad_model(
             model, 'gives a "pose_enc" without a turn', "finite numbers and quaternions that are not 0"
@@ -121,10 +150,7 @@ def point_maps(
         raise bad_model(
             model, f"gives {int(np.isfinite(trust).sum())} finite points", f"at least {FEWEST_POINTS}"
         )
-    scale = np.array([[p.image.shape[1] / columns, p.image.shape[0] / rows] for p in photos])
-    points = np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0)
-    places = first_place(points[0], trust[0]) if poses is None else camera_places(poses)
-    return PointMaps(points, trust, scale, places)
+    return np.nan_to_num(points, nan=0.0, posinf=0.0, neginf=0.0), trust
 
 
 def _prepared(image: UInt8[np.ndarray, "h w 3"], columns: int, rows: int) -> Float[np.ndarray, "3 r c"]:

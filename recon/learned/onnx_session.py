@@ -4,11 +4,15 @@ import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeAlias
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
 import onnxruntime
 
 from recon.learned.onnx_file import bad_model, require_onnx
+
+Session: TypeAlias = onnxruntime.InferenceSession
+"""What `opened` gives."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:
@@ -28,7 +32,7 @@ def providers_fault(providers: Sequence[str]) -> str:
     return ""
 
 
-def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
+def opened(model: Path, providers: Sequence[str]) -> Session:
     """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
     that names the file where it is missing, is no ONNX model, or none of the providers is there.
     """

@@ -158,16 +158,7 @@ def find_fruit(
         del views, log_odds, masks  # hundreds of MB, before as much is made anew
         views, log_odds, masks = _cut_hull(scene, mesh, cover, centre, side_px)
         mesh = hull([_of_mask(m, v) for m, v in zip(masks, views, strict=True)], outlier_share)
-    overlaps = [
-        _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
-        for v, m in zip(views, masks, strict=True)
-    ]
-    kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
-    if len(kept) < FEWEST_PHOTOS:
-        raise no_fruit(
-            f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
-            f"{np.mean(overlaps):.2f})"
-        )
+    kept = _agreeing(views, masks, mesh)
     views, log_odds = [views[i] for i in kept], [log_odds[i] for i in kept]
     silhouettes: list[Silhouette] = []
     clear = 0.0
@@ -192,6 +183,21 @@ def find_fruit(
         agreement=float(np.mean(overlap)),
         clear_share=clear,
     )
+
+
+def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]], mesh: _Hull) -> list[int]:
+    """Views whose mask is that of the hull; raises ReconFailure, no-fruit, where too few are."""
+    overlaps = [
+        _overlap(drawn(mesh.vertices, mesh.faces, v.window, v.camera), m)
+        for v, m in zip(views, masks, strict=True)
+    ]
+    kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
+    if len(kept) < FEWEST_PHOTOS:
+        raise no_fruit(
+            f"the outlines of {len(overlaps)} photos do not fit one body (mean overlap "
+            f"{np.mean(overlaps):.2f})"
+        )
+    return kept
 
 
 def _cut_block(

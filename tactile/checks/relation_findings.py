@@ -114,6 +114,17 @@ def relation_findings(
 
 def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
     """Everything but a gain, the plainest cause first."""
+    return (
+        _dead_finding(one, r)
+        or _axes_finding(one, r)
+        or _timing_finding(one, r)
+        or _markers_finding(one, r)
+        or _clipped_finding(one, r)
+    )
+
+
+def _dead_finding(one: Pressing, r: Relation) -> Finding | None:
+    """One of the two stays where it is while the other changes."""
     if r.felt_mm < DEAD * r.gel_mm and _flat(one.felt_mm, one.felt_sd_mm, one.touched):
         return _refused(
             one,
@@ -130,16 +141,26 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
             f"{_peak(one.felt_mm):.2f} mm",
             field="force",
         )
-    if exchanged := _exchanged(r):
-        i, j = exchanged
-        field = _field_exchanged(one)
-        return _refused(
-            one,
-            FindingKind.AXES,
-            f"{field or 'force or displacement'} has its axes exchanged or turned: "
-            f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
-            field=field,
-        )
+    return None
+
+
+def _axes_finding(one: Pressing, r: Relation) -> Finding | None:
+    """Axes of one of the two are exchanged."""
+    if (exchanged := _exchanged(r)) is None:
+        return None
+    i, j = exchanged
+    field = _field_exchanged(one)
+    return _refused(
+        one,
+        FindingKind.AXES,
+        f"{field or 'force or displacement'} has its axes exchanged or turned: "
+        f"the force along {AXES[i]} goes with the displacement along {AXES[j]}",
+        field=field,
+    )
+
+
+def _timing_finding(one: Pressing, r: Relation) -> Finding | None:
+    """The two go against each other, or apart, over time."""
     if r.in_time < -IN_STEP:
         wrong: Field = "displacement" if _pushes(one) else "force"
         return _refused(
@@ -173,15 +194,25 @@ def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
             "expected above 0.97): frames of one of the two are out of order (shuffled), missing or wrong",
             detail=f"{r.in_time:.2f}",
         )
-    if r.over_markers < SAME_MARKERS:
-        return _refused(
-            one,
-            FindingKind.OTHER_MARKERS,
-            "force and displacement are not of the same markers "
-            f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
-            "one of the two lists its markers in another order (permuted)",
-            detail=f"{max(r.over_markers, 0):.2f}",
-        )
+    return None
+
+
+def _markers_finding(one: Pressing, r: Relation) -> Finding | None:
+    """The two list their markers in different orders."""
+    if r.over_markers >= SAME_MARKERS:
+        return None
+    return _refused(
+        one,
+        FindingKind.OTHER_MARKERS,
+        "force and displacement are not of the same markers "
+        f"(correlation over markers {max(r.over_markers, 0):.2f}, expected above 0.9): "
+        "one of the two lists its markers in another order (permuted)",
+        detail=f"{max(r.over_markers, 0):.2f}",
+    )
+
+
+def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
+    """One of the two stops growing where the other goes on."""
     if r.saturation < SATURATES:
         return _refused(
             one,
