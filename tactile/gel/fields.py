@@ -13,8 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from tactile.gel.border import border_observation
-from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, most_likely_hyperparameters
+from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.force_likelihood import most_likely_hyperparameters
 from tactile.gel.force_placing import ForcePlacing
+from tactile.gel.force_prior import PriorHyperparameters
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed

@@ -1,7 +1,7 @@
-"""From the displacement of a gel's face to the forces on it: a linear inverse, its prior chosen by the data.
+"""From the displacement of a gel's face to the forces on it: a linear inverse.
 
-Unknowns are forces t on the nodes of a square grid (tents of traction, `gel_slab`). Marker displacements y
-with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian prior of precision
+Unknowns are forces t on the nodes of a square grid (tents of traction, tactile.gel.slab). Marker displacements
+y with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian prior of precision
 Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
 
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
@@ -11,23 +11,28 @@ solution, with nodes dropped that would pull and neighbours added that want to p
 per sensor. G is continued by smooth fields that no force makes (quadratics over the pad, a percent or two of
 the displacement): what free sides and a housing do to a slab that is not endless. They matter: an almost
 incompressible gel is so stiff against even pressure that 5 um of even depth are 5 % of a press of 3 N. The
-prior's spread and roughness, and by how much the noise exceeds what frames in the air show, are those of
-greatest marginal likelihood
+prior (tactile.gel.force_prior) is that of greatest marginal likelihood (tactile.gel.force_likelihood).
 
-    2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992).
-
-Because t is linear in y, force and displacement share their noise: `GelForce.joint_covariance` has both.
+Because t is linear in y, force and displacement share their noise: `InvertedForce.joint_covariance` has both.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve, cholesky, lapack
 
-from tactile.gel.grid import GelGrid, with_smooth
+from tactile.gel.force_prior import (
+    USUAL_MOTION_MM,
+    PriorHyperparameters,
+    displacement_by,
+    dofs_of,
+    motion_of,
+    prior_precision,
+    smooth_precision,
+)
+from tactile.gel.grid import GelGrid
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
 """A node is in contact at first where it is pushed by so many standard deviations, or by such a share of the
@@ -39,27 +44,6 @@ APPEARS_AT_SD = 6.0
 hand."""
 MOST_ROUNDS = 12
 """In which nodes may join; then they only leave, so that the search ends. Set by hand."""
-SMOOTH_SHARE = np.array([0.02, 0.02, 0.005])
-"""Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z; free sides
-three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_image_errors.py`)."""
-LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
-"""Largest displacement of a frame, mm: at least this for the smooth field, and that of a usual press."""
-ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
-
-
-@dataclass(frozen=True, kw_only=True)
-class PriorHyperparameters:
-    """The prior: spread of pressure and of shear (MPa), roughness (pitches); noise over that in the air."""
-
-    pressure_MPa: float
-    shear_MPa: float
-    roughness: float
-    noise: float
-
-
-INITIAL_HYPERPARAMETERS = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
-"""Where the search for the prior starts: a usual press, node by node as noisy as twice what frames say. Set
-by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,17 +87,17 @@ class InvertedForce:
     ) -> None:
         self.grid, self.hyperparameters = grid, hyperparameters
         self.information = information_per_mm2 / hyperparameters.noise**2
-        self._observed_by = _moved(grid) if observed is None else observed
-        self._moved_by = _moved(grid)
+        self._observed_by = displacement_by(grid) if observed is None else observed
+        self._moved_by = displacement_by(grid)
         per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
         self._weighted = np.matmul(self.information, per_marker).reshape(self._observed_by.shape)
         self._data = self._weighted.T @ self._observed_by
         self._normal = self._data.copy()
         size = 3 * len(grid.nodes_mm)
-        self._normal[:size, :size] += _prior(grid, hyperparameters)
+        self._normal[:size, :size] += prior_precision(grid, hyperparameters)
         self._size = size
         loose = self._normal.copy()
-        loose[size:, size:] += np.diag(_smooth_precision(USUAL_MOTION_MM))
+        loose[size:, size:] += np.diag(smooth_precision(USUAL_MOTION_MM))
         self._free = _factored(loose)
 
     def solve(
@@ -121,7 +105,7 @@ class InvertedForce:
     ) -> GelContact:
         """One frame; markers that are not `seen` (or NaN) are left out."""
         y, normal, right = self._observed(displacement_mm, seen)
-        motion_mm = _motion(y)
+        motion_mm = motion_of(y)
         found = self._solved_active_set(normal, right, motion_mm)
         t = found.unknowns[: self._size].reshape(-1, 3)
         return GelContact(
@@ -137,7 +121,7 @@ class InvertedForce:
     ) -> ActiveSet:
         """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
         y, normal, right = self._observed(displacement_mm, seen)
-        return self._solved_active_set(normal, right, _motion(y))
+        return self._solved_active_set(normal, right, motion_of(y))
 
     def _block(
         self, touching: Bool[np.ndarray, " m"], motion_mm: float, normal: np.ndarray | None = None
@@ -146,13 +130,13 @@ class InvertedForce:
         at = self._at(touching)
         block = (self._normal if normal is None else normal)[np.ix_(at, at)]
         end = np.arange(len(at) - (len(self._normal) - self._size), len(at))
-        block[end, end] += _smooth_precision(motion_mm)
+        block[end, end] += smooth_precision(motion_mm)
         return np.asarray(block)
 
     def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
         """Unknowns in play: the touching nodes' forces and the smooth fields."""
         smooth = np.arange(3 * len(touching), len(self._normal))
-        return np.concatenate([_dofs(touching), smooth])
+        return np.concatenate([dofs_of(touching), smooth])
 
     def joint_covariance(
         self, touching: Bool[np.ndarray, " m"], motion_mm: float
@@ -227,7 +211,7 @@ class InvertedForce:
         factor, sd = self._free
         if normal is not self._normal:
             loose = normal.copy()
-            loose[self._size :, self._size :] += np.diag(_smooth_precision(USUAL_MOTION_MM))
+            loose[self._size :, self._size :] += np.diag(smooth_precision(USUAL_MOTION_MM))
             factor, sd = _factored(loose)
         free = cho_solve(factor, right, check_finite=False)[normal_rows]
         adjacent = self.grid.laplacian < 0
@@ -273,131 +257,11 @@ class InvertedForce:
         """Each node's push in standard deviations, fitted as the only one besides the smooth fields."""
         size = 3 * len(self.grid.nodes_mm)
         rows = slice(2, size, 3)
-        smooth = cho_factor(normal[size:, size:] + np.diag(_smooth_precision(motion_mm)), lower=True)
+        smooth = cho_factor(normal[size:, size:] + np.diag(smooth_precision(motion_mm)), lower=True)
         across = normal[rows, size:]
         left = right[rows] - across @ cho_solve(smooth, right[size:])
         spread = push_information - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))
         return np.asarray(left / np.sqrt(np.maximum(spread, 1e-12 * push_information)))
-
-
-def most_likely_hyperparameters(
-    grid: GelGrid,
-    information_per_mm2: Float[np.ndarray, "n 3 3"],
-    frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
-    *,
-    observed: Float[np.ndarray, "3*n u"] | None = None,
-    start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,
-    rounds: int = 2,
-) -> PriorHyperparameters:
-    """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
-
-    The contact is found anew after every round of climbing.
-    """
-    best = start
-    seen = _moved(grid) if observed is None else observed
-    for turn in range(rounds):
-        everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
-        touching = [everywhere for _ in frames_mm]
-        if turn:
-            solver = InvertedForce(grid, information_per_mm2, best, observed=observed)
-            touching = [solver.solve(y).touching for y in frames_mm]
-        pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
-        if not pairs:
-            return best
-        statistics = [_sufficient_statistics(seen, information_per_mm2, y, c) for y, c in pairs]
-        value = _evidence(grid, best, statistics)
-        for name in ORDER_OF_CLIMBING:
-            for factor in (2.0, 0.5):
-                for _ in range(4):
-                    trial = replace(best, **{name: getattr(best, name) * factor})
-                    if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
-                        break
-                    best, value = trial, found
-    return best
-
-
-@dataclass(frozen=True, kw_only=True)
-class SufficientStatistics:
-    """Sufficient statistics of one frame for the forces on its touching nodes, before noise and prior are
-    scaled.
-    """
-
-    touching: Bool[np.ndarray, " m"]
-    normal: Float[np.ndarray, "a a"]
-    right: Float[np.ndarray, " a"]
-    misfit: float
-    directions: int
-    motion_mm: float
-
-
-def _sufficient_statistics(
-    seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray
-) -> SufficientStatistics:
-    """Normal matrix, right side and misfit of one frame whose contact is known."""
-    usable = np.isfinite(y).all(axis=1)
-    at = np.concatenate([_dofs(touching), np.arange(3 * len(touching), seen.shape[1])])
-    G = seen[:, at].reshape(len(y), 3, -1)[usable]
-    W = information[usable]
-    weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
-    return SufficientStatistics(
-        touching=touching,
-        normal=weighted.T @ flat,
-        right=weighted.T @ y[usable].ravel(),
-        misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
-        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
-        motion_mm=_motion(np.where(usable[:, None], y, 0.0)),
-    )
-
-
-def _evidence(
-    grid: GelGrid, hyperparameters: PriorHyperparameters, statistics: Sequence[SufficientStatistics]
-) -> float:
-    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
-    total = 0.0
-    prior = _prior(grid, hyperparameters)
-    for frame in statistics:
-        at = _dofs(frame.touching)
-        Q = prior[np.ix_(at, at)]
-        normal = frame.normal / hyperparameters.noise**2
-        normal[: len(at), : len(at)] += Q
-        normal[len(at) :, len(at) :] += np.diag(_smooth_precision(frame.motion_mm))
-        factor = cho_factor(normal, lower=True)
-        right = frame.right / hyperparameters.noise**2
-        smooth = Q[::3, ::3]
-        log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
-        sizes = np.log([Q[k, k] / Q[0, 0] for k in range(3)]).sum() * len(smooth) / 2
-        total += float(
-            0.5 * (right @ cho_solve(factor, right) - frame.misfit / hyperparameters.noise**2)
-            - np.log(np.diag(factor[0])).sum()
-            + 3 * log_prior
-            + sizes
-            - frame.directions * np.log(hyperparameters.noise)
-        )
-    return total
-
-
-def _prior(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "d d"]:
-    m = len(grid.nodes_mm)
-    smooth = np.eye(m) + hyperparameters.roughness**2 * grid.laplacian
-    area = grid.pitch_mm**2
-    out = np.zeros((m, 3, m, 3))
-    for k, sd in enumerate(
-        (hyperparameters.shear_MPa, hyperparameters.shear_MPa, hyperparameters.pressure_MPa)
-    ):
-        out[:, k, :, k] = smooth / (sd * area) ** 2
-    return out.reshape(3 * m, 3 * m)
-
-
-def _moved(grid: GelGrid) -> Float[np.ndarray, "d u"]:
-    return with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
-
-
-def _motion(y: Float[np.ndarray, "n 3"]) -> float:
-    return max(float(np.linalg.norm(y, axis=1).max()), LEAST_MOTION_MM)
-
-
-def _smooth_precision(motion_mm: float) -> Float[np.ndarray, " s"]:
-    return np.tile(1.0 / (SMOOTH_SHARE * motion_mm) ** 2, 6)
 
 
 def _factored(matrix: Float[np.ndarray, "u u"]) -> tuple[tuple[np.ndarray, bool], Float[np.ndarray, " u"]]:
@@ -405,7 +269,3 @@ def _factored(matrix: Float[np.ndarray, "u u"]) -> tuple[tuple[np.ndarray, bool]
     factor = cho_factor(matrix, lower=True)
     inverse = lapack.dtrtri(factor[0], lower=1)[0]
     return factor, np.sqrt((np.tril(inverse) ** 2).sum(axis=0))
-
-
-def _dofs(touching: np.ndarray) -> np.ndarray:
-    return np.asarray((3 * np.flatnonzero(touching)[:, None] + np.arange(3)).ravel())

@@ -25,7 +25,8 @@ from tactile.checks.relation import relation_of
 from tactile.checks.relation_findings import relation_findings
 from tactile.checks.time_order import dropped_steps
 from tactile.checks.units import FORCE, unit_like
-from tactile.gel.force_inverse import INITIAL_HYPERPARAMETERS, InvertedForce
+from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.force_prior import INITIAL_HYPERPARAMETERS
 from tactile.gel.grid import gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.recording import GelPad, read_recording

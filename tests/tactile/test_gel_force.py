@@ -2,7 +2,9 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel.force_inverse import InvertedForce, PriorHyperparameters, most_likely_hyperparameters
+from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.force_likelihood import most_likely_hyperparameters
+from tactile.gel.force_prior import PriorHyperparameters
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid

@@ -1,0 +1,125 @@
+"""The prior of forces on a gel's face, chosen by the data: greatest marginal likelihood of loaded frames.
+
+    2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992)
+
+in the notation of tactile.gel.force_inverse, over the prior's spread and roughness, and by how much the noise
+exceeds what frames in the air show.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import cho_factor, cho_solve, cholesky
+
+from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.force_prior import (
+    INITIAL_HYPERPARAMETERS,
+    PriorHyperparameters,
+    displacement_by,
+    dofs_of,
+    motion_of,
+    prior_precision,
+    smooth_precision,
+)
+from tactile.gel.grid import GelGrid
+
+ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
+"""Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
+
+
+def most_likely_hyperparameters(
+    grid: GelGrid,
+    information_per_mm2: Float[np.ndarray, "n 3 3"],
+    frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
+    *,
+    observed: Float[np.ndarray, "3*n u"] | None = None,
+    start: PriorHyperparameters = INITIAL_HYPERPARAMETERS,
+    rounds: int = 2,
+) -> PriorHyperparameters:
+    """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
+
+    The contact is found anew after every round of climbing.
+    """
+    best = start
+    seen = displacement_by(grid) if observed is None else observed
+    for turn in range(rounds):
+        everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
+        touching = [everywhere for _ in frames_mm]
+        if turn:
+            solver = InvertedForce(grid, information_per_mm2, best, observed=observed)
+            touching = [solver.solve(y).touching for y in frames_mm]
+        pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
+        if not pairs:
+            return best
+        statistics = [_sufficient_statistics(seen, information_per_mm2, y, c) for y, c in pairs]
+        value = _evidence(grid, best, statistics)
+        for name in ORDER_OF_CLIMBING:
+            for factor in (2.0, 0.5):
+                for _ in range(4):
+                    trial = replace(best, **{name: getattr(best, name) * factor})
+                    if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
+                        break
+                    best, value = trial, found
+    return best
+
+
+@dataclass(frozen=True, kw_only=True)
+class SufficientStatistics:
+    """Sufficient statistics of one frame for the forces on its touching nodes, before noise and prior are
+    scaled.
+    """
+
+    touching: Bool[np.ndarray, " m"]
+    normal: Float[np.ndarray, "a a"]
+    right: Float[np.ndarray, " a"]
+    misfit: float
+    directions: int
+    motion_mm: float
+
+
+def _sufficient_statistics(
+    seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray
+) -> SufficientStatistics:
+    """Normal matrix, right side and misfit of one frame whose contact is known."""
+    usable = np.isfinite(y).all(axis=1)
+    at = np.concatenate([dofs_of(touching), np.arange(3 * len(touching), seen.shape[1])])
+    G = seen[:, at].reshape(len(y), 3, -1)[usable]
+    W = information[usable]
+    weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
+    return SufficientStatistics(
+        touching=touching,
+        normal=weighted.T @ flat,
+        right=weighted.T @ y[usable].ravel(),
+        misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
+        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
+        motion_mm=motion_of(np.where(usable[:, None], y, 0.0)),
+    )
+
+
+def _evidence(
+    grid: GelGrid, hyperparameters: PriorHyperparameters, statistics: Sequence[SufficientStatistics]
+) -> float:
+    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor."""
+    total = 0.0
+    prior = prior_precision(grid, hyperparameters)
+    for frame in statistics:
+        at = dofs_of(frame.touching)
+        Q = prior[np.ix_(at, at)]
+        normal = frame.normal / hyperparameters.noise**2
+        normal[: len(at), : len(at)] += Q
+        normal[len(at) :, len(at) :] += np.diag(smooth_precision(frame.motion_mm))
+        factor = cho_factor(normal, lower=True)
+        right = frame.right / hyperparameters.noise**2
+        smooth = Q[::3, ::3]
+        log_prior = np.log(np.diag(cholesky(smooth, lower=True))).sum()
+        sizes = np.log([Q[k, k] / Q[0, 0] for k in range(3)]).sum() * len(smooth) / 2
+        total += float(
+            0.5 * (right @ cho_solve(factor, right) - frame.misfit / hyperparameters.noise**2)
+            - np.log(np.diag(factor[0])).sum()
+            + 3 * log_prior
+            + sizes
+            - frame.directions * np.log(hyperparameters.noise)
+        )
+    return total
