@@ -1,8 +1,8 @@
 """From the displacement of a gel's face to the forces on it: a linear inverse.
 
-Unknowns are forces t on the nodes of a square grid (tents of traction, tactile.gel.slab). Marker displacements
-y with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian prior of precision
-Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
+Unknowns are forces t on the nodes of a square grid (tents of traction, tactile.gel.slab). Marker
+displacements y with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian
+prior of precision Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
 
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
 
