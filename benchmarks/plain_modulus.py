@@ -25,7 +25,7 @@ from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.procedure import plain_fits
 from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import Case, open_case
-from pipeline.diagnosis.diagnosis import mismatch_case, plain_modulus
+from pipeline.diagnosis.diagnosis import graded_case, mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 from tactile.tactile_failure import TactileFailure
@@ -68,7 +68,7 @@ def main() -> None:
                 case, true = case_of(folder, Path(work))
                 fruit = grasped_fruit(case.task, StageLog(lambda _: None))
                 began = time.process_time()
-                graded = plain_modulus(case, fruit)
+                graded = graded_case(case, fruit).modulus
                 took_s = time.process_time() - began
                 base = baseline(mismatch_case(case, fruit))
             except (FemFailure, FruitEnded, TactileFailure) as failure:

@@ -33,6 +33,11 @@ class EnergyRatio:
     displacement_noise: float
     gel_scale: float
 
+    @property
+    def elastic(self) -> bool:
+        """Whether forces and displacement do positive work on each other."""
+        return self.work_Nmm > 0 and self.modulus_MPa > 0
+
 
 def since_first_touch(
     values: Float[np.ndarray, "t n 3"], episode: Int[np.ndarray, "t n"]

@@ -35,11 +35,13 @@ Set by hand."""
 class FruitInference:
     """The fruit's modulus; of each grasp its own with the prior's pit, or why it has none.
 
-    `moves`: how often the pit was moved in the mesh.
+    `models`: those of the grasps about the prior's pit, in their order. `moves`: how often the pit was moved
+    in the mesh.
     """
 
     modulus: FruitModulus
     grasps: tuple[ModulusEstimate | FemFailure, ...]
+    models: tuple[GraspModel | FemFailure, ...]
     moves: int
 
 
@@ -55,7 +57,8 @@ def infer_modulus(
     The pit's place is inferred where two or more grasps give a modulus and the mesh has a pit. Raises an
     ExceptionGroup of every grasp's FemFailure where none gives one.
     """
-    grasps = [_tried(*pair, budget) for pair in zip(histories, respond(mesh), strict=True)]
+    about_prior = tuple(respond(mesh))
+    grasps = [_tried(*pair, budget) for pair in zip(histories, about_prior, strict=True)]
     estimates = [one for one in grasps if isinstance(one, ModulusEstimate)]
     if not estimates:
         raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
@@ -84,7 +87,7 @@ def infer_modulus(
         at, moves = place, moves + 1
         found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
     found = replace(found, warnings=(*found.warnings, *doubts))
-    return FruitInference(modulus=found, grasps=tuple(grasps), moves=moves)
+    return FruitInference(modulus=found, grasps=tuple(grasps), models=about_prior, moves=moves)
 
 
 def _as_far_as_it_goes(

@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 
 from fem.estimation.absolute_modulus import absolute_compliance
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
-from fem.estimation.energy_ratio import energy_ratio
+from fem.estimation.energy_ratio import EnergyRatio, energy_ratio
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
@@ -125,29 +125,9 @@ def _from_first_touch(
     budget: ErrorBudget,
 ) -> ModulusEstimate:
     """The estimate by displacement since first touch: the fit's 1/E, its error from fit and energy ratio."""
-    ratio = energy_ratio(
-        tracks,
-        force,
-        fit.motion_mm,
-        gel_scale_sd=budget.gel_scale_sd,
-    )
-    modulus = require_positive(fit.compliance)
-    elastic = ratio.work_Nmm > 0 and ratio.modulus_MPa > 0
-    apart = 0.5 * abs(float(np.log(ratio.modulus_MPa / modulus))) if elastic else NO_WORK_SD
-    misfit = float(np.hypot(LEAST_MISFIT, apart))
-    evidence = GraspEvidence(
-        information=grasp_information(
-            tracks,
-            model,
-            force,
-            history=history,
-            scale_sd=budget.gel_scale_sd,
-        ),
-        E_MPa=modulus,
-        misfit_sd=misfit,
-        discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
-        history=history,
-    )
+    evidence, ratio = first_touch_evidence(tracks, force, fit, history=history, model=model, budget=budget)
+    modulus = evidence.E_MPa
+    elastic = ratio.elastic
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
     noise = float(np.linalg.norm([*share.values(), ratio.displacement_noise, ratio.gel_scale]))
@@ -176,6 +156,33 @@ def _from_first_touch(
         loaded=loaded,
         residual_mm=fit.residual_mm,
     )
+
+
+def first_touch_evidence(
+    tracks: MarkerTracks,
+    force_N: Float[np.ndarray, "f n 3"],
+    fit: CompliantFit,
+    *,
+    history: GraspHistory,
+    model: GraspModel,
+    budget: ErrorBudget,
+) -> tuple[GraspEvidence, EnergyRatio]:
+    """What a recording brings to the inference by displacement since first touch, and its energy ratio.
+
+    `tracks` may hold another response to the forces than that of `model`, `fit` is theirs. Raises FemFailure
+    (no-modulus) where 1/E is not above zero.
+    """
+    ratio = energy_ratio(tracks, force_N, fit.motion_mm, gel_scale_sd=budget.gel_scale_sd)
+    E_MPa = require_positive(fit.compliance)
+    apart = 0.5 * abs(float(np.log(ratio.modulus_MPa / E_MPa))) if ratio.elastic else NO_WORK_SD
+    evidence = GraspEvidence(
+        information=grasp_information(tracks, model, force_N, history=history, scale_sd=budget.gel_scale_sd),
+        E_MPa=E_MPa,
+        misfit_sd=float(np.hypot(LEAST_MISFIT, apart)),
+        discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
+        history=history,
+    )
+    return evidence, ratio
 
 
 def _absolute(

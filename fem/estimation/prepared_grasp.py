@@ -44,13 +44,15 @@ class PreparedGrasp:
     (`pattern_noise`), and contacts without rims. `used`: the frames that a model is fitted to.
 
     `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
-    `force_sd_N`: noise of one component in one frame of them. `patterns` and `shares`: f_r and a_r(t).
+    `force_sd_N`: noise of one component in one frame of them, `coloured_sd_N` that of white noise which
+    averages out over frames as slowly as it does. `patterns` and `shares`: f_r and a_r(t).
     """
 
     history: GraspHistory
     used: Bool[np.ndarray, " t"]
     force_N: Float[np.ndarray, "f n 3"]
     force_sd_N: float
+    coloured_sd_N: float
     patterns: Float[np.ndarray, "r n 3"]
     shares: Float[np.ndarray, "f r"]
 
@@ -78,8 +80,8 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     ]
     force = np.concatenate([pad.force_N for pad in felt], axis=1)
     sd_N = max(pad.sd_N for pad in felt)
-    noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
-    patterns, shares = _patterns(force[used], noisy_N)
+    coloured_sd_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
+    patterns, shares = _patterns(force[used], coloured_sd_N)
     every = force.reshape(len(force), -1) @ patterns.reshape(len(patterns), -1).T
     driving = np.tensordot(every, patterns, axes=1) + drifted
     pads = tuple(
@@ -96,6 +98,7 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
         used=used,
         force_N=force[used] + drifted[used],
         force_sd_N=sd_N,
+        coloured_sd_N=coloured_sd_N,
         patterns=np.concatenate([patterns, drift]),
         shares=np.column_stack([shares, grown[used]]),
     )

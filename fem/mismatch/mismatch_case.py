@@ -6,8 +6,10 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import GraspModel
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.result import Modulus
 from fem.solid.linear_solid import Support
 
 
@@ -53,3 +55,13 @@ class MismatchCase:
     grasps: tuple[GraspCase, ...]
     poisson_ratio: float
     budget: ErrorBudget
+
+
+@dataclass(frozen=True, kw_only=True)
+class GradedCase:
+    """What grading makes of the same recordings: E without an effect, and its models about the prior's pit,
+    one for each recording; none where a recording has no model.
+    """
+
+    modulus: Modulus
+    models: tuple[GraspModel, ...] = ()

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,13 +13,13 @@ from fem.mismatch.effect import Placed, Remarked
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
-from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import best_beyond_quantile, null_statistic, p_values
 from fem.mismatch.selection.model_selection import NullCase, select_model
@@ -33,14 +34,15 @@ from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
 def explain(
     case: MismatchCase,
     *,
-    plain: Modulus | None,
+    graded: GradedCase | None,
     progress: Callable[[str], None] | None = None,
     workers: int = 1,
 ) -> Explanation:
     """The explanation of all recordings of a case together, computed by so many threads.
 
-    `plain`: E without an effect, as it is graded (fem.estimation.fruit_modulus): the one that stands where no
-    effect is found; None: the mean of the recordings' own fits.
+    `graded`: E without an effect, as it is graded (fem.estimation.fruit_modulus), the one that stands where
+    no effect is found, and the models by which E with an effect is inferred likewise; None: the mean of the
+    recordings' own fits.
 
     Raises FemFailure where the plain model cannot be fitted at all.
     """
@@ -56,7 +58,9 @@ def explain(
 
     with stage("plain model"):
         forward, fits = plain_forward_model(case, workers=workers)
-        plain = modulus_of(forward) if plain is None else plain
+        if graded is not None:
+            forward = replace(forward, graded=graded.models)
+        plain = modulus_of(forward) if graded is None else graded.modulus
         recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     with stage("all effects, linear"):
         linear = screened(forward, recorded, EFFECTS)

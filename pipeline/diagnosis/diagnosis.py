@@ -7,10 +7,11 @@ import numpy as np
 from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
+from fem.estimation.grasp_model import GraspModel
 from fem.fem_failure import FemFailure
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
-from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
@@ -30,6 +31,10 @@ TRACE_SEED = 20261120
 NOT_GRADED = (
     "grading gives no E for these recordings ({why}); E without an effect is the mean of their own fits."
 )
+
+
+WITHOUT_GRASP = "E without an effect is inferred without {name}: {why}."
+AS_GRADED = "of E without an effect: {said}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,41 +119,50 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
     )
 
 
-def plain_modulus(case: Case, fruit: GraspedFruit) -> Modulus:
+def graded_case(case: Case, fruit: GraspedFruit) -> tuple[GradedCase, list[str]]:
     """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
-    widen it; raises FemFailure.
+    widen it, and the models that it is inferred with; and what must be known of it. Raises FemFailure.
     """
     fruit = with_stated_surface(case, fruit)
     try:
         found = fruit_modulus(
             case.task, fruit.placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
-        ).modulus
+        )
     except ExceptionGroup as failures:
         raise next(one for one in failures.exceptions if isinstance(one, FemFailure)) from None
-    return Modulus(value=found.E_MPa, sd=found.E_sd_MPa)
+    models = tuple(one for one in found.models if isinstance(one, GraspModel))
+    graded = GradedCase(
+        modulus=Modulus(value=found.modulus.E_MPa, sd=found.modulus.E_sd_MPa),
+        models=models if len(models) == len(found.models) else (),
+    )
+    lost = [
+        WITHOUT_GRASP.format(name=grasp.name, why=own.detail)
+        for grasp, own in zip(fruit.placed, found.grasps, strict=True)
+        if isinstance(own, FemFailure)
+    ]
+    return graded, [*lost, *(AS_GRADED.format(said=said) for said in found.modulus.warnings)]
 
 
-def find(case: MismatchCase, plain: Modulus | None, log: StageLog, *, jobs: int) -> Explanation:
+def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: int) -> Explanation:
     """The finder itself."""
     from fem.mismatch.procedure import explain
 
-    return explain(case, plain=plain, progress=log.report, workers=jobs)
+    return explain(case, graded=graded, progress=log.report, workers=jobs)
 
 
 def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     fruit = grasped_fruit(case.task, log)
     handed = mismatch_case(case, fruit)
-    ungraded = ""
     with log.stage("modulus"):
         try:
-            plain = plain_modulus(case, fruit)
+            graded, of_grading = graded_case(case, fruit)
         except FemFailure as failure:
-            plain, ungraded = None, NOT_GRADED.format(why=failure.detail)
+            graded, of_grading = None, [NOT_GRADED.format(why=failure.detail)]
     with log.stage("explanation"):
-        found = find(handed, plain, log, jobs=jobs)
+        found = find(handed, graded, log, jobs=jobs)
     notes = dict.fromkeys(
         [
-            *([ungraded] if ungraded else []),
+            *of_grading,
             *found.notes,
             *notes_on_verdict(case, found),
             *notes_on(case, fruit, log.warnings),

@@ -15,6 +15,7 @@ from fem.mismatch.effects import (
     skin,
     viscoelastic,
 )
+from fem.mismatch.mismatch_case import GradedCase
 from fem.mismatch.result import Modulus
 
 PLAIN = Modulus(value=1.1 * E_MPA, sd=0.03 * E_MPA)
@@ -31,7 +32,7 @@ def answer():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
-        return start_to_end.explain(injected_case(on_pad("left", louder)), plain=PLAIN)
+        return start_to_end.explain(injected_case(on_pad("left", louder)), graded=GradedCase(modulus=PLAIN))
 
 
 def test_a_pads_gain_is_seen_and_named(answer):

@@ -6,10 +6,14 @@ from planted_mismatch import only_grasp, planted_case
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.grasp_model import grasp_model
+from fem.estimation.joint_inference import joint_modulus
 from fem.estimation.modulus import estimate_modulus
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.unit_response import marker_tracks
+from fem.mismatch.effect import Response
 from fem.mismatch.model.baseline import baseline
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.selection.modulus_with import modulus_of
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 
@@ -38,6 +42,13 @@ def graded(case):
 
 
 @pytest.fixture(scope="module")
+def estimate(case, graded):
+    """What grading makes of the recording."""
+    history, model, _ = graded
+    return estimate_modulus(history, model, budget=case.budget)
+
+
+@pytest.fixture(scope="module")
 def plain(case):
     """1/E of the model that explaining starts from."""
     (recording,) = baseline(case).grasps
@@ -52,7 +63,24 @@ def test_the_plain_model_of_explain_has_the_compliance_of_grading(case, graded, 
     assert plain == pytest.approx(fit.compliance, rel=SAME)
 
 
-def test_grading_weighs_the_pads_of_one_recording_to_the_same_modulus(case, graded, plain):
-    history, model, _ = graded
-    E_MPa = estimate_modulus(history, model, budget=case.budget).E_MPa
-    assert plain == pytest.approx(1 / E_MPa, rel=SAME)
+def test_grading_weighs_the_pads_of_one_recording_to_the_same_modulus(estimate, plain):
+    assert plain == pytest.approx(1 / estimate.E_MPa, rel=SAME)
+
+
+def test_explaining_infers_the_modulus_and_its_error_bar_as_grading_does(case, graded, estimate, plain):
+    _, model, _ = graded
+    base = baseline(case)
+    own = tuple(one.tracks.unit_displacement for one in base.grasps)
+    forward = ForwardModel(base=base, compliance=plain, graded=(model,))
+    alone = joint_modulus([estimate.evidence], budget=case.budget, infer_pit=False)
+    for found in (modulus_of(forward), modulus_of(forward, Response(unit=own))):
+        assert found.value == pytest.approx(alone.E_MPa, rel=SAME)
+        assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.02)
+
+
+def test_a_response_half_as_large_halves_the_modulus(case, graded, plain):
+    _, model, _ = graded
+    base = baseline(case)
+    half = Response(unit=[one.tracks.unit_displacement / 2 for one in base.grasps])
+    forward = ForwardModel(base=base, compliance=plain, graded=(model,))
+    assert modulus_of(forward, half).value == pytest.approx(modulus_of(forward).value / 2, rel=SAME)

@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
 from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.mismatch_case import GradedCase
 from fem.mismatch.result import Modulus, Where
 from pipeline.cli import main
 from tactile.io.recording import IndenterPad, Recording, write_recording
@@ -66,7 +67,7 @@ def drupe(monkeypatch, capsys):
     return run
 
 
-PLAIN = Modulus(value=0.5, sd=0.01)
+GRADED = GradedCase(modulus=Modulus(value=0.5, sd=0.01))
 
 
 @pytest.fixture
@@ -74,14 +75,14 @@ def finder(monkeypatch):
     """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
     handed = {}
 
-    def find(case, plain, log, *, jobs):
+    def find(case, graded, log, *, jobs):
         log.report("naming")
-        handed["case"], handed["plain"], handed["jobs"] = case, plain, jobs
+        handed["case"], handed["graded"], handed["jobs"] = case, graded, jobs
         handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
         return handed.get("answer", fake_explanation())
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
-    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "plain_modulus", lambda *_: PLAIN)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", lambda *_: (GRADED, []))
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
     return handed
 
@@ -179,10 +180,10 @@ def test_recordings_that_grading_has_no_modulus_of_are_explained_all_the_same(
     def none(*_):
         raise FemFailure(FemProblem.NOT_CONVERGED, "the grasps contradict each other")
 
-    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "plain_modulus", none)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", none)
     ran = drupe("explain", case, "--json", tmp_path / "a.json")
     assert ran.status == 0, ran.err
-    assert finder["plain"] is None
+    assert finder["graded"] is None
     assert "the grasps contradict each other" in " ".join(
         json.loads((tmp_path / "a.json").read_text())["notes"]
     )

@@ -1,5 +1,6 @@
 """E without an effect, as explaining is handed it: grading's number, or grading's reason."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -8,7 +9,7 @@ import pipeline.diagnosis.diagnosis as diagnosis
 from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.result import Modulus
-from pipeline.diagnosis.diagnosis import plain_modulus
+from pipeline.diagnosis.diagnosis import graded_case
 from pipeline.fruit.grasped import GraspedFruit
 
 FRUIT = GraspedFruit(
@@ -26,15 +27,20 @@ def case_with(surface_sd_mm):
     return SimpleNamespace(task="the task", mesh_sd_mm=surface_sd_mm)
 
 
+def inference(*, grasps=(), warnings=()):
+    modulus = SimpleNamespace(E_MPa=0.7, E_sd_MPa=0.02, warnings=warnings)
+    return SimpleNamespace(modulus=modulus, models=(), grasps=grasps)
+
+
 @pytest.mark.parametrize(("stated_mm", "counts_mm"), [(None, 0.2), (0.05, 0.05)])
 def test_it_is_what_grading_infers_from_the_surface_that_the_case_states(monkeypatch, stated_mm, counts_mm):
     def inferred(task, placed, mesh, *, poisson_ratio, budget):
         assert (task, placed, mesh, poisson_ratio) == ("the task", (), "the mesh", 0.45)
         assert budget.surface_sd_mm == counts_mm
-        return SimpleNamespace(modulus=SimpleNamespace(E_MPa=0.7, E_sd_MPa=0.02))
+        return inference()
 
     monkeypatch.setattr(diagnosis, "fruit_modulus", inferred)
-    assert plain_modulus(case_with(stated_mm), FRUIT) == Modulus(value=0.7, sd=0.02)
+    assert graded_case(case_with(stated_mm), FRUIT)[0].modulus == Modulus(value=0.7, sd=0.02)
 
 
 def test_where_no_recording_gives_a_modulus_the_first_ones_reason_is_said(monkeypatch):
@@ -45,4 +51,14 @@ def test_where_no_recording_gives_a_modulus_the_first_ones_reason_is_said(monkey
 
     monkeypatch.setattr(diagnosis, "fruit_modulus", inferred)
     with pytest.raises(FemFailure, match="no frame in which a pad presses"):
-        plain_modulus(case_with(None), FRUIT)
+        graded_case(case_with(None), FRUIT)
+
+
+def test_what_grading_warns_of_and_leaves_out_is_handed_on(monkeypatch):
+    lost = FemFailure(FemProblem.TOO_FEW_MARKERS, "found 4 markers under load")
+    fruit = replace(FRUIT, placed=(SimpleNamespace(name="grasp-1"),))
+    found = inference(grasps=(lost,), warnings=("the pads contradict each other",))
+    monkeypatch.setattr(diagnosis, "fruit_modulus", lambda *_, **__: found)
+    _, notes = graded_case(case_with(None), fruit)
+    assert "without grasp-1: found 4 markers under load." in notes[0]
+    assert "the pads contradict each other" in notes[1]

@@ -16,11 +16,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fem.elements.assembly import assemble
-from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import MarkerTracks
 from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.parallel_map import parallel_map
@@ -35,6 +35,7 @@ PROBES = 8
 class GraspResponse:
     """One recording projected on the plain model, frames `used` of it.
 
+    `prepared`: the recording with the forces and contacts that drive the model.
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
     (fem.estimation.denoised_force), `force_sd_N` what noise is left in one component, `patterns` and
     `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm MPa, `response`: L' U_r,
@@ -45,6 +46,7 @@ class GraspResponse:
     """
 
     case: GraspCase
+    prepared: GraspHistory
     used: Bool[np.ndarray, " t"]
     links: tuple[PadLink, ...]
     tracks: MarkerTracks
@@ -168,14 +170,15 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
                 f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
                 "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
             )
-    force, sd_N = prepared.force_N, prepared.force_sd_N
-    noisy_N = sd_N * float(np.sqrt(variance_inflation(np.array([history.pads[0].lag1]))[0]))
+    force = prepared.force_N
     links = tuple(pad_link(pad, solid) for pad in history.pads)
     size = np.linalg.norm(force, axis=2).sum(axis=1)
     rng = np.random.default_rng(0)
     uneven = force_scale_sd * rng.normal(size=(PROBES, force.shape[1], 1))
     uneven = uneven * np.tensordot(shares[size.argmax()], patterns, axes=1)
-    uneven += noisy_N * _noise_of_patterns(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    uneven += (
+        prepared.coloured_sd_N * _noise_of_patterns(shares, size.argmax()) * rng.normal(size=uneven.shape)
+    )
     loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
@@ -183,6 +186,7 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
     response = np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
     return GraspResponse(
         case=case,
+        prepared=prepared.history,
         used=used,
         links=links,
         tracks=tracks_of(
@@ -192,7 +196,7 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
             unit_displacement=np.tensordot(shares, response, axes=(1, 0)),
         ),
         force_N=force,
-        force_sd_N=sd_N,
+        force_sd_N=prepared.force_sd_N,
         patterns=patterns,
         shares=shares,
         moved=moved,

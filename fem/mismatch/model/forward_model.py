@@ -11,6 +11,7 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from fem.estimation.grasp_model import GraspModel
 from fem.mismatch.model.adjoint_basis import AdjointBasis
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.warm_start import WarmStarts
@@ -45,12 +46,14 @@ class MemoTable:
 class ForwardModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
-    `workers`: how many threads may work on it at once. `warm_starts`: those of the search that this model is
-    used in, None outside of a search.
+    `graded`: of each recording the model by which grading infers E, about the prior's pit; empty where it has
+    none. `workers`: how many threads may work on it at once. `warm_starts`: those of the search that this
+    model is used in, None outside of a search.
     """
 
     base: Baseline
     compliance: float
+    graded: tuple[GraspModel, ...] = field(default=(), repr=False, compare=False)
     workers: int = 1
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
