@@ -132,7 +132,7 @@ def main() -> None:
     lines = chosen.out.with_suffix(".jsonl")
     if chosen.again:
         lines.unlink(missing_ok=True)
-    done = kept(lines)
+    done = memoised(lines)
     cases = [case for folder in chosen.folders for case in cases_in(folder)][: chosen.limit]
     rows = []
     for number, (folder, truth) in enumerate(cases, start=1):

@@ -59,7 +59,7 @@ class TraceNoise:
         log_q = -np.log(fresh).sum() - 2 * np.log(self.wander_N).sum()
         return np.stack([np.r_[0.0, off], 1 + square * diagonal]), float(log_q)
 
-    def solve(self, columns: Float[np.ndarray, "t *c"]) -> Float[np.ndarray, "t *c"]:
+    def solve(self, columns: Float[np.ndarray, " t *c"]) -> Float[np.ndarray, " t *c"]:
         """C^-1 times columns."""
         banded, _ = self._banded()
         return np.asarray((columns - solveh_banded(banded, columns)) / self.white_N**2)

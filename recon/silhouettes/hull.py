@@ -42,7 +42,7 @@ class Silhouette:
 
 def sampled(
     picture: Float[np.ndarray, "h w *c"], pixels: Float[np.ndarray, "n 2"], *, outside: float
-) -> Float[np.ndarray, "n *c"]:
+) -> Float[np.ndarray, " n *c"]:
     """Bilinear values of a float32 picture at pixels (column, row); `outside` where they miss it."""
     row = 1024
     padded = np.full((-(-len(pixels) // row) * row, 2), -9.0, np.float32)

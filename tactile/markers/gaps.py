@@ -27,8 +27,8 @@ def filled(
 
 
 def at_times(
-    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, "s *c"]
-) -> Float[np.ndarray, "t *c"]:
+    when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, " s *c"]
+) -> Float[np.ndarray, " t *c"]:
     """`values` at other times, linear in between; unchanged where the times are the same."""
     if len(when) == len(time_s) and np.array_equal(when, time_s):
         return values
