@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 from scipy.linalg.lapack import dpotri
-from solver_peers import NU, build
+from solver_candidates import NU
+from solver_peers import build
 
 import fem.sparse.fronts
 from fem.elements.assembly import assemble

@@ -68,7 +68,7 @@ def main() -> int:
     chosen = [kind for kind in KINDS if kind.split(",")[0] in options.kinds]
     rows = []
     for folder in options.folders:
-        made = kept(folder, options.keep)
+        made = memoised(folder, options.keep)
         if "refused" in made:
             print(folder.name, "refused:", made["refused"], flush=True)
             continue

@@ -28,7 +28,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pyvista as pv
 from public_sets import (
@@ -47,13 +46,14 @@ from public_sets import (
 )
 from recon_score import signed_distance_mm
 from scipy.optimize import minimize
+from shape_agreement import Mesh, agreement, rims
 
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
 from recon.fruit_mesh import closed_surface, reconstruct
 from recon.recon_failure import ReconFailure
-from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
+from recon.silhouettes.hull import Silhouette, ball, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import outline_of, sharpened, silhouette_of_outline
 from recon.silhouettes.tangent import fitted_to_outlines
@@ -67,38 +67,6 @@ OUTLIER_SHARE = 0.03
 MAX_FACES = 6000
 """Levels of the ball, share of views that may be wrong, faces: as in recon.silhouettes.all_views and
 ReconOptions."""
-Mesh = tuple[np.ndarray, np.ndarray]
-
-
-@dataclass(frozen=True)
-class ShapeAgreement:
-    """Mesh against masks: mean overlap, and the distance between their rims, px."""
-
-    overlap: float
-    median_px: float
-    mean_px: float
-    p95_px: float
-    outward_px: float
-
-
-def agreement(mesh: Mesh, views: Sequence[View]) -> ShapeAgreement:
-    """Overlap in the mean of the views; rims both ways, all views' pixels together."""
-    overlaps, away, signed = [], [], []
-    for v in views:
-        shadow = drawn(*mesh, v.window, v.camera)
-        overlaps.append((shadow & v.mask).sum() / max((shadow | v.mask).sum(), 1))
-        to_mask, to_shadow = _signed_px(v.mask), _signed_px(shadow)
-        here, there = 0.5 - to_mask[_rim(shadow)], to_shadow[_rim(v.mask)] - 0.5
-        away += [np.abs(here), np.abs(there)]
-        signed += [here, there]
-    every = np.concatenate(away)
-    return ShapeAgreement(
-        overlap=float(np.mean(overlaps)),
-        median_px=float(np.median(every)),
-        mean_px=float(every.mean()),
-        p95_px=float(np.percentile(every, 95)),
-        outward_px=float(np.concatenate(signed).mean()),
-    )
 
 
 def grid_hull(
@@ -220,7 +188,7 @@ def of_published_cameras(photos: PublicSet, count: int, out: Path | None) -> Non
     if photos.box is not None:
         print(f"published box: {_triple(photos.box[0])} to {_triple(photos.box[1])} mm")
     for name, mesh in stages(used, floor_mm=None):
-        line = _rims(name, mesh, held)
+        line = rims(name, mesh, held)
         if photos.box is not None:
             away = np.stack([mesh[0].min(0), mesh[0].max(0)]) - photos.box
             line += f"  low {_triple(away[0])} high {_triple(away[1])} size {_triple(away[1] - away[0])} mm"
@@ -250,9 +218,9 @@ def of_board(folder: Path, board: Board, count: int, out: Path | None) -> int:
         f"{len(used)} used, {len(held)} held out; the brick fits with a unit of "
         f"{board.unit_mm / truth.scale:.3f} mm"
     )
-    print(_rims("true brick", truth.mesh(), held))
+    print(rims("true brick", truth.mesh(), held))
     for name, mesh in stages(used, floor_mm=0.0):
-        print(_rims(name, mesh, held), _distances(mesh, truth), flush=True)
+        print(rims(name, mesh, held), _distances(mesh, truth), flush=True)
         _keep(out, name, mesh)
     names = {v.camera.name for v in used}
     some = [p for p in chosen if p.name in names]
@@ -333,7 +301,7 @@ def _whole_route(
         print(f"{name:14} {len(photos)} photos: {type(error).__name__}: {error}", flush=True)
         return 1
     mesh, q = (made.vertices, made.faces), made.quality
-    print(_rims(name, mesh, held), _size(mesh) if truth is None else _distances(mesh, truth))
+    print(rims(name, mesh, held), _size(mesh) if truth is None else _distances(mesh, truth))
     print(
         f"{name:14} {q.views_used} of {q.views_given} photos, agreement {q.silhouette_iou:.3f}, outline "
         f"{q.outline_rms_mm:.2f} mm, clear {q.clear_outline_share:.2f}, relief {q.relief_share:.2f}, "
@@ -358,16 +326,6 @@ def _sharp(view: View) -> Silhouette:
     return silhouette_of_outline(fine, window, view.camera)
 
 
-def _rims(name: str, mesh: Mesh, views: Sequence[View]) -> str:
-    if not views:
-        return f"{name:14}"
-    a = agreement(mesh, views)
-    return (
-        f"{name:14} overlap {a.overlap:.4f}  rims {a.median_px:.2f} px, 95 % {a.p95_px:.2f}, "
-        f"outward {a.outward_px:+.2f}"
-    )
-
-
 def _distances(mesh: Mesh, truth: PlacedBrick) -> str:
     """How far the true brick's sides and top are from the mesh, mm of the brick, outward positive; and the
     height of the mesh's lowest point over the board.
@@ -381,17 +339,6 @@ def _distances(mesh: Mesh, truth: PlacedBrick) -> str:
 
 def _size(mesh: Mesh) -> str:
     return f"  size {_triple(np.ptp(mesh[0], axis=0))} mm"
-
-
-def _signed_px(mask: np.ndarray) -> np.ndarray:
-    inside = cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    outside = cv2.distanceTransform(1 - mask.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.where(mask, inside - 0.5, 0.5 - outside)
-
-
-def _rim(mask: np.ndarray) -> np.ndarray:
-    whole_px = mask.astype(np.uint8)
-    return np.asarray((whole_px - cv2.erode(whole_px, np.ones((3, 3), np.uint8))) > 0)
 
 
 def _triple(values: np.ndarray, form: str = ".1f") -> str:

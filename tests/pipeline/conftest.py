@@ -1,0 +1,78 @@
+"""A case, a batch of one fruit, and `drupe explain` with another finder than its own."""
+
+import shutil
+import sys
+
+import pytest
+from explain_runs import DATA, GRADED, NO_MESH, SETTINGS, Ran, change, stronger
+from fake_explanation import fake_explanation
+from threadpoolctl import threadpool_info
+
+import pipeline.diagnosis.diagnosis
+import pipeline.fruit.grasped
+from pipeline.cli import main
+
+
+@pytest.fixture
+def drupe(monkeypatch, capsys):
+    """Runs the command in this process."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["drupe", *map(str, arguments)])
+        status = 0
+        try:
+            main()
+        except SystemExit as ended:
+            status = ended.code or 0
+        said = capsys.readouterr()
+        return Ran(status, said.out, said.err)
+
+    return run
+
+
+@pytest.fixture
+def finder(monkeypatch):
+    """Takes the finder's place: keeps what it is handed, and gives the explanation it is told to."""
+    handed = {}
+
+    def find(case, graded, log, *, jobs):
+        log.report("naming")
+        handed["case"], handed["graded"], handed["jobs"] = case, graded, jobs
+        handed["blas threads"] = {pool["num_threads"] for pool in threadpool_info()}
+        return handed.get("answer", fake_explanation())
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", lambda *_: (GRADED, []))
+    monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
+    return handed
+
+
+@pytest.fixture
+def case(tmp_path):
+    """Two recordings of one fruit."""
+    folder = tmp_path / "case"
+    folder.mkdir()
+    for name in ("fruit.ply", "pit.ply"):
+        shutil.copy(DATA / name, folder)
+    for k in (1, 2):
+        shutil.copy(DATA / "grasp.h5", folder / f"grasp-{k}.h5")
+    change(folder / "grasp-2.h5", stronger)
+    (folder / "case.toml").write_text(SETTINGS)
+    return folder
+
+
+@pytest.fixture
+def batch(tmp_path):
+    """A batch of one fruit."""
+    root = tmp_path / "batch"
+    grasps = root / "fruits" / "N01" / "grasps"
+    grasps.mkdir(parents=True)
+    for name in ("fruit.ply", "pit.ply"):
+        shutil.copy(DATA / name, grasps.parent)
+    for k in (1, 2):
+        shutil.copy(DATA / "grasp.h5", grasps / f"grasp-{k}.h5")
+        change(grasps / f"grasp-{k}.h5", lambda file: file.attrs.modify("fruit_id", "N01"))
+    change(grasps / "grasp-2.h5", stronger)
+    (root / "batch.toml").write_text('# ours\ncategory = "nectarine"\npoisson_ratio = 0.45\n')
+    (root / "fruits.csv").write_text("fruit_id\nN01\n")
+    return root

@@ -1,0 +1,51 @@
+"""`drupe explain` run in the test's process, on a case whose finder is not there."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+
+from fem.mismatch.mismatch_case import GradedCase
+from fem.mismatch.result import Modulus
+
+DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
+SETTINGS = """category = "nectarine"
+poisson_ratio = 0.45   # assumed
+offset_sd_mm = 0.4
+size_sd = 0.02
+mesh_sd_mm = 0.12
+"""
+
+
+NO_MESH = SimpleNamespace(tets=(), nodes_mm=())
+"""Of no use to a finder that is not there; meshing is tested elsewhere."""
+
+
+GRADED = GradedCase(modulus=Modulus(value=0.5, sd=0.01))
+
+
+@dataclass(frozen=True)
+class Ran:
+    status: int
+    out: str
+    err: str
+
+    def one_line(self) -> str:
+        """What is said on standard error after the stages, which must be one line and no traceback."""
+        assert "Traceback" not in self.err
+        lines = [line for line in self.err.strip().splitlines() if line.startswith("drupe:")]
+        assert len(lines) == 1, self.err
+        assert self.err.strip().endswith(lines[0])
+        return lines[0]
+
+
+def change(path, edit):
+    with h5py.File(path, "r+") as file:
+        edit(file)
+
+
+def stronger(file):
+    """Another grasp than the first, by a little."""
+    for pad in ("left", "right"):
+        file[f"pads/{pad}/force_N"][...] *= 1.002

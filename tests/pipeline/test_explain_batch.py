@@ -1,0 +1,114 @@
+"""`drupe explain` of a fruit of a batch, with --apply, and of a bare ball's trace."""
+
+import json
+
+import numpy as np
+from fake_explanation import GAIN, OTHERS, fake_explanation
+
+import pipeline.diagnosis.diagnosis
+import pipeline.fruit.grasped
+from tactile.io.recording import IndenterPad, Recording, write_recording
+
+
+def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, finder, batch):
+    finder["answer"] = fake_explanation(verdict="sensor_gain", ranking=(GAIN, *OTHERS))
+    ran = drupe("explain", batch / "fruits" / "N01", "--apply")
+    assert ran.status == 0, ran.err
+    assert "batch.toml now holds sensor_gain for every fruit of the batch" in ran.out
+    text = (batch / "batch.toml").read_text()
+    assert text.startswith('# ours\ncategory = "nectarine"\npoisson_ratio = 0.45\n')
+    kept = json.loads((batch / "results" / "fruits" / "N01" / "mismatch.json").read_text())
+    assert (kept["verdict"], len(kept["key"])) == ("sensor_gain", 64)
+    again = drupe("explain", batch, "--fruit", "N01", "--apply")
+    assert "already hold effects (sensor_gain)" in again.out
+    assert (batch / "batch.toml").read_text() == text
+
+
+def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, batch):
+    finder["answer"] = fake_explanation(verdict="unknown")
+    before = (batch / "batch.toml").read_text()
+    ran = drupe("explain", batch, "--fruit", "N01", "--apply")
+    assert ran.status == 0
+    assert "Not applied: what is missing is not known" in ran.out
+    assert (batch / "batch.toml").read_text() == before
+
+
+def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
+    assert "--fruit (N01)" in drupe("explain", batch).one_line()
+    assert 'did you mean "N01"?' in drupe("explain", batch, "--fruit", "N1").one_line()
+
+
+def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
+    with (batch / "batch.toml").open("a") as file:
+        file.write('[[mismatch]]\neffect = "pit_size"\nparameters = { scale = 0.8 }\nfruits = ["N1"]\n')
+    line = drupe("grade", batch).one_line()
+    assert 'pit_size is of fruit "N1", not in fruits.csv; did you mean "N01"?' in line
+
+
+def ball(path, travel, **attributes):
+    time_s = np.linspace(0.0, 20.0, len(travel))
+    depth = np.maximum(travel - 0.4, 0.0)
+    rng = np.random.default_rng(1)
+    pad = IndenterPad(
+        name="tip",
+        pose=np.tile(np.eye(4), (len(travel), 1, 1)),
+        force_z_N=1.2 * depth**1.5 + rng.normal(0, 0.004, len(travel)),
+        indenter=attributes.get("indenter", "ball"),
+        radius_mm=5.0,
+    )
+    recording = Recording(
+        fruit_id="slab",
+        category="silicone",
+        loading="press",
+        support="base",
+        sensor="rig",
+        time_s=time_s,
+        aperture_mm=travel,
+        pads=(pad,),
+    )
+    write_recording(path, recording)
+
+
+TRAVEL = np.concatenate([np.zeros(20), np.linspace(0, 3, 80), np.full(60, 3.0)])
+
+
+def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path, monkeypatch):
+    folder = tmp_path / "slab"
+    folder.mkdir()
+    (folder / "case.toml").write_text('category = "silicone"\npoisson_ratio = 0.45\nthickness_mm = 12.0\n')
+    ball(folder / "press.h5", TRAVEL)
+    handed = {}
+
+    def explain_trace(trace, **rest):
+        handed.update(rest, trace=trace)
+        return fake_explanation(maps=None, traces=(), cells=())
+
+    monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
+    ran = drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
+    assert ran.status == 0, ran.err
+    assert (handed["thickness_mm"], handed["poisson_ratio"], handed["trace"].radius_mm) == (12.0, 0.45, 5.0)
+    assert handed["trace"].travel_mm[-1] == 3.0
+    ball(folder / "second.h5", TRAVEL)
+    assert "2 traces of a bare indenter" in drupe("explain", folder).one_line()
+    (folder / "second.h5").unlink()
+    ball(folder / "press.h5", TRAVEL, indenter="flat")
+    assert "only the trace of a ball" in drupe("explain", folder).one_line()
+
+
+def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(
+    drupe, batch, monkeypatch, tmp_path
+):
+    """As of a grasp: its fruit's E would be in doubt."""
+    grasps = batch / "fruits" / "N01" / "grasps"
+    for path in grasps.iterdir():
+        path.unlink()
+    ball(grasps / "press.h5", TRAVEL)
+    monkeypatch.setattr(
+        pipeline.diagnosis.diagnosis,
+        "explain_trace",
+        lambda *_, **__: fake_explanation(maps=None, traces=(), cells=()),
+    )
+    ran = drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json")
+    assert ran.status == 0, ran.err
+    said = 'press.h5: attribute fruit_id: found "slab", expected "N01", and fruits.csv has no "slab"'
+    assert any(note.startswith(said) for note in json.loads((tmp_path / "a.json").read_text())["notes"])
