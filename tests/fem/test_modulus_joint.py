@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fem.estimation import joint_inference
+from fem.estimation import information, joint_inference
 from fem.estimation.error_budget import (
     DISCRETISATION,
     MODEL,
@@ -252,3 +252,20 @@ def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
     weak = 2 * known / chi2
     assert found.pit.offset_mm[0] == pytest.approx(0.5 * weak / (weak + 0.5**-2), rel=0.1)
     assert found.pit.sd[0] == pytest.approx((weak + 0.5**-2) ** -0.5, rel=0.05)
+    (said,) = found.warnings
+    assert f"contradict each other {np.sqrt(chi2):.1f} times" in said
+
+
+def test_pads_that_agree_with_noise_and_prior_contradict_nothing():
+    grasps = [planted(SYMMETRIC, np.array([0.5, 0.0, 0.0, 0.0])) for _ in range(2)]
+    assert joint_modulus(grasps, budget=WIDE, infer_pit=True).warnings == ()
+
+
+def test_the_difference_between_pads_counts_as_more_uncertain_than_their_common_value():
+    weight = np.array([[4.0, 1.0], [1.0, 9.0]])
+    found = information._between_pads(weight)
+    assert found.sum() == pytest.approx(weight.sum())
+    way = np.array([1.0, -1.0])
+    apart = [way @ np.linalg.inv(one) @ way for one in (found, weight)]
+    assert apart[0] == pytest.approx(information.BETWEEN_PADS * apart[1])
+    assert information._between_pads(np.eye(1)) == pytest.approx(np.eye(1))

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from fem.estimation.compliance_fit import fit_compliance
-from fem.estimation.prepared_grasp import FEWEST_PRESSED, RIM, prepared_grasp, pressing_contacts
+from fem.estimation.prepared_grasp import (
+    FEWEST_PRESSED,
+    LEAST_PATTERNS,
+    RIM,
+    prepared_grasp,
+    pressing_contacts,
+)
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
@@ -32,11 +38,11 @@ def truth(peak_N=0.05):
     return peak_N * np.stack([0.1 * each, 0.05 * each, each], axis=2)
 
 
-def recorded(rng, *, peak_N=0.05, more=0.0):
+def recorded(rng, *, peak_N=0.05, more=0.0, moved_sd_mm=MOVED_SD_MM):
     """A recording of them by a gel of springs; `more`: forces of which neither gel nor fruit knows."""
     force = truth(peak_N)
     touching = np.linalg.norm(force, axis=2) > 0
-    gel = -force / GEL_N_PER_MM + rng.normal(0, MOVED_SD_MM, force.shape)
+    gel = -force / GEL_N_PER_MM + rng.normal(0, moved_sd_mm, force.shape)
     pad = PadHistory(
         name="left",
         rest_mm=PLACE,
@@ -45,7 +51,7 @@ def recorded(rng, *, peak_N=0.05, more=0.0):
         gel_displacement_mm=gel,
         force_N=force + more + rng.normal(0, FORCE_SD_N, force.shape),
         episode=np.where(touching, 0, -1),
-        displacement_sd_mm=MOVED_SD_MM,
+        displacement_sd_mm=moved_sd_mm,
         force_sd_N=FORCE_SD_N,
         lag1=0.0,
     )
@@ -79,6 +85,30 @@ def test_the_patterns_are_the_forces_of_the_prepared_recording():
     off = driving - truth()[ready.used]
     assert np.sqrt((off**2).mean()) < 0.15 * FORCE_SD_N
     assert ready.force_sd_N == pytest.approx(GEL_N_PER_MM * MOVED_SD_MM, rel=0.1)
+
+
+@pytest.mark.parametrize(("moved_sd_mm", "by_displacement"), [(MOVED_SD_MM, True), (20 * MOVED_SD_MM, False)])
+def test_the_amounts_of_patterns_are_off_by_the_noise_that_is_stated(moved_sd_mm, by_displacement):
+    found, stated = [], []
+    for seed in range(20):
+        history = recorded(np.random.default_rng(seed), moved_sd_mm=moved_sd_mm)
+        ready = prepared_grasp(history, TURN)
+        noise = ready.history.pattern_noise
+        assert bool(noise.of_displacement.any()) == by_displacement
+        off = ready.history.pads[0].force_N[ready.used] - truth()[ready.used]
+        found.append(np.tensordot(off, noise.patterns[0], axes=2).std())
+        stated.append(
+            np.hypot(
+                moved_sd_mm * np.linalg.norm(noise.of_displacement[0]),
+                FORCE_SD_N * np.linalg.norm(noise.of_force[0]),
+            )
+        )
+    assert np.mean(found) == pytest.approx(np.mean(stated), rel=0.1)
+
+
+def test_patterns_are_kept_to_the_fourth_even_where_one_alone_exceeds_noise():
+    ready = prepared_grasp(recorded(np.random.default_rng(3)), TURN)
+    assert len(ready.patterns) == LEAST_PATTERNS
 
 
 def test_a_sure_drift_of_the_zero_stays_in_the_forces_that_drive_the_model():
