@@ -21,11 +21,13 @@ def refused(batch):
     return line
 
 
+@pytest.mark.slow
 def test_missing_batch_toml(batch):
     (batch / "batch.toml").unlink()
     assert "batch.toml: there is no batch.toml" in refused(batch)
 
 
+@pytest.mark.slow
 def test_a_case_is_no_batch(batch):
     (batch / "batch.toml").rename(batch / "case.toml")
     assert "which `drupe explain` takes" in refused(batch)
@@ -37,12 +39,14 @@ def test_missing_folder(tmp_path):
     assert "no such batch folder" in ran.one_line_error()
 
 
+@pytest.mark.slow
 def test_unknown_key(batch):
     with (batch / "batch.toml").open("a") as file:
         file.write("pad_edge = 2\n")
     assert 'batch.toml: unknown key "mesh.pad_edge"; did you mean "pad_edge_mm"?' in refused(batch)
 
 
+@pytest.mark.slow
 def test_category_without_a_prior(batch):
     (batch / "batch.toml").write_text('category = "mango"\n')
     line = refused(batch)
@@ -51,6 +55,7 @@ def test_category_without_a_prior(batch):
     assert "nectarine" in line
 
 
+@pytest.mark.slow
 def test_own_pits_in_a_category_without_a_prior_need_only_poissons_ratio(batch):
     for mesh in (batch / "fruits").glob("*/fruit.ply"):
         vertices, faces = read_mesh(mesh)
@@ -62,6 +67,7 @@ def test_own_pits_in_a_category_without_a_prior_need_only_poissons_ratio(batch):
     assert drupe("check", batch).status == 0
 
 
+@pytest.mark.slow
 def test_no_height_and_no_mat(batch):
     for mesh in (batch / "fruits").glob("*/fruit.ply"):
         mesh.unlink()
@@ -69,6 +75,7 @@ def test_no_height_and_no_mat(batch):
     assert "fruits.csv: no fruit has a height_mm and the batch has no mat.json" in refused(batch)
 
 
+@pytest.mark.slow
 def test_duplicate_fruit_id(batch):
     table = batch / "fruits.csv"
     table.write_text(table.read_text() + table.read_text().splitlines()[1] + "\n")
@@ -77,12 +84,14 @@ def test_duplicate_fruit_id(batch):
     assert "stands on lines 2, 5" in line
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", ["{", json.dumps({"dict": "APRILTAG_36h11"})])
 def test_broken_mat(batch, content):
     (batch / "mat.json").write_text(content)
     assert "mat.json" in refused(batch)
 
 
+@pytest.mark.slow
 def test_geometry_model_that_is_not_there(batch):
     with (batch / "batch.toml").open("a") as file:
         file.write('[recon]\ngeometry_model = "vggt.onnx"\n')

@@ -12,6 +12,8 @@ from sample_batches import SHIPPED, drupe, ready_batch
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
+pytestmark = pytest.mark.slow
+
 
 def spoiled_photos(where):
     shutil.rmtree(where)

@@ -8,6 +8,8 @@ import pandas as pd
 import pytest
 from sample_batches import drupe, first_fruit, ready_batch
 
+pytestmark = pytest.mark.slow
+
 GAIN = """
 [[mismatch]]
 effect = "sensor_gain"

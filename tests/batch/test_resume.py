@@ -12,6 +12,8 @@ import psutil
 import pytest
 from sample_batches import drupe, first_fruit
 
+pytestmark = pytest.mark.slow
+
 
 def record_times(batch):
     return {p.parent.name: p.stat().st_mtime_ns for p in (batch / "results" / "fruits").glob("*/record.json")}

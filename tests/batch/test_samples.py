@@ -20,6 +20,7 @@ def two_fruits(tmp_path_factory):
     return folder, drupe("grade", folder)
 
 
+@pytest.mark.slow
 def test_the_tiny_batch_ends_with_status_three_and_grades_the_fruit_that_can_be(two_fruits):
     folder, graded = two_fruits
     assert graded.status == 3, graded.err
@@ -32,6 +33,7 @@ def test_the_tiny_batch_ends_with_status_three_and_grades_the_fruit_that_can_be(
     assert ranking.iloc[1]["fruit_id"] in graded.out
 
 
+@pytest.mark.slow
 def test_the_report_needs_no_network(two_fruits):
     folder, _ = two_fruits
     page = (folder / "results" / "report.html").read_text()
@@ -39,6 +41,7 @@ def test_the_report_needs_no_network(two_fruits):
     assert "url(" not in page.replace("url(data:", "")
 
 
+@pytest.mark.slow
 def test_the_meshes_are_written_beside_the_record(two_fruits):
     folder, _ = two_fruits
     graded = folder / "results" / "fruits" / pd.read_csv(folder / "results" / "ranking.csv")["fruit_id"][0]

@@ -13,6 +13,8 @@ from samples.sample_batch import write_batch
 from samples.sample_failure import SampleFailure
 from tactile.io.recording import GelPad, read_recording
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory: pytest.TempPathFactory) -> Path:
