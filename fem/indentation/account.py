@@ -13,13 +13,12 @@ from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_o
 from fem.indentation.search import candidate_fits
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
+from fem.indentation.trace_catalogue import OF_THE_MACHINE
 from fem.indentation.trace_checks import checks
 from fem.indentation.trace_detection import Detection, detect
 from fem.indentation.trace_noise import NoContactNoise
 from fem.mismatch.result import NONE, Explanation, HeldOut, ModulusCell, Where
 
-#: effects of the machine, not of the flesh
-MACHINE = {"gripper_compliance", "sensor_drift"}
 #: a phase with this share of the excess misfit is when the mismatch shows
 MOST = 0.6
 #: frames in the table of secant moduli
@@ -117,7 +116,7 @@ def _where(verdict: str | tuple[str, ...]) -> str:
     names = {
         part for name in ([verdict] if isinstance(verdict, str) else verdict) for part in name.split("+")
     }
-    return "tip" if names <= MACHINE else "flesh"
+    return "tip" if names <= OF_THE_MACHINE else "flesh"
 
 
 def _when(trace: IndenterTrace, found: Detection) -> str:

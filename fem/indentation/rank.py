@@ -3,8 +3,6 @@
 import numpy as np
 from scipy.special import logsumexp
 
-from fem.indentation.effects.trace_viscoelastic import NAME as VISCOELASTIC
-from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
 from fem.indentation.fit import TraceFit
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter
 
@@ -116,8 +114,8 @@ def parameters_of(one: TraceFit) -> dict[str, Parameter]:
         at += 1
     for effect in one.law.effects:
         part = slice(at, at + len(effect.unknowns))
-        if effect.name == VISCOELASTIC:
-            found |= viscoelastic_parameters(one.scaled[part], one.covariance[part, part])
+        if effect.parameters is not None:
+            found |= effect.parameters(one.scaled[part], one.covariance[part, part])
         else:
             for u, value, sd in zip(effect.unknowns, one.scaled[part], one.sd[part], strict=True):
                 found[u.name] = u.parameter(float(value), float(sd))

@@ -6,34 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.indentation.contact_law import Law
-from fem.indentation.effects import trace_damage, trace_plastic_set, trace_stiffening
-from fem.indentation.effects.trace_effect import TraceEffect
-from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
-from fem.indentation.effects.trace_sensor_drift import sensor_drift
-from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_catalogue import TRACE_EFFECTS
 from fem.indentation.trace_noise import NoContactNoise
 
 #: starts drawn from the prior beside those that simpler laws suggest
 DRAWS = 16
 #: a single effect this far (natural logarithm) behind the best is tried in pairs with the best alone
 BEHIND = 30.0
-
-
-def effects_for(trace: IndenterTrace) -> list[tuple[TraceEffect, ...]]:
-    """Every effect, each as the tuple of its forms, simplest first."""
-    peak = float(np.abs(trace.force_N).max())
-    travel = float(np.ptp(trace.travel_mm))
-    duration = float(trace.time_s[-1] - trace.time_s[0])
-    return [
-        tuple(viscoelastic(arms) for arms in range(1, ARMS + 1)),
-        (trace_stiffening.EFFECT,),
-        (trace_plastic_set.EFFECT,),
-        (trace_damage.EFFECT,),
-        (gripper_compliance(specimen_mm_per_N=travel / peak),),
-        (sensor_drift(force_N=peak, duration_s=duration),),
-    ]
 
 
 def candidate_fits(
@@ -47,8 +28,8 @@ def candidate_fits(
     """
     fits = [fit(linear, trace, no_contact, _starts(linear, [], rng))]
     singles: dict[str, list[TraceFit]] = {}
-    for forms in effects_for(trace):
-        for effect in forms:
+    for sought in TRACE_EFFECTS:
+        for effect in sought.forms(trace):
             law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
             known = [fits[0], *singles.get(effect.name, [])[-1:]]
             singles.setdefault(effect.name, []).append(fit(law, trace, no_contact, _starts(law, known, rng)))

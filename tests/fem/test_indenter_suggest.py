@@ -3,7 +3,7 @@ import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.indentation.contact_law import Law
-from fem.indentation.effects.trace_damage import EFFECT as DAMAGE
+from fem.indentation.effects.trace_damage import DAMAGE
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.fit import fit

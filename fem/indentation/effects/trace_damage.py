@@ -6,22 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
 
-from fem.indentation.effects.trace_effect import TraceEffect
+from fem.indentation.ball import BallOnSlab
 from fem.indentation.energy_share import half_space, hertz_energy_density
-from fem.indentation.unknowns import Unknown
+from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.mismatch.effects.damage import SPEC
 
-NAME = "damage"
-EFFECT = TraceEffect(
-    name=NAME,
-    unknowns=(
-        Unknown(name="dmax", unit="1", scale="logit", mean=-0.4, sd=1.0),
-        Unknown(name="W0_over_E", unit="1", scale="log", mean=float(np.log(0.02)), sd=1.3),
-    ),
-    error=0.003,
-)
-"""Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand).
-`error`: of this reduced law, as a share of the largest force, against finite elements
-(tests/fem/test_indenter_laws.py)."""
 #: logarithm of k = mu depth/(R W0) that the table reaches: from no damage at all to all of dmax
 REACH = (-9.0, 12.0)
 #: power by which softened flesh takes more energy, measured with finite elements, and rounds to settle it
@@ -77,3 +66,31 @@ def _lost_share(poisson_ratio: float) -> RectBivariateSpline:
         worst = density(1 / a) * a**2
         lost[:, j] = -np.expm1(-np.exp(log_k)[:, None] * worst) @ growth / growth.sum()
     return RectBivariateSpline(log_k, width, lost)
+
+
+def _factor(
+    value: Values, ball: BallOnSlab, depth_mm: Float[np.ndarray, "p t"], deepest_mm: Float[np.ndarray, "p t"]
+) -> Float[np.ndarray, "p t"]:
+    return damage_share(
+        value["dmax"][:, None],
+        value["W0_over_E"][:, None],
+        ball.energy_strain(deepest_mm),
+        depth_mm / deepest_mm,
+        poisson_ratio=ball.poisson_ratio,
+    )
+
+
+DAMAGE = TraceEffect(
+    name=SPEC.name,
+    unknowns=(
+        unknown(SPEC, "dmax", scale="logit", mean=-0.4, sd=1.0),
+        unknown(SPEC, "W0_over_E", scale="log", mean=float(np.log(0.02)), sd=1.3),
+    ),
+    error=0.003,
+    force_factor=_factor,
+)
+"""Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand).
+`error`: of this reduced law, as a share of the largest force, against finite elements
+(tests/fem/test_indenter_laws.py)."""
+EFFECT = TraceEffectSpec(spec=SPEC, rank=40, forms=lambda _: (DAMAGE,))
+"""Its place in the search: see TraceEffectSpec."""

@@ -3,17 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.effects.trace_effect import TraceEffect
-from fem.indentation.unknowns import Unknown
+from fem.indentation.ball import BallOnSlab
+from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.mismatch.effects.plastic_set import SPEC
 
-NAME = "plastic_set"
-EFFECT = TraceEffect(
-    name=NAME,
-    unknowns=(Unknown(name="yield_over_E", unit="1", scale="log", mean=float(np.log(0.08)), sd=1.0),),
-    error=0.005,
-)
-"""Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). `error`: of this reduced law, as a share
-of the largest force, against finite elements (tests/fem/test_indenter_laws.py)."""
 #: bound on the springs' mean pressure over the yield stress (hardness, with flesh piled up round the ball),
 #: and how sharply springs go over to it: both measured with finite elements
 HARDNESS, SHARP = 4.9, 1.7
@@ -41,3 +34,28 @@ def plastic_slack_mm(
     over = np.maximum(deepest_mm[:, :, None] - level_mm[:, None], 0.0)
     k = 2 * HARDNESS * (1 - poisson_ratio**2) * np.sqrt(radius_mm) * yield_over_E / over_half_space
     return np.asarray(over - over / (1 + (np.sqrt(over) / k[..., None]) ** SHARP) ** (1 / SHARP))
+
+
+def _slack_mm(
+    value: Values, ball: BallOnSlab, deepest_mm: Float[np.ndarray, "p t"], level_mm: Float[np.ndarray, "p n"]
+) -> Float[np.ndarray, "p t n"]:
+    return plastic_slack_mm(
+        value["yield_over_E"][:, None],
+        deepest_mm,
+        level_mm,
+        poisson_ratio=ball.poisson_ratio,
+        radius_mm=ball.radius_mm,
+        over_half_space=ball.over_half_space(deepest_mm),
+    )
+
+
+PLASTIC_SET = TraceEffect(
+    name=SPEC.name,
+    unknowns=(unknown(SPEC, "yield_over_E", scale="log", mean=float(np.log(0.08)), sd=1.0),),
+    error=0.005,
+    slack_mm=_slack_mm,
+)
+"""Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). `error`: of this reduced law, as a share
+of the largest force, against finite elements (tests/fem/test_indenter_laws.py)."""
+EFFECT = TraceEffectSpec(spec=SPEC, rank=30, forms=lambda _: (PLASTIC_SET,))
+"""Its place in the search: see TraceEffectSpec."""

@@ -6,15 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.effects.trace_effect import TraceEffect
+from fem.indentation.ball import BallOnSlab
 from fem.indentation.energy_share import energy_classes, force_share
-from fem.indentation.unknowns import Unknown
+from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
+from fem.mismatch.effects.stiffening import SPEC
 
-NAME = "stiffening"
-EFFECT = TraceEffect(
-    name=NAME, unknowns=(Unknown(name="b", unit="1", scale="log", mean=float(np.log(3.0)), sd=1.2),)
-)
-"""Prior: b of 3 within a factor of 3.3 (set by hand)."""
 #: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
 ESCAPE = 0.19
 #: largest b depth/R of the table
@@ -43,3 +39,19 @@ def _log_share(poisson_ratio: float) -> CubicSpline:
     grown = s[:, None] * w
     excess = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio) - 1
     return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])
+
+
+def _factor(value: Values, ball: BallOnSlab, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
+    return stiffening_share(
+        value["b"][:, None], ball.energy_strain(level_mm), poisson_ratio=ball.poisson_ratio
+    )
+
+
+STIFFENING = TraceEffect(
+    name=SPEC.name,
+    unknowns=(unknown(SPEC, "b", scale="log", mean=float(np.log(3.0)), sd=1.2),),
+    stress_factor=_factor,
+)
+"""Prior: b of 3 within a factor of 3.3 (set by hand)."""
+EFFECT = TraceEffectSpec(spec=SPEC, rank=20, forms=lambda _: (STIFFENING,))
+"""Its place in the search: see TraceEffectSpec."""

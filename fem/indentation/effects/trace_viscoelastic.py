@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.effects.trace_effect import TraceEffect
+from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.indentation.unknowns import Unknown
+from fem.mismatch.effects.viscoelastic import SPEC
 from fem.mismatch.result import Parameter
 
-NAME = "viscoelastic"
 #: most arms tried
 ARMS = 3
 
@@ -32,12 +32,16 @@ def viscoelastic(arms: int) -> TraceEffect:
             for k in range(1, arms)
         ),
     )
-    return TraceEffect(name=NAME, unknowns=weights + times, arms=arms)
+    return TraceEffect(
+        name=SPEC.name,
+        unknowns=weights + times,
+        arms=arms,
+        relaxation=lambda value: arms_of(value, arms),
+        parameters=viscoelastic_parameters,
+    )
 
 
-def arms_of(
-    values: dict[str, Float[np.ndarray, " p"]], arms: int
-) -> tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]:
+def arms_of(values: Values, arms: int) -> tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]:
     """Shares g and times tau (s) from the unknowns."""
     weight = np.stack([values[f"weight_{k + 1}"] for k in range(arms)])
     ratio = np.stack([values["tau_1" if k == 0 else f"slower_{k + 1}"] for k in range(arms)])
@@ -61,9 +65,15 @@ def viscoelastic_parameters(
     for k in range(arms):
         suffix = "" if k == 0 else f"_{k + 1}"
         sd = float(np.sqrt(log_g[k] @ covariance[:arms, :arms] @ log_g[k])) / (1 - g[k])
-        share = Unknown(name="g", unit="1", scale="logit", mean=0.0, sd=1.0)
+        share = unknown(SPEC, "g", scale="logit", mean=0.0, sd=1.0)
         found[f"g{suffix}"] = share.parameter(float(np.log(g[k] / (1 - g[k]))), sd)
         late = float(np.sqrt(times[k] @ covariance[arms:, arms:] @ times[k]))
-        tau = Unknown(name="tau_s", unit="s", scale="log", mean=0.0, sd=1.0)
+        tau = unknown(SPEC, "tau_s", scale="log", mean=0.0, sd=1.0)
         found[f"tau{suffix}_s"] = tau.parameter(float(times[k] @ scaled[arms:]), late)
     return found
+
+
+EFFECT = TraceEffectSpec(
+    spec=SPEC, rank=10, forms=lambda _: tuple(viscoelastic(arms) for arms in range(1, ARMS + 1))
+)
+"""Its place in the search: see TraceEffectSpec."""
