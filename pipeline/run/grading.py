@@ -2,7 +2,7 @@
 
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime, timedelta
@@ -22,13 +22,12 @@ from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes, write_provenance
-from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.records import FruitRecord, write_record
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.results_lock import is_held, results_lock
 from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.fruit.recording_owner import named_row
 from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
@@ -43,25 +42,13 @@ from pipeline.ranking.report_entries import batch_entry
 from pipeline.ranking.run_summary import cause, decimals
 from pipeline.run.checking import implausible_batch, implausible_fruit
 from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from pipeline.run.fruit_records import ended_record, kept_records, refused_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit
 from pipeline.run.progress import BatchProgress
 from pipeline.run.runner import Died, Event, Finished, Progressed, TimedOut, run_fruits
 from reports.entries import BatchEntry
 from reports.page import report_html
 from reports.tables import ranking_csv
-
-RETRIED = frozenset(
-    outcome.code
-    for outcome in (
-        Outcome.CRASHED,
-        Outcome.TIMED_OUT,
-        Outcome.OUT_OF_MEMORY,
-        Outcome.NOT_WRITTEN,
-        Outcome.INTERNAL,
-        Outcome.IMPLAUSIBLE_INPUT,
-    )
-)
-"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
 
 
 def utc_now() -> datetime:
@@ -105,7 +92,7 @@ def grade(
                 run.write_provenance(records, INTERRUPTED)
             raise
         for fruit_id, record in records.items():
-            records[fruit_id] = _with_forced(record, forced.get(fruit_id, ()), run.results)
+            records[fruit_id] = with_forced(record, forced.get(fruit_id, ()), run.results)
         return _reported(run, records)
 
 
@@ -185,12 +172,12 @@ def _sorted_out(
         for fruit_id, sentence in implausible.items():
             console.print(f"{fruit_id}: {sentence} Graded all the same.", highlight=False, markup=False)
         forced, implausible = _forced(run.batch, implausible), {}
-    records = dict(_kept({name: task for name, task in tasks.items() if name not in implausible}))
+    records = dict(kept_records({name: task for name, task in tasks.items() if name not in implausible}))
     todo = [(name, task) for name, task in tasks.items() if name not in {*records, *implausible}]
     if records:
         console.print(f"{len(records)} of {len(tasks)} fruit unchanged since the last run", highlight=False)
     for fruit_id, sentence in implausible.items():
-        records[fruit_id] = _refused(tasks[fruit_id], sentence)
+        records[fruit_id] = refused_record(tasks[fruit_id], sentence)
     return records, todo, forced
 
 
@@ -316,7 +303,7 @@ def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecor
         outcome, particulars = ending_of(event.result)
     else:
         raise TypeError(event)
-    record = _ended(task, outcome, particulars)
+    record = ended_record(task, outcome, particulars)
     if outcome is Outcome.INTERNAL and isinstance(event, Finished):
         with suppress(NotWritten):
             write_whole(task.results.traceback, str(getattr(event.result, "traceback", particulars)))
@@ -329,64 +316,6 @@ def _forced(batch: Batch, of_fruit: Mapping[str, str]) -> dict[str, list[str]]:
     for fruit_id, sentence in of_fruit.items():
         said.setdefault(fruit_id, []).append(sentence)
     return {name: [f"{one} Graded all the same (--force)." for one in all_] for name, all_ in said.items()}
-
-
-def _with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
-    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
-    now = tuple(forced) if record.graded else ()
-    if now == record.forced:
-        return record
-    doubts, warnings = (
-        (*now, *(one for one in said if one not in record.forced))
-        for said in (record.doubts, record.warnings)
-    )
-    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
-    write_record(results.fruit(record.fruit_id).record, record)
-    return record
-
-
-def _refused(task: FruitTask, sentence: str) -> FruitRecord:
-    """The record of a fruit whose numbers no fruit has. What an earlier run made of the same inputs stays,
-    and counts for nothing until the numbers are right or forced.
-    """
-    before = read_record(task.results.record)
-    if before is None or before.key != task.key:
-        return _ended(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
-    record = before.model_copy(
-        update={
-            "outcome": Outcome.IMPLAUSIBLE_INPUT.code,
-            "reason": Outcome.IMPLAUSIBLE_INPUT.sentence(sentence),
-            "given": task.given,
-            "graded_before": before.graded or before.graded_before,
-        }
-    )
-    with suppress(NotWritten):
-        task.results.claim()
-        write_record(task.results.record, record)
-    return record
-
-
-def _taken_up(record: FruitRecord) -> FruitRecord:
-    """The record as it was before a run refused the fruit's numbers."""
-    if not (record.outcome == Outcome.IMPLAUSIBLE_INPUT.code and record.graded_before):
-        return record
-    return record.model_copy(update={"outcome": Outcome.GRADED.code, "reason": "", "graded_before": False})
-
-
-def _ended(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
-    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
-    record = FruitRecord(
-        fruit_id=task.fruit_id,
-        outcome=outcome.code,
-        reason=outcome.sentence(particulars),
-        key=task.key,
-        given=task.given,
-    )
-    with suppress(NotWritten):
-        task.results.claim()
-        task.results.forget()
-        write_record(task.results.record, record)
-    return record
 
 
 def _way_of_dying(exit_code: int | None) -> str:
@@ -403,25 +332,6 @@ def _in_a_line(record: FruitRecord) -> str:
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa
     doubt = f", in doubt: {cause(record.doubts)}" if record.doubts else ""
     return f"E = {E_MPa:.{decimals(sd_MPa)}f} ± {sd_MPa:.{decimals(sd_MPa)}f} MPa{doubt}"
-
-
-def _kept(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
-    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
-    for fruit_id, task in tasks.items():
-        kept = read_record(task.results.record)
-        if kept is None or kept.key != task.key:
-            continue
-        record = _taken_up(kept)
-        if record.outcome in RETRIED:
-            continue
-        if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
-            continue
-        if record.graded and not task.results.fruit_ply.is_file():
-            continue
-        record = record.model_copy(update={"given": task.given})
-        if record != kept:
-            write_record(task.results.record, record)
-        yield fruit_id, record
 
 
 def read_files(batch: Batch) -> list[Path]:

@@ -167,3 +167,13 @@ def noise_shares(one: Pressing) -> tuple[float, float]:
         for field in (one.felt_mm, one.force_N)
     ]
     return one.felt_sd_mm / max(peaks[0], 1e-30), one.force_sd_N / max(peaks[1], 1e-30)
+
+
+def peak_normal(values: Float[np.ndarray, "t n 3"]) -> float:
+    """The largest normal part of a field over frames and markers, whatever its sign."""
+    return float(np.abs(values[:, :, 2]).max())
+
+
+def peak_total_N(one: Pressing) -> float:
+    """The largest total normal force of a frame, whatever its sign."""
+    return float(np.abs(one.force_N[:, :, 2].sum(axis=1)).max())

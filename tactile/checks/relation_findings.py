@@ -6,16 +6,14 @@ by the gel's law, V = U but for noise. Numbers that sound recordings show stand 
 """
 
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.checks.finding import Field, Finding, FindingKind, FindingRank, shared
-from tactile.checks.lattice import is_thinned
-from tactile.checks.pressing import Pressing, gives_way, heaviest
+from tactile.checks.gain_findings import GAIN_SAID, gain_findings
+from tactile.checks.pressing import Pressing, gives_way, heaviest, peak_normal, peak_total_N
 from tactile.checks.relation import Relation, relation_of
-from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
 
 AXES = "xyz"
 DEAD, FLAT_SD = 0.02, 2.0
@@ -41,21 +39,6 @@ benchmarks/field_spreads.py), and over the mean's own noise."""
 SATURATES = 0.6
 """Slope of V on U above half the peak over the slope below; sound 0.97 to 1.06, noisy ones 0.67 to 1.25, a
 sensor that reads a quarter less at its peak 0.7 (benchmarks/field_spreads.py)."""
-GAIN_SAID, GAIN_REFUSED = 0.08, 0.4
-"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.03 and less, on fruit drawn
-without a solver, of the noisiest, one of 400 pads 0.061 (benchmarks/field_spreads.py --cheap 100). The
-mildest gain fault of the open cases (1.13) has 0.12, a nonlinear sensor 0.22."""
-ONE_GAIN = 0.15
-"""Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
-E_PER_GAIN = 0.7
-"""Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
-MOST_LEFT_OUT = 4
-"""Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
-LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
-"""Gel's indentation over the pad's closing since first touch; sound recordings have 0.05 to 0.55
-(benchmarks/field_spreads.py)."""
-NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
-"""For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
 
 
 def axis_findings(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -109,7 +92,7 @@ def relation_findings(
             found.append(own)
         elif abs(np.log(max(relation.gain, 1e-12))) > GAIN_SAID:
             gains.append((one, relation, closing))
-    return [*shared(found), *_gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
+    return [*shared(found), *gain_findings(gains, pads=len(pressings), E_range_MPa=E_range_MPa)]
 
 
 def _pad_finding(one: Pressing, r: Relation) -> Finding | None:
@@ -129,16 +112,16 @@ def _dead_finding(one: Pressing, r: Relation) -> Finding | None:
         return _refused(
             one,
             FindingKind.DEAD_FIELD,
-            f"displacement is dead: it stays at {1e3 * _peak(one.felt_mm):.0f} um while its forces reach "
-            f"{_total_N(one):.2g} N; the markers were not tracked",
+            f"displacement is dead: it stays at {1e3 * peak_normal(one.felt_mm):.0f} um while its forces "
+            f"reach {peak_total_N(one):.2g} N; the markers were not tracked",
             field="displacement",
         )
     if r.gel_mm < DEAD * r.felt_mm and _flat(one.force_N, one.force_sd_N, one.touched):
         return _refused(
             one,
             FindingKind.DEAD_FIELD,
-            f"force is dead: it stays at {_total_N(one):.2g} N while its markers move "
-            f"{_peak(one.felt_mm):.2f} mm",
+            f"force is dead: it stays at {peak_total_N(one):.2g} N while its markers move "
+            f"{peak_normal(one.felt_mm):.2f} mm",
             field="force",
         )
     return None
@@ -232,125 +215,6 @@ def _clipped_finding(one: Pressing, r: Relation) -> Finding | None:
     return None
 
 
-def _gain_findings(
-    gains: Sequence[tuple[Pressing, Relation, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
-) -> list[Finding]:
-    """Gains, said once for both pads where they agree."""
-    if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < ONE_GAIN:
-        gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
-        names = tuple(one.pad.name for one, _, _ in gains)
-        return [_gain_finding(gains[0], gain, names, share=1.0, E_range_MPa=E_range_MPa)]
-    return [
-        _gain_finding(one, one[1].gain, (one[0].pad.name,), share=1 / pads, E_range_MPa=E_range_MPa)
-        for one in gains
-    ]
-
-
-def _gain_finding(
-    one: tuple[Pressing, Relation, float],
-    gain: float,
-    names: tuple[str, ...],
-    *,
-    share: float,
-    E_range_MPa: tuple[float, float] | None,
-) -> Finding:
-    """The finding for a pad whose force over displacement is `gain` times what its gel's stiffness
-    predicts.
-    """
-    pressing, _, closing = one
-    size = abs(float(np.log(gain)))
-    left_out = _left_out(gain)
-    if left_out > 1 and is_thinned(pressing.pad.rest_mm[:, :2]):
-        return _thinned_finding(pressing, gain, names, left_out)
-    blamed = _blamed(pressing, closing, gain, E_range_MPa)
-    said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
-    scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
-    unit_F = unit_like(gain, FORCE)
-    unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
-    detail = ""
-    if blamed == "displacement" and unit_u:
-        kind, detail = FindingKind.DISPLACEMENT_UNIT, unit_u
-        says = f"displacement looks like {unit_u}: {scaled}"
-    elif blamed == "displacement":
-        kind = FindingKind.DISPLACEMENT_SCALE
-        says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
-    elif blamed == "force" and unit_F:
-        kind, detail = FindingKind.FORCE_UNIT, unit_F
-        says = f"forces look like {unit_F}: {said}"
-    elif blamed == "force":
-        kind = FindingKind.FORCE_SCALE
-        says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
-    elif unit_k and blamed == "stiffness":
-        kind, detail = FindingKind.STIFFNESS_UNIT, unit_k
-        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
-    elif unit_F and unit_k:
-        kind, detail = FindingKind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
-        says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
-    else:
-        kind = FindingKind.GAIN
-        unit = f" (as if in {unit_F})" if unit_F else ""
-        says = (
-            f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
-            "a gel that creeps, or the stiffness (kn, kt) of another gel"
-        )
-        if left_out > 1:
-            says += f"; or only one of every {left_out} markers is in the arrays"
-    return Finding(
-        kind=kind,
-        rank=FindingRank.RELATION,
-        pads=names,
-        says=says,
-        detail=detail,
-        refused=size > GAIN_REFUSED,
-        relative_sd=E_PER_GAIN * size * share,
-    )
-
-
-def _left_out(gain: float) -> int:
-    """How many markers there may be for each one in the arrays: each has the force of its own part of the
-    gel, and the part of those that are left seems that much larger. 1 where the gain is no such fraction.
-    """
-    count = round(1 / gain) if gain > 0 else 1
-    return count if 1 < count <= MOST_LEFT_OUT and abs(np.log(gain * count)) < GAIN_SAID else 1
-
-
-def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
-    """The finding that only every `count`-th marker of a pad is in the arrays."""
-    there = len(one.pad.rest_mm)
-    every = {2: "second", 3: "third", 4: "fourth"}[count]
-    return Finding(
-        kind=FindingKind.MARKERS_MISSING,
-        rank=FindingRank.RELATION,
-        pads=names,
-        says=(
-            f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} "
-            f"are missing from the arrays. The {there} that are there stand in an uneven grid, and their "
-            f"forces are {times_said(gain)} what the gel's stiffness says; write all markers"
-        ),
-        detail=str(count),
-        refused=True,
-        relative_sd=1 - 1 / count,
-    )
-
-
-def _blamed(
-    one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
-) -> Field | Literal["stiffness"] | None:
-    """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
-    felt = _peak(one.felt_mm)
-    if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
-        return "displacement"
-    if E_range_MPa is None or closing_mm <= 0:
-        return None
-    into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
-    E = 0.75 * (1 - NU**2) * _total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
-    low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
-    as_written, as_the_gel_says = low < E < high, low < E / gain < high
-    if as_the_gel_says and not as_written:
-        return "force"
-    return "stiffness" if as_written and not as_the_gel_says else None
-
-
 def _refused(
     one: Pressing, kind: FindingKind, says: str, *, field: Field | None = None, detail: str = ""
 ) -> Finding:
@@ -389,14 +253,6 @@ def _field_exchanged(one: Pressing) -> Field | None:
 def _flat(values: Float[np.ndarray, "t n 3"], sd: float, use: Bool[np.ndarray, " n"]) -> bool:
     """Whether nothing of a field rises above its noise."""
     return bool(np.sqrt((values[:, use] ** 2).mean(axis=(1, 2))).max() < max(FLAT_SD * sd, 1e-9))
-
-
-def _peak(values: Float[np.ndarray, "t n 3"]) -> float:
-    return float(np.abs(values[:, :, 2]).max())
-
-
-def _total_N(one: Pressing) -> float:
-    return float(np.abs(one.force_N[:, :, 2].sum(axis=1)).max())
 
 
 def _pushes(one: Pressing) -> bool:

@@ -10,8 +10,9 @@ from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, mesh_doubt, row_doubts, table_doubts
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
-from pipeline.run import grading as grading
+from pipeline.run import grading
 from pipeline.run.checking import check, implausible_fruit
+from pipeline.run.fruit_records import ended_record
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -206,7 +207,7 @@ def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, mon
     def work(todo, records, **_):
         for fruit_id, task in todo:
             reached.append(fruit_id)
-            records[fruit_id] = grading._ended(task, Outcome.NO_GRASP, "")
+            records[fruit_id] = ended_record(task, Outcome.NO_GRASP, "")
 
     monkeypatch.setattr(grading, "_work", work)
     (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")

@@ -22,7 +22,7 @@ from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
-from pipeline.run.grading import _kept
+from pipeline.run.fruit_records import kept_records
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -184,9 +184,9 @@ def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
         modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.1),
     )  # fmt: skip
     write_record(task.results.record, record)
-    assert dict(_kept({"N02": task})) == {"N02": record}
-    assert dict(_kept({"N02": task, "N77": task})) == {}
-    assert dict(_kept({"N02": task, "n-77": task})) == {}
+    assert dict(kept_records({"N02": task})) == {"N02": record}
+    assert dict(kept_records({"N02": task, "N77": task})) == {}
+    assert dict(kept_records({"N02": task, "n-77": task})) == {}
 
 
 def test_explain_says_it_of_a_batchs_fruit(batch):

@@ -1,0 +1,101 @@
+"""Records of fruit that this run does not grade: kept from an earlier one, refused, or ended without one."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+
+from pipeline.batch.layout import Results
+from pipeline.batch.outcome import Outcome
+from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.task import FruitTask
+from pipeline.files.whole_file import NotWritten
+from pipeline.fruit.recording_owner import named_row
+
+RETRIED = frozenset(
+    outcome.code
+    for outcome in (
+        Outcome.CRASHED,
+        Outcome.TIMED_OUT,
+        Outcome.OUT_OF_MEMORY,
+        Outcome.NOT_WRITTEN,
+        Outcome.INTERNAL,
+        Outcome.IMPLAUSIBLE_INPUT,
+    )
+)
+"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
+
+
+def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
+    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
+    now = tuple(forced) if record.graded else ()
+    if now == record.forced:
+        return record
+    doubts, warnings = (
+        (*now, *(one for one in said if one not in record.forced))
+        for said in (record.doubts, record.warnings)
+    )
+    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
+    write_record(results.fruit(record.fruit_id).record, record)
+    return record
+
+
+def refused_record(task: FruitTask, sentence: str) -> FruitRecord:
+    """The record of a fruit whose numbers no fruit has. What an earlier run made of the same inputs stays,
+    and counts for nothing until the numbers are right or forced.
+    """
+    before = read_record(task.results.record)
+    if before is None or before.key != task.key:
+        return ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
+    record = before.model_copy(
+        update={
+            "outcome": Outcome.IMPLAUSIBLE_INPUT.code,
+            "reason": Outcome.IMPLAUSIBLE_INPUT.sentence(sentence),
+            "given": task.given,
+            "graded_before": before.graded or before.graded_before,
+        }
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        write_record(task.results.record, record)
+    return record
+
+
+def _taken_up(record: FruitRecord) -> FruitRecord:
+    """The record as it was before a run refused the fruit's numbers."""
+    if not (record.outcome == Outcome.IMPLAUSIBLE_INPUT.code and record.graded_before):
+        return record
+    return record.model_copy(update={"outcome": Outcome.GRADED.code, "reason": "", "graded_before": False})
+
+
+def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
+    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
+    record = FruitRecord(
+        fruit_id=task.fruit_id,
+        outcome=outcome.code,
+        reason=outcome.sentence(particulars),
+        key=task.key,
+        given=task.given,
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        task.results.forget()
+        write_record(task.results.record, record)
+    return record
+
+
+def kept_records(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRecord]]:
+    """Records of an earlier run that still hold, with what staff wrote of the fruit brought up to date."""
+    for fruit_id, task in tasks.items():
+        kept = read_record(task.results.record)
+        if kept is None or kept.key != task.key:
+            continue
+        record = _taken_up(kept)
+        if record.outcome in RETRIED:
+            continue
+        if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
+            continue
+        if record.graded and not task.results.fruit_ply.is_file():
+            continue
+        record = record.model_copy(update={"given": task.given})
+        if record != kept:
+            write_record(task.results.record, record)
+        yield fruit_id, record

@@ -1,0 +1,147 @@
+"""Forces that are not what the gel's stiffness says at its displacement: a unit, a scale, a gain."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from tactile.checks.finding import Field, Finding, FindingKind, FindingRank
+from tactile.checks.lattice import is_thinned
+from tactile.checks.pressing import Pressing, peak_normal, peak_total_N
+from tactile.checks.relation import Relation
+from tactile.checks.units import FORCE, LENGTH, STIFFNESS, times_said, unit_like
+
+GAIN_SAID, GAIN_REFUSED = 0.08, 0.4
+"""|ln(V / U)| beyond which a gain is said, and refused; sound recordings have 0.03 and less, on fruit drawn
+without a solver, of the noisiest, one of 400 pads 0.061 (benchmarks/field_spreads.py --cheap 100). The
+mildest gain fault of the open cases (1.13) has 0.12, a nonlinear sensor 0.22."""
+ONE_GAIN = 0.15
+"""Difference of two pads' ln gains up to which they are said as one; a gain of one pad alone has more."""
+E_PER_GAIN = 0.7
+"""Relative error of E per ln gain; 1.14 on one pad of two makes 7 %, displacement halved on both 21 %."""
+MOST_LEFT_OUT = 4
+"""Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
+LEAST_IN_GEL, MOST_IN_GEL = 0.005, 1.3
+"""Gel's indentation over the pad's closing since first touch; sound recordings have 0.05 to 0.55
+(benchmarks/field_spreads.py)."""
+NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
+"""For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
+
+
+def gain_findings(
+    gains: Sequence[tuple[Pressing, Relation, float]], *, pads: int, E_range_MPa: tuple[float, float] | None
+) -> list[Finding]:
+    """Gains, said once for both pads where they agree."""
+    if len(gains) == 2 and abs(np.log(gains[0][1].gain / gains[1][1].gain)) < ONE_GAIN:
+        gain = float(np.sqrt(gains[0][1].gain * gains[1][1].gain))
+        names = tuple(one.pad.name for one, _, _ in gains)
+        return [_gain_finding(gains[0], gain, names, share=1.0, E_range_MPa=E_range_MPa)]
+    return [
+        _gain_finding(one, one[1].gain, (one[0].pad.name,), share=1 / pads, E_range_MPa=E_range_MPa)
+        for one in gains
+    ]
+
+
+def _gain_finding(
+    one: tuple[Pressing, Relation, float],
+    gain: float,
+    names: tuple[str, ...],
+    *,
+    share: float,
+    E_range_MPa: tuple[float, float] | None,
+) -> Finding:
+    """The finding for a pad whose force over displacement is `gain` times what its gel's stiffness
+    predicts.
+    """
+    pressing, _, closing = one
+    size = abs(float(np.log(gain)))
+    left_out = _left_out(gain)
+    if left_out > 1 and is_thinned(pressing.pad.rest_mm[:, :2]):
+        return _thinned_finding(pressing, gain, names, left_out)
+    blamed = _blamed(pressing, closing, gain, E_range_MPa)
+    said = f"{times_said(gain)} what this gel's stiffness says at its displacement"
+    scaled = f"{times_said(1 / gain)} what this gel's stiffness says at its force"
+    unit_F = unit_like(gain, FORCE)
+    unit_u, unit_k = unit_like(1 / gain, LENGTH), unit_like(1 / gain, STIFFNESS)
+    detail = ""
+    if blamed == "displacement" and unit_u:
+        kind, detail = FindingKind.DISPLACEMENT_UNIT, unit_u
+        says = f"displacement looks like {unit_u}: {scaled}"
+    elif blamed == "displacement":
+        kind = FindingKind.DISPLACEMENT_SCALE
+        says = f"displacement is scaled: {scaled}, and out of proportion to the jaws' closing"
+    elif blamed == "force" and unit_F:
+        kind, detail = FindingKind.FORCE_UNIT, unit_F
+        says = f"forces look like {unit_F}: {said}"
+    elif blamed == "force":
+        kind = FindingKind.FORCE_SCALE
+        says = f"forces are scaled: {said}, and no fruit of this category is as stiff or soft"
+    elif unit_k and blamed == "stiffness":
+        kind, detail = FindingKind.STIFFNESS_UNIT, unit_k
+        says = f"gel_kn_MPa_per_mm looks like {unit_k}: forces are {said}, and fit the fruit"
+    elif unit_F and unit_k:
+        kind, detail = FindingKind.FORCE_OR_STIFFNESS_UNIT, f"{unit_F} or {unit_k}"
+        says = f"forces look like {unit_F}, or gel_kn_MPa_per_mm like {unit_k}: forces are {said}"
+    else:
+        kind = FindingKind.GAIN
+        unit = f" (as if in {unit_F})" if unit_F else ""
+        says = (
+            f"forces are {said}{unit}: a gain of the force, a scale of the displacement, "
+            "a gel that creeps, or the stiffness (kn, kt) of another gel"
+        )
+        if left_out > 1:
+            says += f"; or only one of every {left_out} markers is in the arrays"
+    return Finding(
+        kind=kind,
+        rank=FindingRank.RELATION,
+        pads=names,
+        says=says,
+        detail=detail,
+        refused=size > GAIN_REFUSED,
+        relative_sd=E_PER_GAIN * size * share,
+    )
+
+
+def _left_out(gain: float) -> int:
+    """How many markers there may be for each one in the arrays: each has the force of its own part of the
+    gel, and the part of those that are left seems that much larger. 1 where the gain is no such fraction.
+    """
+    count = round(1 / gain) if gain > 0 else 1
+    return count if 1 < count <= MOST_LEFT_OUT and abs(np.log(gain * count)) < GAIN_SAID else 1
+
+
+def _thinned_finding(one: Pressing, gain: float, names: tuple[str, ...], count: int) -> Finding:
+    """The finding that only every `count`-th marker of a pad is in the arrays."""
+    there = len(one.pad.rest_mm)
+    every = {2: "second", 3: "third", 4: "fourth"}[count]
+    return Finding(
+        kind=FindingKind.MARKERS_MISSING,
+        rank=FindingRank.RELATION,
+        pads=names,
+        says=(
+            f"markers are only every {every} one of the gel: about {(count - 1) * there} of {count * there} "
+            f"are missing from the arrays. The {there} that are there stand in an uneven grid, and their "
+            f"forces are {times_said(gain)} what the gel's stiffness says; write all markers"
+        ),
+        detail=str(count),
+        refused=True,
+        relative_sd=1 - 1 / count,
+    )
+
+
+def _blamed(
+    one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
+) -> Field | Literal["stiffness"] | None:
+    """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
+    felt = peak_normal(one.felt_mm)
+    if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
+        return "displacement"
+    if E_range_MPa is None or closing_mm <= 0:
+        return None
+    into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
+    E = 0.75 * (1 - NU**2) * peak_total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
+    low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
+    as_written, as_the_gel_says = low < E < high, low < E / gain < high
+    if as_the_gel_says and not as_written:
+        return "force"
+    return "stiffness" if as_written and not as_the_gel_says else None
