@@ -111,6 +111,7 @@ def number_changed(which: int, new: str | float) -> Change:
 
 def line_changed(what: str) -> Change:
     """One line of a text, drawn at random."""
+
     def change(path: Path, rng: np.random.Generator) -> None:
         lines = path.read_text().splitlines()
         k = int(rng.integers(len(lines)))
