@@ -100,7 +100,7 @@ def keep_line(path: Path, row: dict[str, Any]) -> None:
         file.write(("" if before.endswith("\n") or not before else "\n") + json.dumps(row) + "\n")
 
 
-def told(row: dict[str, Any]) -> str:
+def line_of(row: dict[str, Any]) -> str:
     """One case in a line."""
     if "failure" in row:
         return f"{row['case']} {row['truth']}: no answer: {row['failure']} ({row['seconds']:.0f} s)"
@@ -145,7 +145,7 @@ def main() -> None:
                     row |= explained(folder, truth, ablation, Path(work), chosen.jobs)
                     keep_line(lines, row)
                     done[key] = row
-                    print(f"[{number}/{len(cases)}] {ablation}: {told(row)}", flush=True)
+                    print(f"[{number}/{len(cases)}] {ablation}: {line_of(row)}", flush=True)
                 rows.append(done[key])
     if not rows:
         raise SystemExit("no case with an answer in answers.json")

@@ -110,7 +110,7 @@ def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
 
-def _p_beside_others(row: dict[str, Any]) -> float:
+def _p_among_others(row: dict[str, Any]) -> float:
     """Of the bank without the row's own fruit, which is the bank's number as its name says."""
     known = null_reference()
     others = known.fruits != int(_fruit(row).rsplit("-", 1)[1]) - 1
@@ -184,7 +184,7 @@ def main() -> None:
                 flush=True,
             )
     if chosen.grasps is not None:
-        p = [_p_beside_others(row) for row in known]
+        p = [_p_among_others(row) for row in known]
         print(
             f"p: {sum(x < DETECTION_P for x in p)} of {len(p)} below {DETECTION_P}, median {np.median(p):.2g}"
         )

@@ -68,7 +68,7 @@ def main() -> None:
                 case, true = case_of(folder, Path(work))
                 fruit = grasped_fruit(case.task, StageLog(lambda _: None))
                 began = time.process_time()
-                graded = graded_case(case, fruit).modulus
+                graded = graded_case(case, fruit)[0].modulus
                 took_s = time.process_time() - began
                 base = baseline(mismatch_case(case, fruit))
             except (FemFailure, FruitEnded, TactileFailure) as failure:

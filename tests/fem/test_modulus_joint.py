@@ -1,4 +1,4 @@
-"""All grasps of a fruit in one inference: planted truths, closed forms of its error bar, and its warnings."""
+"""All grasps of a fruit in one inference: known truths, closed forms of its error bar, and its warnings."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def evidence(slopes, seen, *, causes=PIT, at=None, relative_sd=NOISE, misfit_sd=
     )
 
 
-def planted(slopes, place, **options):
+def of_known(slopes, place, **options):
     return evidence(slopes, (1 + np.atleast_2d(slopes) @ place) / E_MPA, **options)
 
 
@@ -53,7 +53,7 @@ def test_without_a_grasp_it_is_refused():
 
 def test_a_modulus_that_does_not_settle_is_refused(monkeypatch):
     monkeypatch.setattr(joint_inference, "STILL", -1.0)
-    grasp = planted(np.full((2, 4), 0.1), np.zeros(4))
+    grasp = of_known(np.full((2, 4), 0.1), np.zeros(4))
     with pytest.raises(FemFailure, match="still changes") as failure:
         joint_modulus([grasp], budget=WIDE, infer_pit=False)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
@@ -64,7 +64,7 @@ def test_the_parts_add_up_to_the_error_bar_in_squares(infer_pit):
     place = np.array([0.1, -0.2, 0.05, 0.02])
     rng = np.random.default_rng(0)
     grasps = [
-        planted(rng.normal(0, 0.1, (2, 4)), place, misfit_sd=0.01, discretisation_sd=0.003) for _ in range(3)
+        of_known(rng.normal(0, 0.1, (2, 4)), place, misfit_sd=0.01, discretisation_sd=0.003) for _ in range(3)
     ]
     found = joint_modulus(grasps, budget=WIDE, infer_pit=infer_pit)
     assert np.linalg.norm(list(found.parts_sd_MPa.values())) == pytest.approx(found.E_sd_MPa, rel=1e-9)
@@ -101,7 +101,7 @@ def pressed(*surface_sd_mm):
 )
 def test_the_surface_counts_by_its_error_under_the_pads_where_that_is_known(under_pads_mm, counts_mm):
     slopes = 0.05 * np.ones(len(SURFACE))
-    one = planted(slopes, np.zeros(len(SURFACE)), causes=SURFACE)
+    one = of_known(slopes, np.zeros(len(SURFACE)), causes=SURFACE)
     budget = replace(WIDE, surface_sd_mm=0.2)
     found = joint_modulus([replace(one, history=pressed(*under_pads_mm))], budget=budget, infer_pit=False)
     # six independent waves of variance sd² / 3, each with a slope of 5 % per mm
@@ -109,7 +109,7 @@ def test_the_surface_counts_by_its_error_under_the_pads_where_that_is_known(unde
 
 
 def test_a_lone_grasps_pit_counts_by_its_sensitivity_times_its_spread():
-    found = joint_modulus([planted([0.05, 0, 0, -0.3], np.zeros(4))], budget=WIDE, infer_pit=False)
+    found = joint_modulus([of_known([0.05, 0, 0, -0.3], np.zeros(4))], budget=WIDE, infer_pit=False)
     assert found.pit is None
     assert found.E_MPa == pytest.approx(E_MPA, rel=1e-9)
     assert found.parts_sd_MPa[PIT_PLACE] == pytest.approx(0.05 * 2.0 * E_MPA, rel=1e-6)
@@ -118,7 +118,7 @@ def test_a_lone_grasps_pit_counts_by_its_sensitivity_times_its_spread():
 
 
 def test_a_pit_that_the_data_cannot_see_keeps_its_prior():
-    unseen = [planted(np.zeros((2, 4)), np.zeros(4)) for _ in range(2)]
+    unseen = [of_known(np.zeros((2, 4)), np.zeros(4)) for _ in range(2)]
     found = joint_modulus(unseen, budget=WIDE, infer_pit=True)
     np.testing.assert_allclose(found.pit.sd, [2.0, 2.0, 2.0, 0.5], rtol=1e-9)
     np.testing.assert_allclose(found.pit.prior_sd, found.pit.sd, rtol=1e-9)
@@ -131,7 +131,7 @@ def test_a_pit_that_the_data_cannot_see_keeps_its_prior():
 def test_a_pit_without_spread_stays_and_costs_nothing():
     sure = replace(WIDE, pit_offset_sd_mm=0.0)
     slopes = np.array([0.1, 0.1, 0.1, 0.0])
-    found = joint_modulus([planted(slopes, np.zeros(4))] * 2, budget=sure, infer_pit=True)
+    found = joint_modulus([of_known(slopes, np.zeros(4))] * 2, budget=sure, infer_pit=True)
     assert not found.pit.offset_mm.any()
     assert not found.pit.sd[:3].any()
     assert not found.pit.moved[:3].any()
@@ -140,7 +140,7 @@ def test_a_pit_without_spread_stays_and_costs_nothing():
 
 def test_grasps_that_feel_the_pits_size_unlike_each_other_find_it():
     place = np.array([0.0, 0, 0, np.log(0.8)])
-    grasps = [planted([0, 0, 0, slope], place, relative_sd=1e-3) for slope in (-0.2, -0.8)]
+    grasps = [of_known([0, 0, 0, slope], place, relative_sd=1e-3) for slope in (-0.2, -0.8)]
     found = joint_modulus(grasps, budget=WIDE, infer_pit=True)
     assert found.E_MPa == pytest.approx(E_MPA, rel=2e-3)
     assert found.pit.ln_size == pytest.approx(np.log(0.8), abs=0.01)
@@ -205,9 +205,9 @@ def test_the_prior_stays_where_it_was_when_the_pit_is_moved_in_the_mesh():
     place, at = np.array([0.08, -0.1, 0.05, 0.03]), np.array([0.1, -0.05, 0.1, 0.05])
     budget = ErrorBudget(pit_offset_sd_mm=0.1, pit_size_sd=0.1)
     slopes = rng.normal(0, 0.1, (3, 2, 4))
-    here = joint_modulus([planted(s, place) for s in slopes], budget=budget, infer_pit=True)
+    here = joint_modulus([of_known(s, place) for s in slopes], budget=budget, infer_pit=True)
     there = joint_modulus(
-        [planted(s, place, at=at) for s in slopes], budget=budget, infer_pit=True, pit_at=at
+        [of_known(s, place, at=at) for s in slopes], budget=budget, infer_pit=True, pit_at=at
     )
     assert there.E_MPa == pytest.approx(here.E_MPa, rel=1e-3)
     assert there.E_sd_MPa == pytest.approx(here.E_sd_MPa, rel=0.03)
@@ -220,7 +220,7 @@ def test_poisson_ratio_is_common_to_all_grasps_and_no_number_of_them_tells_it():
     budget = replace(WIDE, poisson_ratio_sd=0.02)
     few, many = (
         joint_modulus(
-            [planted([-1.0], np.zeros(1), causes=(POISSON_RATIO,))] * n, budget=budget, infer_pit=True
+            [of_known([-1.0], np.zeros(1), causes=(POISSON_RATIO,))] * n, budget=budget, infer_pit=True
         )
         for n in (2, 20)
     )
@@ -235,7 +235,7 @@ SYMMETRIC = np.array([[0.1, 0, 0, 0], [-0.1, 0, 0, 0]])
 
 def test_pads_that_differ_by_what_noise_and_the_prior_allow_are_taken_at_their_word():
     place = np.array([0.5, 0.0, 0.0, 0.0])
-    grasps = [planted(SYMMETRIC, place) for _ in range(2)]
+    grasps = [of_known(SYMMETRIC, place) for _ in range(2)]
     found = joint_modulus(grasps, budget=ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0), infer_pit=True)
     known = 2 * 2 * 0.1**2 / NOISE**2  # information of both grasps' two pads about the pit's x, 1/mm2
     assert found.pit.offset_mm[0] == pytest.approx(0.5 * known / (known + 0.5**-2), rel=0.02)
@@ -243,7 +243,7 @@ def test_pads_that_differ_by_what_noise_and_the_prior_allow_are_taken_at_their_w
 
 def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
     """Two grasps show the pit on opposite sides: no place of it is both."""
-    left, right = (planted(SYMMETRIC, np.array([x, 0, 0, 0.0])) for x in (4.0, -3.0))
+    left, right = (of_known(SYMMETRIC, np.array([x, 0, 0, 0.0])) for x in (4.0, -3.0))
     budget = ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0)
     found = joint_modulus([left, right], budget=budget, infer_pit=True)
     # What both say together is x = 0.5 mm; chi-square is that of their difference of 7 mm.
@@ -257,7 +257,7 @@ def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
 
 
 def test_pads_that_agree_with_noise_and_prior_contradict_nothing():
-    grasps = [planted(SYMMETRIC, np.array([0.5, 0.0, 0.0, 0.0])) for _ in range(2)]
+    grasps = [of_known(SYMMETRIC, np.array([0.5, 0.0, 0.0, 0.0])) for _ in range(2)]
     assert joint_modulus(grasps, budget=WIDE, infer_pit=True).warnings == ()
 
 

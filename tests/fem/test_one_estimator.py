@@ -1,7 +1,7 @@
 """Grading and explaining drive their models with the same forces and fit the same markers."""
 
 import pytest
-from planted_mismatch import only_grasp, planted_case
+from injected_mismatch import injected_case, only_grasp
 
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import fit_compliance
@@ -23,7 +23,7 @@ SAME = 5e-4
 
 @pytest.fixture(scope="module")
 def case():
-    return only_grasp(planted_case(), 0)
+    return only_grasp(injected_case(), 0)
 
 
 @pytest.fixture(scope="module")

@@ -78,15 +78,6 @@ ALLOWED = ("log_odds", "inverse_odds", "background_plate", "s368_plate", "flat_p
 KEYS = ("stance",)
 """Names that are keys of files as docs/formats.md fixes them."""
 
-NOT_YET = (
-    "benchmarks/mismatch.py",
-    "benchmarks/mismatch_nulls.py",
-    "tests/fem/planted_mismatch.py",
-    "tests/fem/test_modulus_joint.py",
-    "tests/fem/test_one_estimator.py",
-)
-"""Files whose names (told, beside, planted) are still to be replaced; nothing is added here."""
-
 
 def words_of(identifier: str) -> set[str]:
     """The words of a name, of one with underscores or capitals alike, in lower case.
@@ -122,8 +113,7 @@ def test_no_identifier_is_home_made(room):
     left = {
         str(path.relative_to(ROOT)): names
         for path in sorted((ROOT / room).rglob("*.py"))
-        if str(path.relative_to(ROOT)) not in NOT_YET
-        and (names := home_made(path.read_text(encoding="utf-8")))
+        if (names := home_made(path.read_text(encoding="utf-8")))
     }
     assert left == {}
 
