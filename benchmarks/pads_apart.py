@@ -93,6 +93,8 @@ def main() -> None:
                     print(f"{folder.name:12s} {off:+6.1f} %  noise {noise:.1f} %  priors {priors:.1f} %")
         except (FemFailure, FruitEnded, TactileFailure) as failure:
             print(f"{folder.name:12s} {failure}", flush=True)
+    if not found:
+        raise SystemExit("no recording of two pads with a modulus each")
     off, noise, priors = np.array(found).T
     variance = FACTORS[:, None] * noise + priors
     likelihood = -0.5 * (np.log(variance) + off**2 / variance).sum(axis=1)

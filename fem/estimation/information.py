@@ -26,9 +26,11 @@ SEEN = 1e-9
 """A pad with less than this share of the best pad's information has nothing to compare."""
 BETWEEN_PADS = 2.5
 """Variance of the difference between the pads of a recording over what noise makes of it, pit and places as
-the priors have them: two pads differ by what contact does that no model holds. 2.4 by maximum likelihood
-over 31 sound fruit (even numbers from 38 of the bank of benchmarks/field_bank.py; `python
-benchmarks/pads_apart.py BANK --half even`); 4.1 on eight grasps of the sample batch."""
+the priors have them. What adds to it: the error of the gel's stiffness that the forces are taken from, which
+markers count as pressing, contact that no model holds. That it leaves the pads' common value alone is
+assumed: E of sound fruit is no further off than stated (docs/validation.md, Recordings to E). 2.4 by maximum
+likelihood over 31 sound fruit, even numbers from 38 of the bank of benchmarks/field_bank.py (`python
+benchmarks/pads_apart.py BANK --half even`)."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which what the model leaves counts as one draw."""
 
@@ -139,8 +141,8 @@ def _between_pads(weight: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
     """Weights of the pads' numbers whose differences have BETWEEN_PADS times the variance: V, the inverse of
     `weight`, is 1 1' / (1' W 1), the variance of their common value, and the rest, that of the differences.
     """
-    apart = np.linalg.inv(weight) - 1 / weight.sum()
-    return np.asarray(np.linalg.inv(np.linalg.inv(weight) + (BETWEEN_PADS - 1) * apart))
+    common = np.outer(weight.sum(axis=1), weight.sum(axis=0)) / weight.sum()
+    return np.asarray(weight / BETWEEN_PADS + (1 - 1 / BETWEEN_PADS) * common)
 
 
 def _of_force_noise(
@@ -156,7 +158,8 @@ def _of_force_noise(
 
     Unlike noise in the displacement, one force's moves the markers of both pads. Its share in 1/E does not
     fall with the number of markers as the other does: that of their total force stays. Where the forces come
-    from the gel's displacement, n is the noise of the places too, and the two partly cancel.
+    from the gel's displacement, n is the noise of the places too, and the two are counted as one. The gel's
+    stiffness and which markers press are taken as known.
     """
     pads, frames = alone.influence.shape[:2]
     inflation = variance_inflation(tracks.lag1)

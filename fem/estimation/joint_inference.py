@@ -26,8 +26,8 @@ from fem.grasp_history import GraspHistory
 NOTICED = 0.03
 """Relative scatter between grasps, beyond their errors, that is worth a sentence."""
 MOST_TENSION = 6.0
-"""chi-square per degree of freedom of the pads' numbers that is worth a sentence: of 39 recordings of sound
-fruit 4.1 was the largest (`python benchmarks/pads_apart.py`, the bank's even half and the sample batch)."""
+"""chi-square per degree of freedom of the pads' numbers that is worth a sentence. Set by hand: above it the
+chance is 0.01 with two numbers and 1e-5 with four; of the sample batch's four fruit 2.2 is the largest."""
 RANK = 1e-9
 """Singular values of a grasp's information below this share of the greatest one are rounding."""
 MOST_ROUNDS, STILL = 50, 1e-5
@@ -316,9 +316,9 @@ def _contradiction(tension: float) -> tuple[str, ...]:
     if tension <= MOST_TENSION:
         return ()
     return (
-        f"the pads of this fruit contradict each other {np.sqrt(tension):.1f} times as much as noise and an "
-        "unusual pit explain: a soft spot, one pad's gain or a wrong pose would; E is a compromise with a "
-        "wider error bar (drupe explain looks for the cause)",
+        f"the pads differ {np.sqrt(tension):.1f} times as much as noise and the pit's prior allow: a soft "
+        "spot, one pad's gain, a wrong pose or a pit far from its expected place may be the cause; E is a "
+        "compromise with a wider error bar",
     )
 
 

@@ -60,8 +60,9 @@ class MismatchCase:
 @dataclass(frozen=True, kw_only=True)
 class GradedCase:
     """What grading makes of the same recordings: E without an effect, and its models about the prior's pit,
-    one for each recording; none where a recording has no model.
+    one for each recording; None where it has no E of the recording, or none by displacement since first
+    touch.
     """
 
     modulus: Modulus
-    models: tuple[GraspModel, ...] = ()
+    models: tuple[GraspModel | None, ...] = ()

@@ -144,9 +144,15 @@ def _where(recording: Where, best: Refit) -> Where:
 def plain_forward_model(case: MismatchCase, *, workers: int = 1) -> tuple[ForwardModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median."""
     first = baseline(case, workers=workers)
-    base = with_touched_skin(first, compliance=_median_compliance(plain_fits(first)), workers=workers)
+    registered = plain_fits(first)
+    base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
     fits = plain_fits(base)
-    return ForwardModel(base=base, compliance=_median_compliance(fits), workers=workers), fits
+    compliance = _median_compliance(fits)
+    places = compliance / _median_compliance(registered)
+    return (
+        ForwardModel(base=base, compliance=compliance, places=places if places > 0 else 1.0, workers=workers),
+        fits,
+    )
 
 
 def plain_fits(base: Baseline) -> list[CompliantFit]:

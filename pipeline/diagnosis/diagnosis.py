@@ -8,6 +8,7 @@ from jaxtyping import Float
 from threadpoolctl import threadpool_limits
 
 from fem.estimation.grasp_model import GraspModel
+from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
@@ -33,8 +34,8 @@ NOT_GRADED = (
 )
 
 
-WITHOUT_GRASP = "E without an effect is inferred without {name}: {why}."
-AS_GRADED = "of E without an effect: {said}."
+WITHOUT_GRASP = "E, without an effect and with one, is inferred without {name}: {why}."
+AS_GRADED = "E without an effect: {said}."
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,10 +131,16 @@ def graded_case(case: Case, fruit: GraspedFruit) -> tuple[GradedCase, list[str]]
         )
     except ExceptionGroup as failures:
         raise next(one for one in failures.exceptions if isinstance(one, FemFailure)) from None
-    models = tuple(one for one in found.models if isinstance(one, GraspModel))
     graded = GradedCase(
         modulus=Modulus(value=found.modulus.E_MPa, sd=found.modulus.E_sd_MPa),
-        models=models if len(models) == len(found.models) else (),
+        models=tuple(
+            model
+            if isinstance(model, GraspModel)
+            and isinstance(own, ModulusEstimate)
+            and own.form == "first-touch"
+            else None
+            for model, own in zip(found.models, found.grasps, strict=True)
+        ),
     )
     lost = [
         WITHOUT_GRASP.format(name=grasp.name, why=own.detail)

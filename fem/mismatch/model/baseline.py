@@ -38,11 +38,11 @@ class GraspResponse:
     `prepared`: the recording with the forces and contacts that drive the model.
     `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
     (fem.estimation.denoised_force), `force_sd_N` what noise is left in one component, `patterns` and
-    `shares` (f r) what of them exceeds noise. `moved`: U_r of the whole flesh, mm MPa, `response`: L' U_r,
-    the markers'.
-    `pose`: of each pad in these frames. `load`: total force over its greatest, frame by frame; `uneven`:
-    standard deviation of each marker's displacement (times E, mm MPa) at the greatest load by errors of
-    single markers' forces: their scales, and the noise that remains in the patterns.
+    `shares` (f r) the patterns that they are brought to. `moved`: U_r of the whole flesh, mm MPa,
+    `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its
+    greatest, frame by frame; `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
+    the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
+    patterns.
     """
 
     case: GraspCase

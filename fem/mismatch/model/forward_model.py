@@ -46,14 +46,17 @@ class MemoTable:
 class ForwardModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
-    `graded`: of each recording the model by which grading infers E, about the prior's pit; empty where it has
-    none. `workers`: how many threads may work on it at once. `warm_starts`: those of the search that this
-    model is used in, None outside of a search.
+    `graded`: of each recording the model by which grading infers E, about the prior's pit; None where it has
+    no E of the recording; empty: of none. `places`: E with the markers where registration puts them, as
+    grading has them, over E with them where they touched (fem.mismatch.model.touched_skin). `workers`: how
+    many threads may work on it at once. `warm_starts`: those of the search that this model is used in, None
+    outside of a search.
     """
 
     base: Baseline
     compliance: float
-    graded: tuple[GraspModel, ...] = field(default=(), repr=False, compare=False)
+    graded: tuple[GraspModel | None, ...] = field(default=(), repr=False, compare=False)
+    places: float = 1.0
     workers: int = 1
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)

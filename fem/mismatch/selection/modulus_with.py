@@ -6,18 +6,21 @@ place E is known no better than the effect: what its parameters are off by is in
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
+from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.joint_inference import joint_modulus
 from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Response
-from fem.mismatch.effect_spec import Entry
+from fem.mismatch.effect import Effect, Response
+from fem.mismatch.effect_spec import Correction
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_spread
+from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
@@ -27,68 +30,81 @@ LEAST_RELATIVE_SD = 0.01
 Mechanics)."""
 SCATTER = 0.02
 """Relative scatter of one recording's E, where there is no second one to show it."""
+LEAST_COMPLIANCE = 1e-9
+"""1/MPa: what stands for a fit that gives none above zero, beyond any material's."""
+SPREADS = {
+    Correction.PIT_OFFSET: "pit_offset_sd_mm",
+    Correction.PIT_SIZE: "pit_size_sd",
+    Correction.POISSON_RATIO: "poisson_ratio_sd",
+}
+"""The error budget's spread of what an effect puts right: with it in place its own error counts instead."""
 SYSTEMATIC = 1.5
 """Standard deviations are this many times those of the thinned noise
 (fem.mismatch.model.marker_equations)."""
 
 
-def modulus_of(forward: ForwardModel, response: Response | None = None, *, infer_pit: bool = True) -> Modulus:
+def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modulus:
     """E of all recordings, by grading's own inference with an effect's response in the plain one's place.
 
-    `infer_pit`: the recordings may say where the pit is, as in grading; False: it is where the response has
-    it. Without grading's models, or where that inference has no E: the mean of the recordings' own fits.
+    Without grading's models, or where that inference has no E: the mean of the recordings' own fits.
     """
-    tracks = [_tracks_with(forward, k, response) for k in range(len(forward.base.grasps))]
-    fits = [
-        fit_compliance(
-            own,
+    return _moduli(forward, [response], forward.base.case.budget)[0]
+
+
+def _moduli(
+    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget
+) -> list[Modulus]:
+    """E with each of the responses, all by one estimator: differences between them are the responses' own."""
+    if any(forward.graded):
+        with suppress(FemFailure):
+            return [_inferred(forward, response, budget) for response in responses]
+    return [_mean_of_fits(forward, response) for response in responses]
+
+
+def _fits(
+    forward: ForwardModel, response: Response | None
+) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
+    """Every recording with the effect's response, and its own fit."""
+    found = []
+    for k, recording in enumerate(forward.base.grasps):
+        tracks = recording.tracks
+        if response is not None:
+            shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
+            tracks = replace(
+                tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
+            )
+        fit = fit_compliance(
+            tracks,
             scale_sd=forward.base.case.budget.gel_scale_sd,
             fruit_moves=recording.case.support == "free",
         )
-        for own, recording in zip(tracks, forward.base.grasps, strict=True)
-    ]
-    if not forward.graded:
-        return _mean_of(fits)
-    try:
-        return _inferred(forward, tracks, fits, infer_pit=infer_pit)
-    except FemFailure:
-        return _mean_of(fits)
+        found.append((recording, tracks, fit))
+    return found
 
 
-def _tracks_with(forward: ForwardModel, k: int, response: Response | None) -> MarkerTracks:
-    """Recording number k with the effect's response."""
-    tracks = forward.base.grasps[k].tracks
-    if response is None:
-        return tracks
-    shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
-    return replace(tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift)
-
-
-def _inferred(
-    forward: ForwardModel, tracks: Sequence[MarkerTracks], fits: Sequence[CompliantFit], *, infer_pit: bool
-) -> Modulus:
-    """By fem.estimation.joint_inference; raises FemFailure."""
-    budget = forward.base.case.budget
+def _inferred(forward: ForwardModel, response: Response | None, budget: ErrorBudget) -> Modulus:
+    """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
         first_touch_evidence(
-            own,
+            tracks,
             recording.over_time(recording.patterns),
             fit,
             history=recording.prepared,
             model=model,
             budget=budget,
         )[0]
-        for own, recording, fit, model in zip(tracks, forward.base.grasps, fits, forward.graded, strict=True)
+        for (recording, tracks, fit), model in zip(_fits(forward, response), forward.graded, strict=True)
+        if model is not None
     ]
-    found = joint_modulus(evidence, budget=budget, infer_pit=infer_pit and len(evidence) > 1)
-    return Modulus(value=found.E_MPa, sd=found.E_sd_MPa)
+    found = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
+    return Modulus(value=forward.places * found.E_MPa, sd=forward.places * found.E_sd_MPa)
 
 
-def _mean_of(fits: Sequence[CompliantFit]) -> Modulus:
+def _mean_of_fits(forward: ForwardModel, response: Response | None) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """
-    logs = -np.log([max(fit.compliance, 1e-9) for fit in fits])
+    logs = -np.log([max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(forward, response)])
     value = float(np.exp(logs.mean()))
     scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else SCATTER
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
@@ -109,16 +125,14 @@ class ModulusWith:
 
 def modulus_with(again: Refit) -> ModulusWith:
     """What the parameters are off by (their covariance, the model's error) is in the modulus' spread."""
-    # Where an effect says where the pit is, its prior must not pull it back.
-    infer_pit = all(effect.spec.enters is not Entry.MESH for effect in again.effects)
-    plain = modulus_of(again.forward, again.response, infer_pit=infer_pit)
+    responses = [again.response, *(ahead for _, ahead in again.ahead)]
+    plain, *changed = _moduli(
+        again.forward, responses, _without(again.forward.base.case.budget, again.effects)
+    )
     own = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
     change = np.array(
-        [
-            np.log(modulus_of(again.forward, ahead, infer_pit=infer_pit).value / plain.value) / step
-            for step, ahead in again.ahead
-        ]
+        [np.log(one.value / plain.value) / step for one, (step, _) in zip(changed, again.ahead, strict=True)]
     )
     spread = float(np.sqrt(change @ laws @ change))
     return ModulusWith(
@@ -127,6 +141,12 @@ def modulus_with(again: Refit) -> ModulusWith:
         sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
         change=change,
     )
+
+
+def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
+    """The budget without spreads of what these effects search for."""
+    searched = {SPREADS[one]: 0.0 for one in SPREADS if one in [effect.spec.correction for effect in effects]}
+    return replace(budget, **searched)
 
 
 def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
