@@ -24,10 +24,9 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory, PatternNoise
 
 LEAST_PATTERNS, MOST_PATTERNS = 4, 10
-"""Patterns of the forces at least, below noise even: a contact that grows and shears has them, and with two
-E of the softest fruit came out 3 to 7 % too low (31 fruit of the bank of benchmarks/field_bank.py, even
-numbers from 38: root mean square error of E over the 11 noisiest 2.9 % with two patterns, 2.1 % with three,
-2.0 % with four or more). And at most: a solution each, and none of these fruit gains by more than five."""
+"""Patterns of the forces at least, below noise even: a contact that grows and shears has them. Without, E of
+soft fruit came out too low, by 1.6 % at 0.25 MPa where nothing but noise was off and by up to 7 % at 0.15 MPa
+(docs/decisions/0012). And at most: a solution each, and no fruit tried gains by more than five."""
 PRESSED = 3.0
 """A marker presses when its normal force exceeds so many standard deviations of its noise."""
 FEWEST_PRESSED = 6
