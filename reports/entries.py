@@ -27,6 +27,7 @@ class GraspEstimate:
     residual_um: float | None = None
     """Root mean square of measured less fitted surface displacement, micrometres."""
     peak_force_N: float | None = None
+    """The largest normal force of any one pad in any frame: not the sum of the pads."""
     travel_mm: float | None = None
     """How far the jaws (or the indenter) moved from first touch to the end of loading."""
     frames_used: int | None = None

@@ -137,6 +137,7 @@ class GraspRecord(_Record):
     frames_used: int | None = None
     markers_used: int | None = None
     peak_force_N: float | None = None
+    """The largest normal force of any one pad in any frame: not the sum of the pads."""
     travel_mm: float | None = None
     contact_mm: dict[str, list[tuple[float, float, float]]] = {}
     curves: list[CurveRecord] = []

@@ -32,10 +32,13 @@ TELL_EVERY = 50
 Gel frames)."""
 WRITTEN_BY = "drupe convert"
 KINDS = (
-    "a folder with grasp.toml (raw frames), a folder of Tac3D arrays, an .h5 with images, a .npz or .csv of "
-    "marker "
-    "fields, or a .csv of a bare load cell"
+    "a folder with grasp.toml (raw frames)",
+    "a folder of Tac3D arrays",
+    "an .h5 with images",
+    "a .npz or .csv of marker fields",
+    "a .csv of a bare load cell",
 )
+"""What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,7 +151,7 @@ def _read(
         found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
         return found, []
     there = "is nothing that can be converted" if source.exists() else "does not exist"
-    raise BatchRefused([Problem(str(source), f"{there}; give {KINDS}.")])
+    raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
 
 
 def _trace(

@@ -24,6 +24,7 @@ from tactile.layer_stiffness import layer_stiffness
 from tactile.sensors import Sensor
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
+COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
 
 
 def read_field_table(path: Path, *, fruit_id: str, category: str, sensor: Sensor) -> Converted:
@@ -85,10 +86,8 @@ def _npz(path: Path) -> dict[str, np.ndarray]:
 
 def _from_csv(path: Path) -> dict[str, np.ndarray]:
     """The table's columns as arrays by frame and marker. Raises TactileFailure where rows are missing."""
-    columns = read_columns(path)
-    missing = [
-        n for n in ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED) if n not in columns
-    ]
+    columns = read_columns(path, wanted=COLUMNS)
+    missing = [name for name in COLUMNS if name not in columns]
     if missing:
         raise unusable(
             f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column as well"

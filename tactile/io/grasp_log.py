@@ -6,6 +6,7 @@ cell's `fx_N`, `fy_N`, `fz_N`, `tx_Nmm`, `ty_Nmm`, `tz_Nmm` (all six, fruit fram
 
 import csv
 import io
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,11 +38,15 @@ class GraspLog:
     wrench_N: Float[np.ndarray, "t 6"] | None
 
 
-def read_columns(path: Path) -> dict[str, Float[np.ndarray, " t"]]:
-    """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column."""
+def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.ndarray, " t"]]:
+    """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column.
+
+    `wanted`: the columns that the caller needs, which the failure names where there is no such file. Whether
+    the file has them is for the caller to check.
+    """
     if wrong := not_plain(path):
         found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
-        raise unusable(path.name, found, "a table with the columns " + ", ".join(NEEDED))
+        raise unusable(path.name, found, "a table with the columns " + ", ".join(wanted))
     try:
         text = read_text(path, most_bytes=MOST_BYTES)
     except FileNotReadable as cause:
@@ -80,7 +85,7 @@ def read_columns(path: Path) -> dict[str, Float[np.ndarray, " t"]]:
 
 def read_log(path: Path) -> GraspLog:
     """The log, its times strictly increasing; raises TactileFailure (unreadable-frames)."""
-    columns = read_columns(path)
+    columns = read_columns(path, wanted=NEEDED)
     for name in NEEDED:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)

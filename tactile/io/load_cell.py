@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 
 from tactile.io.converted import Converted
+from tactile.io.field_tables import MOVED
 from tactile.io.grasp_log import increasing, read_columns
 from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
@@ -13,12 +14,17 @@ from tactile.io.recording import IndenterPad, Recording
 
 TRAVEL = ("travel_mm", "aperture_mm")
 FORCE = ("force_N", "force_z_N", "fz_N")
+"""Names that travel and force may have; the first that the file has is taken."""
+OF_MARKERS = frozenset({"pad", "marker", *MOVED})
+"""Columns that a table of marker fields has and no load cell: a file with one of them is such a table, if an
+incomplete one, whose reader then names the column that is missing. A place alone (`z_mm`) may be a machine's.
+"""
 
 
 def is_trace(path: Path) -> bool:
-    """Whether the file's header is that of a bare load cell: a force, and no markers."""
+    """Whether the file's header is that of a bare load cell: a force, and no column of markers."""
     names = header_of(path)
-    return "marker" not in names and any(name in names for name in FORCE)
+    return OF_MARKERS.isdisjoint(names) and any(name in names for name in FORCE)
 
 
 def header_of(path: Path) -> list[str]:
@@ -37,7 +43,7 @@ def read_trace(
     Raises TactileFailure (unreadable-frames) for a missing column, a cell that is no number, or time that
     runs back.
     """
-    columns = read_columns(path)
+    columns = read_columns(path, wanted=("time_s", TRAVEL[0], FORCE[0]))
     travel = next((name for name in TRAVEL if name in columns), None)
     force = next((name for name in FORCE if name in columns), None)
     if "time_s" not in columns or travel is None or force is None:

@@ -50,6 +50,8 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 PAD_KEYS = {
     "sensor", "pose", "frames", "second_frames", "reference", "reference_frames", "serial", "time_offset_s"
 }  # fmt: skip
+FRAME_TIMES = ("frame", "time_s")
+"""Columns of a pad's times.csv."""
 TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_aperture_mm", "pads"}
 
 
@@ -272,8 +274,8 @@ def _times(
     """Each frame's time on the log's clock, and the aperture then."""
     own = folder / name / "times.csv"
     if own.is_file():
-        columns = read_columns(own)
-        for needed in ("frame", "time_s"):
+        columns = read_columns(own, wanted=FRAME_TIMES)
+        for needed in FRAME_TIMES:
             if needed not in columns:
                 raise unusable(
                     f"{name}/times.csv: {needed}", "no such column", "the columns frame and time_s"

@@ -3,6 +3,7 @@
 import re
 import subprocess
 from functools import cache
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -10,7 +11,12 @@ from pydantic import BaseModel
 
 from pipeline.batch.fruits_table import COLUMNS
 from pipeline.batch.settings import Settings
+from pipeline.commands.convert import convert
+from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
+from tactile.io.field_tables import COLUMNS as MARKER_COLUMNS
+from tactile.io.load_cell import FORCE, TRAVEL
+from tactile.io.tac3d import FIELDS, RESULTANTS
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted(
@@ -147,6 +153,27 @@ def keys_of(model: type[BaseModel]) -> set[str]:
 def test_every_name_in_a_file_is_defined_in_formats(names):
     pages = text_of("docs/formats.md") + text_of("docs/guide.md")
     assert [name for name in names if not re.search(rf"\b{name}\b", pages)] == []
+
+
+def section_of(document: str, heading: str) -> str:
+    """From its heading to the next of the same level."""
+    return text_of(document).partition(f"\n## {heading}\n")[2].partition("\n## ")[0]
+
+
+def test_every_source_of_convert_has_its_row_in_formats_and_every_option_is_named_there():
+    section = section_of("docs/formats.md", "Sources of `drupe convert`")
+    first_table = section.partition("|---")[2].partition("\n\n")[0]
+    rows = re.findall(r"^\| (.+?) \|", first_table, re.MULTILINE)
+    assert rows == list(KINDS)
+    options = [f"--{name.replace('_', '-')}" for name in signature(convert).parameters]
+    assert [name for name in options if name not in section] == ["--source", "--out"]
+
+
+def test_every_file_and_column_that_convert_reads_is_named_under_its_sources():
+    section = section_of("docs/formats.md", "Sources of `drupe convert`")
+    arrays = [f"{name}.npy" for name in ("index", "sendTimestamp", *FIELDS, *RESULTANTS)]
+    columns = [*MARKER_COLUMNS, *TRAVEL, *FORCE]
+    assert [name for name in (*arrays, *columns) if f"`{name}`" not in section] == []
 
 
 def test_every_effect_has_its_row_in_formats_and_its_name_in_the_guide():

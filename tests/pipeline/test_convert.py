@@ -14,6 +14,7 @@ from raw_folder import SENSOR, shear, write_raw
 from tac3d_folder import write_sensor
 
 from pipeline.cli import app
+from tactile.io.field_tables import COLUMNS
 from tactile.io.recording import GelPad, IndenterPad, read_recording
 
 FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
@@ -122,6 +123,29 @@ def test_a_bare_load_cell_becomes_a_press(tmp_path: Path) -> None:
     assert isinstance(pad, IndenterPad)
     np.testing.assert_array_equal(pad.force_z_N, [0, 1.5, 4])
     assert "give --indenter and --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
+
+
+@pytest.mark.parametrize("lacking", ["marker", "pad"])
+def test_a_marker_table_that_lacks_a_column_is_not_taken_for_a_load_cell(
+    tmp_path: Path, lacking: str
+) -> None:
+    (tmp_path / "s.toml").write_text(FIELDS)
+    names = [name for name in COLUMNS if name != lacking]
+    (tmp_path / "a.csv").write_text(f"{','.join(names)}\n{','.join('0' for _ in names)}\n")
+    code, said = run(tmp_path / "a.csv", tmp_path / "out.h5", "--sensor", tmp_path / "s.toml")
+    assert code == 3
+    assert f"a.csv: {lacking}: found the columns time_s" in said
+    assert left_nothing(tmp_path)
+
+
+def test_a_load_cell_of_three_axes_and_a_machine_that_says_its_place_are_still_traces(tmp_path: Path) -> None:
+    rows = "time_s,aperture_mm,z_mm,fx_N,fy_N,fz_N\n0,0,9,0,0,0\n0.1,0.5,8.5,0,0,1\n0.2,1,8,0,0,4\n"
+    (tmp_path / "t.csv").write_text(rows)
+    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "flat", "--radius-mm", "4")
+    assert code == 0, said
+    pad = read_recording(tmp_path / "out.h5").pads[0]
+    assert isinstance(pad, IndenterPad)
+    np.testing.assert_array_equal(pad.force_z_N, [0, 1, 4])
 
 
 @pytest.mark.parametrize("name", ["nothing", "notes.txt"])

@@ -3,7 +3,8 @@
 import pytest
 
 from tactile.io.decimal_number import decimal_number
-from tactile.io.grasp_log import read_log
+from tactile.io.grasp_log import read_columns, read_log
+from tactile.io.load_cell import read_trace
 from tactile.tactile_failure import TactileFailure
 
 
@@ -40,3 +41,14 @@ def test_a_slip_is_named_with_how_to_write_it(tmp_path, text, said):
 @pytest.mark.parametrize("text", ["0", "-3", "+2.5", ".5", "5.", "1e-3", "1.5E+10", " 7 "])
 def test_plain_numbers_are_pythons_own(text):
     assert decimal_number(text) == float(text)
+
+
+def test_a_missing_table_is_asked_for_by_the_columns_that_are_wanted_of_it(tmp_path):
+    with pytest.raises(TactileFailure, match=r"expected a table with the columns frame, time_s\.$"):
+        read_columns(tmp_path / "times.csv", wanted=("frame", "time_s"))
+    with pytest.raises(TactileFailure, match=r"expected a table with the columns time_s, aperture_mm\.$"):
+        read_log(tmp_path / "log.csv")
+    with pytest.raises(
+        TactileFailure, match=r"expected a table with the columns time_s, travel_mm, force_N\.$"
+    ):
+        read_trace(tmp_path / "t.csv", fruit_id="f", category="plum", indenter="ball", radius_mm=4.0)
