@@ -1,4 +1,4 @@
-"""What every effect of the catalogue is: its specification, a linear signature, a nonlinear model.
+"""What every effect of the catalogue is: its specification, linear signatures, a full response.
 
 The plain model of one recording, marker by marker (fem.estimation.compliance_fit):
 
@@ -42,11 +42,13 @@ class Signature:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What the nonlinear model makes of all recordings, one entry per recording.
+    """What an effect predicts of all recordings, linear in its parameters or not; one entry per recording.
 
-    `unit`: the markers' displacement for E = 1 MPa, in the place of c. `shift_mm`: what is added to their
-    recorded positions, or None. `balance`: what force and moment of all pads should add up to (fields), or
-    None for zero.
+    `unit`: the markers' displacement for E = 1 MPa, in the place of c; the plain model's own
+    (`tracks.unit_displacement`) where the effect does not change it. `shift_mm`: what is added to their
+    recorded positions whatever E is, or None. `balance`: what force (N) and moment (N mm over ARM_MM) of all
+    pads should add up to, or None for zero. `rest`: zero drift of each pad's normal force that is predicted,
+    N/s, or None for zero.
     """
 
     unit: Sequence[Float[np.ndarray, "_f _n 3"]]
@@ -74,7 +76,7 @@ class Effect(Protocol):
         ...
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The nonlinear model; `variant` is that of the signature it was found with."""
+        """The full response at these parameters; `variant` is that of the signature it was found with."""
         ...
 
 

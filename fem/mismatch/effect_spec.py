@@ -80,16 +80,31 @@ class NextGrasp(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpec:
-    """One number that the search varies: its name and unit, and what it lies between.
+    """One number that the search varies, within the bounds `low` and `high`.
 
-    `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation, a quarter of the
-    bounds' distance unless given. `model_sd` (its unit) and `model_share` (of its value): how far off the
-    model's own error leaves it, however low the noise: the scatter about the truth over single effects by
-    another solver (benchmarks/results/mismatch.csv), which no nuisance stands for. A vector's components are
-    parameters of their own, named "offset_mm.0" and so on; an answer joins them again. `strain_power`: as
-    forces are what is measured, strains grow as 1/E, and what the law sees of the parameter (searched on a
-    logarithmic scale) is its ratio to (1/E)^strain_power. `low_is_a_law`: a fit at the lower end is no sign
-    that the effect stands for something else.
+    A vector's components are parameters of their own, named "offset_mm.0" and so on; an answer joins them
+    again.
+
+    `low`, `high`: set by hand, wide: whatever a fruit or machine could have. The search is cut off there, and
+    a second effect that ends at a bound is not accepted: it then stands for something else.
+
+    `low_is_a_law`: the law at `low` is one that flesh may truly have, so that an end there is a result like
+    any other. Example: `stiffening` at its least b is flesh that deforms largely and does not stiffen.
+
+    `log`: it is searched for on a logarithmic scale.
+
+    `spread`: its prior standard deviation in the refit; a quarter of the bounds' distance unless given.
+
+    `model_sd` (in its unit), `model_share` (a share of its value): the error that the model's own inexactness
+    leaves in the value however low the noise is; both are added in quadrature to its standard deviation.
+    Measured, as the scatter about the truth over single effects by another solver
+    (benchmarks/results/mismatch.csv). Example: 0.1 is a compliance of 0.20 mm/N that may be off by 0.02.
+
+    `strain_power`: how the parameter follows E while the search varies E. The same forces strain flesh of
+    half the E twice as much; the law acts on it as before where the parameter is changed by 2^strain_power.
+    Example: `damage` sets in at W0/E, an energy that goes as the strain squared: its power is 2, and at half
+    the E four times the W0/E does the same. 0: the law does not depend on how large strains are. Any other
+    needs `log`.
     """
 
     name: str
@@ -112,10 +127,10 @@ class ParameterSpec:
 class EffectParameter:
     """One parameter as settings and answers carry it (docs/formats.md).
 
-    `words`: its meaning. `limits`: what it can be at all, wide, as what was found may be far from usual.
-    `searched`: what the search varies of it: one number, a vector's components in order, nothing for a pad.
-    `modulus_power`: the parameter is the number searched for times E^modulus_power, E in MPa. `numbered`:
-    settings may hold further ones of its kind ("g_2", "tau_2_s").
+    `words`: its meaning. `limits`: what settings may hold, set by hand, wider than the search's bounds, as
+    what was found may be far from usual. `searched`: what the search varies of it: one number, a vector's
+    components in order, nothing for a pad. `modulus_power`: the parameter is the number searched for times
+    E^modulus_power, E in MPa. `numbered`: settings may hold further ones of its kind ("g_2", "tau_2_s").
     """
 
     name: str
@@ -247,14 +262,22 @@ class DiscrepancyPrior:
 class EffectSpec:
     """One effect, but for its mechanics.
 
-    `rank`: its place in the catalogue, which decides between explanations that are exactly equal. `family`:
-    what of a grasp it belongs to. `correction`: what grading puts right for it; None where it changes how
-    flesh or contact answers a force. `of_the_pit`: there is none of it without a pit. `separated_by`: the
-    recording that separates it from another effect; each pair stands in one of the two specs. `modes`: ways
-    to show whose gain on null cases is their own, not that of its other ways. `always_refitted`:
-    however little the linear round makes of it. `holds_large_deformation`: its law counts from small strain
-    on, and holds the flesh's large deformation too. `in_recorded_forces`: the forces as recorded hold it, so
-    that its response is the plain model's and E is right without it; confirmed, it would change nothing.
+    `rank`: its place in the catalogue, a number of its own; it decides only between explanations that are
+    exactly equal, for the lower. `family`: what of a grasp the physics belongs to: the fruit ("object"), the
+    contact ("interaction"), or sensor and gripper ("measurement"); the bank's scores are given by it.
+    `scope`: to whom a confirmed effect is applied: the one fruit (FRUIT), or every fruit of the batch, and
+    whether it stays with the jaws when the fruit is turned (SENSOR, GRIPPER). Example: `pose_error` is of the
+    family "interaction", being where pad and skin meet, and of the scope GRIPPER, since it stays with a jaw.
+
+    `correction`: what grading puts right for it; None where it changes how flesh or contact answers a force.
+    `of_the_pit`: there is none of it without a pit. `separated_by`: the recording that separates it from
+    another effect; each pair stands in one of the two specs. `modes`: ways to show whose gain on null cases
+    is their own, not that of its other ways. `always_refitted`: however little the linear round makes of it.
+    `holds_large_deformation`: its law counts from small strain on, and holds the flesh's large deformation
+    too. `in_recorded_forces`: the recorded forces already contain all that it does. The plain model, driven
+    by those forces, then predicts the markers as well as with it: `respond` returns the plain model's
+    displacement unchanged, E needs no correction, and nothing is written into `batch.toml`. Example:
+    `adhesion`, whose pull at the skin the gel records as force.
     """
 
     name: str

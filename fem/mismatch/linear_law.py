@@ -17,9 +17,12 @@ from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 @dataclass(frozen=True, kw_only=True)
 class LinearLaw:
-    """`operators(ground)`: dK/dtheta, and the K_i; `amounts(ground, theta)`: a_i.
+    """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
 
-    `positive`: theta is never below zero. `sd`: prior spread of theta about `null(ground)`, the plain law.
+    `operators(forward)`: dK/dtheta at the plain law, and the K_i. `amounts(forward, theta)`: the a_i.
+    `null(forward)`: the theta of the plain law, 0 unless given (Poisson's ratio has the category's).
+    `sd`: prior standard deviation of theta about it. `positive`: theta is never below it.
+    `needs_pit`: without a pit there is no such effect.
     """
 
     spec: EffectSpec

@@ -67,7 +67,7 @@ SPEC = EffectSpec(
     separated_by=(("slip", NextGrasp.DRY),),
     in_recorded_forces=True,
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True, kw_only=True)

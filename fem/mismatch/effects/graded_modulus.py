@@ -35,7 +35,7 @@ SPEC = EffectSpec(
     ),
     separated_by=(("pit_size", NextGrasp.ACROSS),),
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:

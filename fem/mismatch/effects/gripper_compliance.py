@@ -41,7 +41,7 @@ SPEC = EffectSpec(
     correction=Correction.JAW_COMPLIANCE,
     discrepancy=DiscrepancyPrior(mean=0.001, sd=0.0007, per_compliance=True, trades_with_modulus=True),
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

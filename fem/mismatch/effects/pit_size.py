@@ -34,7 +34,7 @@ SPEC = EffectSpec(
     always_refitted=True,  # a pit a quarter smaller is far from linear
     separated_by=(("gripper_compliance", NextGrasp.DEPTHS),),
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ SPEC = EffectSpec(
     ),
     separated_by=(("damage", NextGrasp.CYCLES),),
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

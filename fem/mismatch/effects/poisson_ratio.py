@@ -28,7 +28,7 @@ SPEC = EffectSpec(
     correction=Correction.POISSON_RATIO,
     discrepancy=DiscrepancyPrior(mean=0.03, sd=0.015),
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:

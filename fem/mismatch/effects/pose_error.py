@@ -68,7 +68,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PAD_POSE,
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ SPEC = EffectSpec(
     correction=Correction.FORCE_DRIFT,
     discrepancy=DiscrepancyPrior(mean=0.0, sd=0.003),  # N/s
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

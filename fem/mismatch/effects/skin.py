@@ -48,7 +48,7 @@ SPEC = EffectSpec(
     ),
     discrepancy=DiscrepancyPrior(mean=0.42, sd=0.09, saturating=True),  # mm
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:

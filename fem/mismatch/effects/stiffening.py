@@ -83,7 +83,7 @@ SPEC = EffectSpec(
     modes=(NEO_HOOKEAN,),
     holds_large_deformation=True,
 )
-"""Limits and bounds are wide, errors measured: see fem.mismatch.effect_spec."""
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
