@@ -147,12 +147,9 @@ def plain_forward_model(case: MismatchCase, *, workers: int = 1) -> tuple[Forwar
     registered = plain_fits(first)
     base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
     fits = plain_fits(base)
-    compliance = _median_compliance(fits)
-    places = compliance / _median_compliance(registered)
-    return (
-        ForwardModel(base=base, compliance=compliance, places=places if places > 0 else 1.0, workers=workers),
-        fits,
-    )
+    compliance, before = _median_compliance(fits), _median_compliance(registered)
+    places = compliance / before if compliance > 0 and before > 0 else 1.0
+    return ForwardModel(base=base, compliance=compliance, places=places, workers=workers), fits
 
 
 def plain_fits(base: Baseline) -> list[CompliantFit]:

@@ -19,21 +19,21 @@ def write_sample(
     from samples.sample_failure import SampleFailure
 
     target = folder.resolve()
-    with scratch(near=target) as folder:
+    with scratch(near=target) as unfinished:
         try:
             if seed is None:
-                _copied(folder / "batch", name)
+                _copied(unfinished / "batch", name)
             else:
                 from samples.sample_batch import write_batch
 
                 write_batch(
-                    folder / "batch",
+                    unfinished / "batch",
                     seed=seed,
                     fruits=fruits,
                     photos=photos,
                     progress=lambda line: console.print(line, highlight=False, markup=False),
                 )
-            _moved(folder / "batch", target)
+            _moved(unfinished / "batch", target)
         except SampleFailure as failure:
             raise BatchRefused([Problem(str(folder), str(failure))]) from None
         except OSError as error:
