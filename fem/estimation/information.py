@@ -17,6 +17,7 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import JudgedInformation, MarkerTracks, information, judged_information
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.sensitivity import leading_patterns
+from fem.estimation.unit_response import per_marker
 from fem.grasp_history import GraspHistory
 
 SCALE_MODES = 16
@@ -163,7 +164,7 @@ def _of_force_noise(
     """
     pads, frames = alone.influence.shape[:2]
     inflation = variance_inflation(tracks.lag1)
-    force_sd_N = np.array([pad.force_sd_N for pad in history.pads])[history.pad_of_marker]
+    force_sd_N = per_marker(history, lambda pad: pad.force_sd_N)
     noise = history.pattern_noise
     if noise is None:
         felt = compliance * (alone.influence.reshape(pads * frames, -1) @ model.compliance)
@@ -185,12 +186,12 @@ def feigned_displacement_sd(model: GraspModel, history: GraspHistory) -> float:
     """Displacement times E, mm MPa, that noise in the forces of one frame feigns: root mean square over the
     markers' components.
     """
-    force_sd_N = np.array([pad.force_sd_N for pad in history.pads])[history.pad_of_marker]
+    force_sd_N = per_marker(history, lambda pad: pad.force_sd_N)
     noise = history.pattern_noise
     if noise is None:
         feigned = model.compliance * np.repeat(force_sd_N, 3)
     else:
-        places_mm = np.array([pad.displacement_sd_mm for pad in history.pads])[history.pad_of_marker]
+        places_mm = per_marker(history, lambda pad: pad.displacement_sd_mm)
         amounts = np.concatenate(
             [noise.of_displacement * places_mm[:, None], noise.of_force * force_sd_N[:, None]], axis=1
         )

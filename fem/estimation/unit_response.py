@@ -44,10 +44,11 @@ def tracks_of(
         unit_displacement=unit_displacement,
         gel_displacement_mm=np.concatenate([pad.gel_displacement_mm[frames] for pad in history.pads], axis=1),
         episode=np.concatenate([pad.episode[frames] for pad in history.pads], axis=1),
-        sd_mm=_per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
-        lag1=_per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
+        sd_mm=per_marker(history, lambda pad: max(pad.displacement_sd_mm, SMALLEST_SD_MM)),
+        lag1=per_marker(history, lambda pad: pad.lag1 ** spacing(frames)),
     )
 
 
-def _per_marker(history: GraspHistory, value: Callable[[PadHistory], float]) -> Float[np.ndarray, " n"]:
+def per_marker(history: GraspHistory, value: Callable[[PadHistory], float]) -> Float[np.ndarray, " n"]:
+    """A number of each pad, marker by marker, all pads side by side."""
     return np.concatenate([np.full(len(pad.rest_mm), value(pad)) for pad in history.pads])
