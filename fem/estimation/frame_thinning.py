@@ -18,17 +18,17 @@ def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
     return thinned(loaded)
 
 
-def thinned(loaded: Bool[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
-    """At most MOST_FRAMES of the `loaded` frames, evenly spread, the first and the last among them.
+def thinned(loaded: Bool[np.ndarray, " t"], *, most: int = MOST_FRAMES) -> Bool[np.ndarray, " t"]:
+    """At most `most` of the `loaded` frames, evenly spread, the first and the last among them.
 
     A marker's contact keeps its number: whatever frame of it is used first becomes the one the others are
     compared with, for measured and computed displacement alike.
     """
     frames = np.flatnonzero(loaded)
-    if len(frames) <= MOST_FRAMES:
+    if len(frames) <= most:
         return loaded
     used = np.zeros_like(loaded)
-    used[frames[np.round(np.linspace(0, len(frames) - 1, MOST_FRAMES)).astype(np.int64)]] = True
+    used[frames[np.round(np.linspace(0, len(frames) - 1, most)).astype(np.int64)]] = True
     return used
 
 

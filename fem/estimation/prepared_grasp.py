@@ -18,7 +18,7 @@ from jaxtyping import Bool, Float, Int
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.denoised_force import ABOVE_NOISE, denoised_force
-from fem.estimation.frame_thinning import loaded_frames
+from fem.estimation.frame_thinning import loaded_frames, thinned
 from fem.estimation.zero_drift import zero_drift
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory, PatternNoise
@@ -101,6 +101,13 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
         patterns=np.concatenate([patterns, drift]),
         shares=np.column_stack([shares, grown[used]]),
     )
+
+
+def thinned_grasp(prepared: PreparedGrasp, most_frames: int) -> PreparedGrasp:
+    """At most so many of the frames used, evenly spread; patterns and their noise stay those of all."""
+    used = thinned(prepared.used, most=most_frames)
+    kept = used[prepared.used]
+    return replace(prepared, used=used, force_N=prepared.force_N[kept], shares=prepared.shares[kept])
 
 
 def pressing_contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:

@@ -2,18 +2,26 @@
 
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
 
 
 def marker_equations(forward: ForwardModel, recording: GraspResponse) -> MarkerEquations:
-    """Those of its markers, with the case's own spread of marker scales."""
+    """Those of its markers, with the case's own spread of marker scales.
+
+    A frame of a thinned recording stands for those left out beside it: with it fewer numbers count as one.
+    """
 
     def compute() -> MarkerEquations:
         gel_scale_sd = forward.base.case.budget.gel_scale_sd
-        return MarkerEquations.of(recording, compliance=forward.compliance, gel_scale_sd=gel_scale_sd)
+        return MarkerEquations.of(
+            recording,
+            compliance=forward.compliance,
+            gel_scale_sd=gel_scale_sd,
+            design_effect=max(DESIGN_EFFECT * recording.kept, 1.0),
+        )
 
     return forward.memoised(("marker equations", recording.case.name, forward.compliance), compute)
 

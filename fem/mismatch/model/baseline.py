@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import MarkerTracks
-from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp
+from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp, thinned_grasp
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
@@ -42,7 +42,7 @@ class GraspResponse:
     `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its
     greatest, frame by frame; `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
     the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
-    patterns.
+    patterns. `kept`: the share of the loaded frames that are used.
     """
 
     case: GraspCase
@@ -59,6 +59,7 @@ class GraspResponse:
     pose: Float[np.ndarray, "p f 4 4"]
     load: Float[np.ndarray, " f"]
     uneven: Float[np.ndarray, "n 3"]
+    kept: float = 1.0
 
     @property
     def time_s(self) -> Float[np.ndarray, " f"]:
@@ -155,13 +156,19 @@ def baseline(case: MismatchCase, *, workers: int = 1) -> Baseline:
     )
 
 
-def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float) -> GraspResponse:
-    """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces."""
+def project_recording(
+    case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float, most_frames: int | None = None
+) -> GraspResponse:
+    """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces;
+    `most_frames`: of the loaded frames so many are used, evenly spread (None: all).
+    """
     history = case.history
     try:
         prepared = prepared_grasp(history, case.turns)
     except FemFailure as failure:
         raise FemFailure(failure.problem, f"{case.name}: {failure.detail}") from failure
+    whole = int(prepared.used.sum())
+    prepared = prepared if most_frames is None else thinned_grasp(prepared, most_frames)
     used, patterns, shares = prepared.used, prepared.patterns, prepared.shares
     for own in prepared.history.pads:
         if not (own.episode >= 0).any():
@@ -204,6 +211,7 @@ def project_recording(case: GraspCase, solid: UnitModulusSolid, *, force_scale_s
         pose=np.stack([pad.pose[used] for pad in case.pads]),
         load=size / size.max(),
         uneven=_spread(links, probed[:, solid.contact_nodes]),
+        kept=float(used.sum() / whole),
     )
 
 

@@ -49,7 +49,8 @@ class ForwardModel:
     `graded`: of each recording the model by which grading infers E, about the prior's pit; None where it has
     no E of the recording; empty: of none. `places`: E with the markers where registration puts them, as
     grading has them, over E with them where they touched (fem.mismatch.model.touched_skin). `workers`: how
-    many threads may work on it at once. `warm_starts`: those of the search that this model is used in, None
+    many threads may work on it at once. `path_share`: on which share of their frames laws with a history are
+    followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this model is used in, None
     outside of a search.
     """
 
@@ -58,6 +59,7 @@ class ForwardModel:
     graded: tuple[GraspModel | None, ...] = field(default=(), repr=False, compare=False)
     places: float = 1.0
     workers: int = 1
+    path_share: float = 1.0
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
 

@@ -144,10 +144,11 @@ NEAR, FARTHEST = 1e-2, 20.0
 
 
 def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
-    """The model's recordings by about so many frames, chosen once."""
+    """The model's recordings by about so many frames (times its path_share), chosen once."""
 
     def compute() -> PathState:
-        return PathState.of(forward.base, path_frames(forward.base.grasps, frames, remembers=remembers))
+        count = max(round(forward.path_share * frames), len(forward.base.grasps))
+        return PathState.of(forward.base, path_frames(forward.base.grasps, count, remembers=remembers))
 
     return forward.memoised(("path", frames, remembers), compute)
 

@@ -12,10 +12,12 @@ t: along the skin. The rigid part over each pad is the fruit's motion or the pad
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.sensitivity import mean_normal
+from fem.grasp_history import GraspHistory
+from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
 from fem.parallel_map import parallel_map
 
@@ -28,35 +30,57 @@ def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) ->
     scale_sd = base.case.budget.force_scale_sd
 
     def again(recording: GraspResponse) -> GraspResponse:
-        aside = _pushed_aside(recording, compliance)
-        history = recording.case.history
-        pads = tuple(
-            replace(pad, surface_mm=pad.surface_mm - aside[history.pad_of_marker == k])
-            for k, pad in enumerate(history.pads)
+        case = touched_case(
+            recording.case,
+            recording.used,
+            moved_mm=compliance * recording.tracks.unit_displacement,
+            normal=recording.tracks.normal,
         )
-        case = replace(recording.case, history=replace(history, pads=pads))
         return project_recording(case, base.solid_of(recording), force_scale_sd=scale_sd)
 
     return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 
 
-def _pushed_aside(recording: GraspResponse, compliance: float) -> Float[np.ndarray, "n 3"]:
-    """The skin's motion along itself at each marker's first touch, mm; zero where it never touches."""
-    moved = compliance * recording.tracks.unit_displacement
-    touches = np.concatenate(
-        [pad.episode[recording.used] >= 0 for pad in recording.case.history.pads], axis=1
+def touched_case(
+    case: GraspCase,
+    used: Bool[np.ndarray, " t"],
+    *,
+    moved_mm: Float[np.ndarray, "f n 3"],
+    normal: Float[np.ndarray, "n 3"],
+) -> GraspCase:
+    """The recording with its markers where they touched; `moved_mm`: s c in the frames used, `normal`: of the
+    skin, outward.
+    """
+    history = case.history
+    aside = _pushed_aside(history, used, moved_mm, normal)
+    pads = tuple(
+        replace(pad, surface_mm=pad.surface_mm - aside[history.pad_of_marker == k])
+        for k, pad in enumerate(history.pads)
     )
+    return replace(case, history=replace(history, pads=pads))
+
+
+def _pushed_aside(
+    history: GraspHistory,
+    used: Bool[np.ndarray, " t"],
+    moved: Float[np.ndarray, "f n 3"],
+    normal: Float[np.ndarray, "n 3"],
+) -> Float[np.ndarray, "n 3"]:
+    """The skin's motion along itself at each marker's first touch, mm; zero where it never touches."""
+    touches = np.concatenate([pad.episode[used] >= 0 for pad in history.pads], axis=1)
     first, who = touches.argmax(axis=0), np.arange(touches.shape[1])
     before = np.where((first > 0)[:, None], moved[np.maximum(first - 1, 0), who], 0.0)
     there = (before + moved[first, who]) / 2
     aside = np.zeros_like(there)
-    for k, link in enumerate(recording.links):
-        mine = touches.any(axis=0) & (recording.pad_of_marker == k)
+    places = np.concatenate([pad.surface_mm for pad in history.pads])
+    for k in range(len(history.pads)):
+        own_markers = history.pad_of_marker == k
+        mine = touches.any(axis=0) & own_markers
         if mine.sum() < FEWEST:
             continue
-        modes = rigid_motion(recording.tracks.place_mm[mine]).reshape(-1, 6)
+        modes = rigid_motion(places[mine]).reshape(-1, 6)
         own = there[mine].ravel()
         own = (own - modes @ np.linalg.lstsq(modes, own, rcond=None)[0]).reshape(-1, 3)
-        normal = mean_normal(link.place.normal)
-        aside[mine] = own - (own @ normal)[:, None] * normal
+        out = mean_normal(normal[own_markers])
+        aside[mine] = own - (own @ out)[:, None] * out
     return np.asarray(aside)
