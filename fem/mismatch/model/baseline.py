@@ -42,7 +42,8 @@ class GraspResponse:
     `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its
     greatest, frame by frame; `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
     the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
-    patterns. `kept`: the share of the loaded frames that are used.
+    patterns. `kept`: the share of the loaded frames that are used. `compliance`: the response of
+    all markers to a force on each, for E = 1 MPa, where it is known (fem.estimation.grasp_model), else None.
     """
 
     case: GraspCase
@@ -60,6 +61,7 @@ class GraspResponse:
     load: Float[np.ndarray, " f"]
     uneven: Float[np.ndarray, "n 3"]
     kept: float = 1.0
+    compliance: Float[np.ndarray, "d d"] | None = None
 
     @property
     def time_s(self) -> Float[np.ndarray, " f"]:

@@ -50,8 +50,8 @@ class ForwardModel:
     no E of the recording; empty: of none. `places`: E with the markers where registration puts them, as
     grading has them, over E with them where they touched (fem.mismatch.model.touched_skin). `workers`: how
     many threads may work on it at once. `path_share`: on which share of their frames laws with a history are
-    followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this model is used in, None
-    outside of a search.
+    followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this model is used
+    in, None outside of a search.
     """
 
     base: Baseline
