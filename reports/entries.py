@@ -62,6 +62,39 @@ OR = "|"
 
 
 @dataclass(frozen=True, kw_only=True)
+class Suspect:
+    """One effect that the screen suggests: its name, what it is (to complete a sentence), what to do."""
+
+    name: str
+    short: str
+    advice: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScreenEntry:
+    """What the screen for missing physics says of a fruit: suspects, the likeliest first, none where nothing
+    was found; or in `why_not` why it says nothing (a sentence without a full stop). `note`: what was left
+    out.
+    """
+
+    p_value: float | None = None
+    suspects: tuple[Suspect, ...] = ()
+    why_not: str = ""
+    note: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """As the ranking has it.
+
+        >>> ScreenEntry(p_value=0.4).verdict
+        'none found'
+        """
+        if self.why_not:
+            return f"not screened: {self.why_not}"
+        return OR.join(one.name for one in self.suspects) or "none found"
+
+
+@dataclass(frozen=True, kw_only=True)
 class FruitEntry:
     """All that a report says of one fruit, graded or not.
 
@@ -99,6 +132,8 @@ class FruitEntry:
     cannot be told apart with OR between them, the likeliest first."""
     mismatch_taken: bool = False
     """Whether E takes that into account."""
+    screen: ScreenEntry | None = None
+    """What the screen says of what is left beyond that; None where it was left out."""
     reference: bool = False
     """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
     E_uncorrected_MPa: float | None = None
@@ -182,6 +217,10 @@ class BatchEntry:
     """(path inside the batch folder, SHA-256 in hex)."""
     shore: ShoreCorrelation | None = None
     reference: ReferenceEntry | None = None
+    faults: tuple[str, ...] = ()
+    """What sensors or jaws have wrong in the whole batch, a sentence each."""
+    screened: bool = False
+    """Whether fruit of it were screened for missing physics."""
 
 
 def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:

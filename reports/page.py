@@ -15,6 +15,7 @@ from reports.charts_fruit import force_chart, grasps_chart
 from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked, without_references
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
+from reports.words import UNKNOWN as UNKNOWN_WORD
 from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
 
 _EXIT_STATUS = {
@@ -55,6 +56,7 @@ def report_html(batch: BatchEntry) -> str:
         "number": number,
         "percent": percent,
         "remarks": remarks,
+        "screened": _screened,
         "utc": _utc,
         "with_sd": with_sd,
     }
@@ -80,6 +82,18 @@ def report_html(batch: BatchEntry) -> str:
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
         verdict=verdict(alone),
     )
+
+
+def _screened(fruit: FruitEntry) -> str:
+    """The cell of the ranking's table: none found, the first suspect, or that the fruit was not screened."""
+    screen = fruit.screen
+    if screen is None:
+        return UNKNOWN_WORD
+    if screen.why_not:
+        return "not screened"
+    p = "" if screen.p_value is None else f" (p = {number(screen.p_value, figures=2)})"
+    first = [effect_name(one.name) for one in screen.suspects[:1]]
+    return f"{first[0]}?{p}" if first else f"none found{p}"
 
 
 def _about(batch: BatchEntry) -> list[tuple[str, str]]:

@@ -30,6 +30,9 @@ RANKING_COLUMNS = (
     "doubts",
     "reference",
     "E_uncorrected_MPa",
+    "mismatch_by",
+    "screen",
+    "screen_p",
 )
 """The columns, in order. New ones are added at the end only: programs read these by name and place."""
 
@@ -64,7 +67,7 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "volume_mm3": _decimals(fruit.volume_mm3, places=0),
         "grasps": fruit.grasps,
         "shore_oo": _decimals(fruit.shore_oo, places=2),
-        "mismatch": safe_cell(fruit.mismatch),
+        "mismatch": safe_cell(fruit.mismatch or (fruit.screen.verdict if fruit.screen else None)),
         "reason": safe_cell(fruit.reason),
         "rank_probability": _decimals(fruit.rank_probability, places=4),
         "rank_low": fruit.rank_low,
@@ -73,7 +76,17 @@ def _row(fruit: FruitEntry) -> dict[str, object]:
         "doubts": safe_cell("; ".join(fruit.doubts)),
         "reference": "true" if fruit.reference else None,
         "E_uncorrected_MPa": _significant(fruit.E_uncorrected_MPa, figures=4),
+        "mismatch_by": _said_by(fruit),
+        "screen": safe_cell(fruit.screen.verdict) if fruit.screen else None,
+        "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
     }
+
+
+def _said_by(fruit: FruitEntry) -> str | None:
+    """Where `mismatch` comes from."""
+    if fruit.mismatch:
+        return "settings" if fruit.mismatch_taken else "explain"
+    return "screen" if fruit.screen else None
 
 
 def safe_cell(text: str | None) -> str | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from reports.entries import OR, FruitEntry, ranked
+from reports.entries import OR, FruitEntry, ScreenEntry, ranked
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
@@ -62,6 +62,23 @@ def remarks(fruit: FruitEntry) -> str:
     if fruit.warnings:
         found.append("1 warning" if len(fruit.warnings) == 1 else f"{len(fruit.warnings)} warnings")
     return ", ".join(found)
+
+
+def screen_words(screen: ScreenEntry) -> str:
+    """What the screen suspects or why it could not look, in a line; empty where it found nothing.
+
+    >>> from reports.entries import ScreenEntry, Suspect
+    >>> skin = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
+    >>> screen_words(ScreenEntry(p_value=0.01, suspects=(skin,)))
+    'missing physics suspected, a stiff skin carries part of the load (drupe explain says more)'
+    """
+    if screen.why_not:
+        return f"not screened for missing physics, {screen.why_not}"
+    if not screen.suspects:
+        return ""
+    first, *others = screen.suspects
+    like = f", or {' or '.join(effect_name(one.name) for one in others)}" if others else ""
+    return f"missing physics suspected, {first.short}{like} (drupe explain says more)"
 
 
 def effect_name(effect: str) -> str:

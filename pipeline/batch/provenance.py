@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -45,10 +45,13 @@ def write_provenance(
     outcomes: Mapping[str, str],
     reference: Mapping[str, Any] | None = None,
     force: bool = False,
+    screened: bool = True,
+    faults: Sequence[Mapping[str, Any]] = (),
 ) -> None:
     """Writes batch.json; times are UTC in ISO 8601. `batch`: its folder; `finished` and `exit_status` are
     None while the run goes on; `reference`: what the reference bodies say, if any; `force`: whether numbers
-    that no fruit has were graded all the same.
+    that no fruit has were graded all the same; `screened`: whether fruit were screened for missing physics;
+    `faults`: what sensors or jaws have wrong in the whole batch.
     """
     content = {
         "format": "drupe-batch-result",
@@ -61,6 +64,8 @@ def write_provenance(
         "finished_utc": None if finished is None else _utc(finished),
         "exit_status": exit_status,
         "force": force,
+        "screened": screened,
+        "faults": list(faults),
         "outcomes": outcomes,
         **({} if reference is None else {"reference": reference}),
     }

@@ -194,6 +194,35 @@ class ReferenceRecord(_Record):
     E_sd_MPa: float
 
 
+class AmountRecord(_Record):
+    """One number of an effect that stays with a sensor or with the jaws, beside all that the fruit may have,
+    in the unit of the effect's linear signature; `pad` is empty for the whole gripper.
+    """
+
+    effect: str
+    pad: str = ""
+    parameter: str
+    value: float
+    sd: float
+
+
+class ScreenRecord(_Record):
+    """What the screen for missing physics says: p, names that it suggests (none: nothing was found) with the
+    likeliest first, or in `failure` why it says nothing.
+
+    `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
+    all fruit of a batch have in common. `note`: what was left out.
+    """
+
+    p_value: float | None = None
+    names: tuple[str, ...] = ()
+    statistics: dict[str, float] = {}
+    gains: dict[str, float] = {}
+    amounts: tuple[AmountRecord, ...] = ()
+    note: str = ""
+    failure: str = ""
+
+
 class FruitRecord(_Record):
     """Everything known of one fruit."""
 
@@ -213,6 +242,8 @@ class FruitRecord(_Record):
     """Set once the whole batch is graded; `modulus` and `grasps` of record.json stay as measured."""
     mismatch: str | None = None
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
+    screen: ScreenRecord | None = None
+    """What the screen for missing physics says; None where it was left out."""
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider, but

@@ -22,7 +22,8 @@ class FruitTask:
     """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone.
 
     `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like;
-    `batch_fruits`: every fruit_id of its batch, None of a case of its own.
+    `batch_fruits`: every fruit_id of its batch, None of a case of its own; `screen`: whether it is screened
+    for missing physics.
     """
 
     fruit_id: str
@@ -37,9 +38,10 @@ class FruitTask:
     given: Given
     key: str
     batch_fruits: frozenset[str] | None = None
+    screen: bool = True
 
 
-def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
+def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = True) -> FruitTask:
     """The task of one fruit of the batch, and the key of everything its result depends on.
 
     Its paths are absolute: the process that works on it has a current folder of its own.
@@ -93,4 +95,5 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results) -> FruitTask:
         given=given,
         key=key,
         batch_fruits=frozenset(one.fruit_id for one in batch.rows),
+        screen=screen,
     )

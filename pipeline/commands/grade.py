@@ -26,6 +26,10 @@ def grade(
         bool,
         typer.Option("--force", help="Grade in spite of numbers that no fruit of the category has."),
     ] = False,
+    screen: Annotated[
+        bool,
+        typer.Option(help="Screen every fruit for physics that the model leaves out (about 10 s each)."),
+    ] = True,
 ) -> None:
     """Grade a batch: photos and grasps of every fruit become ranking.csv and report.html.
 
@@ -46,6 +50,7 @@ def grade(
             time_limit_s=time_limit,
             console=Console(stderr=True),
             force=force,
+            screen=screen,
         )
     except KeyboardInterrupt:
         typer.echo(

@@ -4,12 +4,13 @@ import hashlib
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import astuple
+from dataclasses import astuple, replace
 from functools import partial
 
 import numpy as np
+from jaxtyping import Int
 
-from fem.elements.assembly import assemble
+from fem.elements.assembly import Stiffness, assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
@@ -22,7 +23,7 @@ from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 from pipeline.batch.cache import cached, stage_key
 from pipeline.batch.confirmed_effects import keyed
@@ -47,17 +48,28 @@ def fruit_modulus(
     poisson_ratio: float,
     budget: ErrorBudget,
     stage: str = "response",
+    solids: dict[Support, UnitModulusSolid] | None = None,
 ) -> FruitInference:
     """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does.
 
-    The responses on each mesh that is tried are kept as `stage` and a number.
+    The responses on each mesh that is tried are kept as `stage` and a number. `solids` takes up what is
+    factorised about the prior's pit, for whoever needs it next; nothing where the responses were kept.
     """
     prepared, histories = prepared_histories(grasps)
     number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
-        name = f"{stage}-{next(number)}"
-        return responses(task, name, grasps, prepared, moved, poisson_ratio=poisson_ratio, budget=budget)
+        k = next(number)
+        return responses(
+            task,
+            f"{stage}-{k}",
+            grasps,
+            prepared,
+            moved,
+            poisson_ratio=poisson_ratio,
+            budget=budget,
+            solids=solids if k == 0 else None,
+        )
 
     return infer_modulus(histories, mesh, respond, budget=budget)
 
@@ -148,10 +160,12 @@ def responses(
     *,
     poisson_ratio: float,
     budget: ErrorBudget,
+    solids: dict[Support, UnitModulusSolid] | None = None,
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
-    Kept on disk as `stage`, by content; what confirmed effects add to it beside it.
+    Kept on disk as `stage`, by content; what confirmed effects add to it beside it. `solids` takes up what
+    is factorised.
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
@@ -174,11 +188,12 @@ def responses(
         for support in dict.fromkeys(supports):
             own = [k for k, one in enumerate(supports) if one == support]
             factorised = partial(
-                UnitModulusSolid.factorise,
+                _factorised,
                 mesh,
                 poisson_ratio=poisson_ratio,
                 support=support,
                 parts=parts,
+                solids=solids,
             )
             found = _models(
                 mesh, factorised, [prepared[k] for k in own], gel_scale_sd=budget.gel_scale_sd, large=large
@@ -213,6 +228,24 @@ def responses(
     )
     found = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
     return with_corrections(plain, found.by_grasp)
+
+
+def _factorised(
+    mesh: FleshMesh,
+    *,
+    poisson_ratio: float,
+    support: Support,
+    parts: Stiffness,
+    contact_nodes: Int[np.ndarray, " c"],
+    solids: dict[Support, UnitModulusSolid] | None,
+) -> UnitModulusSolid:
+    """UnitModulusSolid.factorise; `solids` takes up a copy without what is computed from it later on."""
+    solid = UnitModulusSolid.factorise(
+        mesh, poisson_ratio=poisson_ratio, support=support, parts=parts, contact_nodes=contact_nodes
+    )
+    if solids is not None:
+        solids[support] = replace(solid)
+    return solid
 
 
 def _models(

@@ -5,7 +5,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from pipeline.batch.records import FleshRecord, GraspRecord, MeshRecord, ModulusRecord, PitRecord
+from pipeline.batch.records import (
+    FleshRecord,
+    GraspRecord,
+    MeshRecord,
+    ModulusRecord,
+    PitRecord,
+    ScreenRecord,
+)
 
 
 @dataclass
@@ -18,6 +25,7 @@ class FruitFacts:
     grasps: tuple[GraspRecord, ...] = ()
     modulus: ModulusRecord | None = None
     mismatch: str | None = None
+    screen: ScreenRecord | None = None
     doubts: tuple[str, ...] = ()
     strangers: dict[str, bool] = field(default_factory=dict)
 

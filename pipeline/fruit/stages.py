@@ -1,6 +1,7 @@
 """One fruit, start to end: the whole product on one page.
 
-photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus -> record
+photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus
+       -> screen for missing physics -> record
 """
 
 import resource
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from threadpoolctl import threadpool_limits
 
 from fem.fem_failure import FemFailure
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from pipeline.batch.confirmed_effects import in_words
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
@@ -21,6 +23,8 @@ from pipeline.fruit.elasticity import fruit_modulus, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_sd, signs_explained
+from pipeline.fruit.missing_physics import STAGE as SCREEN
+from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
@@ -62,6 +66,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
         grasps=facts.grasps,
         modulus=facts.modulus,
         mismatch=facts.mismatch,
+        screen=facts.screen,
         doubts=facts.doubts,
         strangers=facts.strangers,
         warnings=tuple(log.warnings),
@@ -95,10 +100,16 @@ def _grade(task: FruitTask, log: StageLog) -> None:
     facts = log.facts
     fruit = grasped_fruit(task, log)
     shape, pit, placed, failed = fruit.shape, fruit.pit, fruit.placed, fruit.failed
+    solids: dict[Support, UnitModulusSolid] = {}
     with log.stage("modulus"):
         try:
             found = fruit_modulus(
-                task, placed, fruit.mesh, poisson_ratio=fruit.poisson_ratio, budget=fruit.budget
+                task,
+                placed,
+                fruit.mesh,
+                poisson_ratio=fruit.poisson_ratio,
+                budget=fruit.budget,
+                solids=solids if task.screen else None,
             )
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
@@ -132,6 +143,10 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 said = causes_alone(own.warnings, explained=signs_explained(grasp))
                 log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
         log.warnings += found.modulus.warnings
+    if task.screen:
+        with log.stage(SCREEN):
+            facts.screen = screened_fruit(task, fruit, found, solids)
+    solids.clear()
     with log.stage("picture"):
         write_whole(
             task.results.picture,

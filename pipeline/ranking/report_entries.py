@@ -5,11 +5,15 @@ from datetime import datetime
 
 import numpy as np
 
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.effect_spec import EffectWords
+from fem.mismatch.screen import LARGE_DEFORMATION, UNKNOWN
 from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
 from pipeline.batch.records import FruitRecord, GraspRecord, PitFoundRecord, read_diagnosis
+from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.ranking.run_summary import decimals
@@ -22,9 +26,24 @@ from reports.entries import (
     RatioPoint,
     ReferenceBodyEntry,
     ReferenceEntry,
+    ScreenEntry,
     ShoreCorrelation,
+    Suspect,
 )
 
+SCREEN_WORDS: Mapping[str, EffectWords] = {
+    LARGE_DEFORMATION: EffectWords(
+        short="the flesh deforms largely, which is no fault: the model's law is that of small strain",
+        meaning="Under the same force soft flesh moves otherwise than the linear law says.",
+        advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
+    ),
+    UNKNOWN: EffectWords(
+        short="something that none of the known effects explains",
+        meaning="The recordings differ from the model by more than noise.",
+        advice="E is not to be trusted before drupe explain has looked at it.",
+    ),
+}
+"""Names of the screen that are no effect of the catalogue."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
 
@@ -40,6 +59,7 @@ def batch_entry(
     exit_status: int,
     finding: ReferenceFinding | None = None,
     chart: ControlChart | None = None,
+    faults: Sequence[BatchFault] = (),
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first.
 
@@ -74,6 +94,8 @@ def batch_entry(
         exit_status=exit_status,
         shore=_shore(graded),
         reference=None if finding is None else _reference(finding, chart or ControlChart()),
+        faults=tuple(one.sentence for one in faults),
+        screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
         fruits=tuple(_fruit_entry(r, place_of.get(r.fruit_id), results) for r in records),
     )
 
@@ -126,6 +148,7 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         grasps=sum(g.failure is None for g in record.grasps),
         mismatch=record.mismatch or _explained(record, files),
         mismatch_taken=record.mismatch is not None,
+        screen=_screen(record),
         reference=record.given.reference,
         E_uncorrected_MPa=_uncorrected_MPa(record),
         shore_oo=record.given.shore_oo,
@@ -156,6 +179,29 @@ def _explained(record: FruitRecord, files: FruitResults) -> str | None:
     """What `drupe explain` said of the same inputs, settings and code; several names the likeliest first."""
     said = read_diagnosis(files.mismatch)
     return None if said is None or said.key != record.key else OR.join(said.names)
+
+
+def _screen(record: FruitRecord) -> ScreenEntry | None:
+    """What the screen says, in the words of the effects that it suggests."""
+    said = record.screen
+    if said is None or not record.graded:
+        return None
+    return ScreenEntry(
+        p_value=said.p_value,
+        suspects=tuple(map(_suspect, said.names)),
+        why_not=said.failure.rstrip("."),
+        note=said.note,
+    )
+
+
+def _suspect(name: str) -> Suspect:
+    """The words of one name; of two effects at once those of both."""
+    words = [SCREEN_WORDS[part] if part in SCREEN_WORDS else SPECS[part].words for part in name.split("+")]
+    return Suspect(
+        name=name,
+        short=", and ".join(one.short for one in words),
+        advice=words[0].advice if name in SCREEN_WORDS else "",
+    )
 
 
 def _estimate(grasp: GraspRecord) -> GraspEstimate:

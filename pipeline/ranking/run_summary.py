@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from reports.entries import BatchEntry, FruitEntry, ranked, without_references
-from reports.words import remarks
+from reports.words import remarks, screen_words
 
 MOST_CHARACTERS = 160
 """Of a cause on the terminal; the whole sentence stands in the report."""
@@ -45,6 +45,17 @@ def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
         if fruit.ok and fruit.doubts:
             by_doubts.setdefault(fruit.doubts, []).append(fruit.fruit_id)
     return [f"E in doubt: {_ids(ids)}: {cause(doubts)}" for doubts, ids in by_doubts.items()]
+
+
+def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
+    """A line for all fruit of which the screen suggests the same, or that could not be screened for one
+    reason.
+    """
+    by_line: dict[str, list[str]] = {}
+    for fruit in fruits:
+        if fruit.ok and fruit.screen is not None and (said := screen_words(fruit.screen)):
+            by_line.setdefault(said, []).append(fruit.fruit_id)
+    return [f"{line}: {_ids(ids)}" for line, ids in by_line.items()]
 
 
 def _ids(ids: Sequence[str]) -> str:
@@ -89,5 +100,7 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     for sentence in () if batch.reference is None else batch.reference.sentences:
         lead = "warning: " if batch.reference is not None and batch.reference.alarm else ""
         console.print(f"{lead}{sentence}", highlight=False, markup=False, soft_wrap=True)
+    for line in (*(f"fault of the whole batch: {one}" for one in batch.faults), *suspected(batch.fruits)):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
     for name in ("ranking.csv", "report.html"):
         console.print(f"  {out / name}", highlight=False, markup=False, soft_wrap=True)

@@ -95,6 +95,8 @@ def kept_records(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRec
             continue
         if record.graded and not task.results.fruit_ply.is_file():
             continue
+        if record.graded and task.screen and record.screen is None:
+            continue
         record = record.model_copy(update={"given": task.given})
         if record != kept:
             write_record(task.results.record, record)

@@ -31,6 +31,7 @@ from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.fruit.stages import grade_fruit
 from pipeline.problem import BatchRefused, Problem
+from pipeline.ranking.batch_faults import BatchFault, batch_faults
 from pipeline.ranking.reference_ratio import (
     ReferenceFinding,
     against_references,
@@ -64,18 +65,22 @@ def grade(
     time_limit_s: float,
     console: Console,
     force: bool = False,
+    screen: bool = True,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason, and keeps what an earlier run made of
-    it; with `force` it is graded, and that is one of its doubts. Raises BatchRefused where the batch as a
+    it; with `force` it is graded, and that is one of its doubts. With `screen` every fruit is screened for
+    missing physics; without, what an earlier run found stays. Raises BatchRefused where the batch as a
     whole cannot be graded, or `out` is no place for results or holds another batch's, before anything is
     written, and NotWritten where the batch's own files cannot be.
     """
     started, since_s = now(), time.monotonic()
-    run = _placed(open_batch(root, force=force), out, started=started, since_s=since_s, force=force)
+    run = _placed(
+        open_batch(root, force=force), out, started=started, since_s=since_s, force=force, screen=screen
+    )
     if not is_held(run.results.root):
         run.require_ours()
     with results_lock(run.results.root):
@@ -105,6 +110,7 @@ class _Run:
     chart: Path | None
     inputs: Mapping[str, str]
     force: bool
+    screen: bool
     started: datetime
     since_s: float
 
@@ -125,6 +131,7 @@ class _Run:
         records: Mapping[str, FruitRecord],
         status: int | None,
         finding: ReferenceFinding | None = None,
+        faults: Sequence[BatchFault] = (),
     ) -> None:
         """batch.json, with the outcomes so far; `status` is None before the end. Raises NotWritten."""
         write_provenance(
@@ -138,10 +145,14 @@ class _Run:
             outcomes={fruit_id: record.outcome for fruit_id, record in records.items()},
             reference=None if finding is None else asdict(finding),
             force=self.force,
+            screened=self.screen,
+            faults=[asdict(one) for one in faults],
         )
 
 
-def _placed(batch: Batch, out: Path | None, *, started: datetime, since_s: float, force: bool) -> _Run:
+def _placed(
+    batch: Batch, out: Path | None, *, started: datetime, since_s: float, force: bool, screen: bool
+) -> _Run:
     """The run, whose places are fit to be written to; raises BatchRefused where one is not."""
     results = Results(out or batch.folder.default_results)
     require_results_apart(results, batch.folder, read_files(batch), "--out")
@@ -156,6 +167,7 @@ def _placed(batch: Batch, out: Path | None, *, started: datetime, since_s: float
         chart=chart,
         inputs=input_hashes(batch.folder.root, _inputs(batch)),
         force=force,
+        screen=screen,
         started=started,
         since_s=since_s,
     )
@@ -165,7 +177,10 @@ def _sorted_out(
     run: _Run, console: Console
 ) -> tuple[dict[str, FruitRecord], list[tuple[str, FruitTask]], dict[str, list[str]]]:
     """Records that are there already, kept or refused; what is to do; what fruit are graded in spite of."""
-    tasks = {row.fruit_id: fruit_task(run.batch, row.fruit_id, run.results) for row in run.batch.rows}
+    tasks = {
+        row.fruit_id: fruit_task(run.batch, row.fruit_id, run.results, screen=run.screen)
+        for row in run.batch.rows
+    }
     implausible = implausible_fruit(run.batch)
     forced: dict[str, list[str]] = {}
     if run.force:
@@ -196,6 +211,7 @@ def _reported(run: _Run, records: Mapping[str, FruitRecord]) -> tuple[int, Batch
         own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
         chart = with_points(read_chart(run.chart), own)
         finding = drift(chart, finding)
+    faults = batch_faults(in_order)
     status = _status(in_order, finding)
     entry = batch_entry(
         run.batch,
@@ -207,10 +223,11 @@ def _reported(run: _Run, records: Mapping[str, FruitRecord]) -> tuple[int, Batch
         exit_status=status,
         finding=finding,
         chart=chart,
+        faults=faults,
     )
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.report, report_html(entry))
-    run.write_provenance(records, status, finding)
+    run.write_provenance(records, status, finding, faults)
     if run.chart is not None and own:
         update_chart(run.chart, own)
     return status, entry

@@ -10,7 +10,15 @@ from rich.console import Console
 
 from pipeline.batch.layout import write_whole
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, read_record, write_record
+from pipeline.batch.records import (
+    FruitRecord,
+    Given,
+    GraspRecord,
+    ModulusRecord,
+    ScreenRecord,
+    read_record,
+    write_record,
+)
 from pipeline.problem import BatchRefused
 from pipeline.run import grading as grading
 from recon.silhouettes.hull import ball
@@ -69,6 +77,7 @@ def run(batch, monkeypatch):
             records[fruit_id] = FruitRecord(
                 fruit_id=fruit_id, outcome="graded", key=task.key, given=task.given, modulus=modulus,
                 warnings=("a pit", "w"), doubts=("a pit",) if fruit_id == "B" else (),
+                screen=ScreenRecord(p_value=0.4) if task.screen else None,
             )  # fmt: skip
             write_record(task.results.record, records[fruit_id])
 

@@ -1,0 +1,342 @@
+"""The screen: the finder's linear round, cut to what every graded fruit can afford.
+
+It asks whether a fruit's recordings hold more than the plain model, and which effects would explain it to
+first order, with the statistics, null reference and thresholds of fem.mismatch.procedure. It refits nothing,
+so a name is a suggestion. Against the finder's own linear round
+
+- the solid that grading factorised is used again, and its sensitivities (fem.estimation.sensitivity) stand
+  for the response to pit, surface and Poisson's ratio;
+- markers are moved to where they touched (fem.mismatch.model.touched_skin) by grading's own response and
+  modulus, so that a recording is projected once and not twice;
+- linear laws of flesh are followed to first order only, all of them by one solve;
+- laws with a history are followed on PATH_SHARE of the finder's frames;
+- long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
+- NOT_SCREENED effects are left out.
+
+What a confirmed effect or large deformation adds to grading's response (GraspModel.displacement_correction)
+is part of the plain model here: the screen then asks what is left.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.elements.assembly import assemble
+from fem.estimation.frame_thinning import loaded_frames
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.estimation.sensitivity import PIT, POISSON_RATIO, SURFACE
+from fem.estimation.unit_response import marker_tracks
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect_spec import Correction, EffectSpec
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.linear_law import LinearLaw
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase
+from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.inner_changes import LEADING, inner_changes, store_inner_changes
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.pads import store_slid_responses
+from fem.mismatch.model.touched_skin import touched_case
+from fem.mismatch.procedure import detection_statistics, plain_fits
+from fem.mismatch.selection.detection import null_gain, p_values
+from fem.mismatch.selection.screening import LinearFit, LinearRound, screened
+from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
+from fem.mismatch.thresholds import DETECTION_P, EQUAL_PROBABILITY, PAIR_GAIN, TEMPERATURE
+from fem.solid.linear_solid import Support, UnitModulusSolid
+
+INNER = frozenset((*PIT, *SURFACE, POISSON_RATIO))
+"""Causes of fem.estimation.sensitivity that the finder's equations ask for."""
+NOT_SCREENED: Mapping[str, str] = {
+    "loose_pit": "its response is a search for where flesh and pit touch, on a solid of its own",
+}
+"""Effects that the screen leaves out, and why: none shows in first-order signatures of the bonded flesh."""
+MOST_FRAMES = 48
+"""Frames of all recordings together. With four recordings of 75 frames each the time of a fruit falls from
+30 to 12 s of CPU and p changes by less than between two meshes of one fruit (docs/validation.md)."""
+PATH_SHARE = 0.4
+"""Of the finder's 24 to 48 frames, on which laws with a history are followed: ten to twenty."""
+LARGE_DEFORMATION = "large_deformation"
+"""How the screen names `stiffening` by the Neo-Hookean law alone: what soft flesh does without stiffening."""
+LARGE_DEFORMATION_KIND = "stiffening neo-hookean"
+"""Its kind (EffectSpec.kinds)."""
+UNKNOWN = "unknown"
+"""Where there is more than noise and no effect gains beyond what it gains on sound recordings."""
+TOO_FEW = (
+    "one recording alone cannot tell missing physics from where the pit and the pads are; record a second "
+    "grasp at another place"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Amount:
+    """One number of an effect that stays with sensor or jaws, beside whatever the fruit itself may have.
+
+    `pad`: empty for the whole gripper. `value`, `sd`: in the signature's own unit (fem.mismatch.effects).
+    """
+
+    effect: str
+    pad: str
+    parameter: str
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Screened:
+    """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
+    effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
+    """
+
+    p_value: float
+    names: tuple[str, ...]
+    statistics: dict[str, float]
+    gains: dict[str, float]
+    amounts: tuple[Amount, ...]
+    note: str = ""
+
+
+def screen(
+    case: MismatchCase,
+    *,
+    E_MPa: float,
+    models: Sequence[GraspModel],
+    solids: Mapping[Support, UnitModulusSolid] | None = None,
+) -> Screened:
+    """The linear round of a fruit that grading has just gone through.
+
+    `E_MPa`, `models`: what grading found, one model for each grasp of `case`, about the same mesh. `solids`:
+    grading's, where they are still there. Raises FemFailure where a recording cannot be projected, the fit
+    gives no 1/E above zero, or one recording is all there is.
+    """
+    if len(case.grasps) < 2:
+        raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
+    forward = _forward_model(case, E_MPa, models, solids or {})
+    recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
+    linear = screened(forward, recorded, _screened_effects(forward))
+    statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
+    p_value, _ = p_values(statistics)
+    return Screened(
+        p_value=p_value,
+        names=suggested(linear, forward.compliance_ratio) if p_value < DETECTION_P else (),
+        statistics=statistics,
+        gains={one.kind: one.gain for one in linear.best},
+        amounts=tuple(_amounts(linear)),
+        note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
+    )
+
+
+def suggested(linear: LinearRound, compliance_ratio: float) -> tuple[str, ...]:
+    """Names by what they gain beyond sound recordings: all that the best does not beat by a clear margin.
+
+    Large deformation comes first among them: all flesh deforms largely under these forces, and whatever looks
+    like it has to beat it.
+    """
+    beyond = sorted(
+        ((one.gain - null_gain(one.kind, compliance_ratio), one) for one in linear.best),
+        key=lambda pair: -pair[0],
+    )
+    beyond = [pair for pair in beyond if pair[0] > 0]
+    if not beyond:
+        return (UNKNOWN,)
+    if linear.pairs and linear.pairs[0][0] > beyond[0][0] + PAIR_GAIN * compliance_ratio:
+        _, first, second = linear.pairs[0]
+        return ("+".join(sorted((_name(first), _name(second)))),)
+    margin = TEMPERATURE * -np.log(EQUAL_PROBABILITY)
+    names = [_name(one) for gain, one in beyond if gain > beyond[0][0] - margin]
+    return tuple(sorted(names, key=lambda name: name != LARGE_DEFORMATION))
+
+
+def _name(one: LinearFit) -> str:
+    return LARGE_DEFORMATION if one.kind == LARGE_DEFORMATION_KIND else one.effect.spec.name
+
+
+def _forward_model(
+    case: MismatchCase,
+    E_MPa: float,
+    models: Sequence[GraspModel],
+    solids: Mapping[Support, UnitModulusSolid],
+) -> ForwardModel:
+    """The plain model as the finder has it, from what grading knows already."""
+    held = _solids(case, solids)
+    most_frames = max(MOST_FRAMES // len(case.grasps), 1)
+    grasps = tuple(
+        _projected(case, grasp, model, held[grasp.support], E_MPa=E_MPa, most_frames=most_frames)
+        for grasp, model in zip(case.grasps, models, strict=True)
+    )
+    base = Baseline(case=case, solids=held, grasps=grasps)
+    compliance = float(np.median([fit.compliance for fit in plain_fits(base)]))
+    if not compliance > 0:
+        raise FemFailure(
+            FemProblem.NO_MODULUS,
+            f"the forces do not move the fruit along themselves (1/E is {compliance:.2g} per MPa, expected "
+            "above zero)",
+        )
+    forward = ForwardModel(base=base, compliance=compliance, path_share=PATH_SHARE)
+    for recording, model in zip(grasps, models, strict=True):
+        known, frames = model.sensitivity, recording.used[loaded_frames(recording.prepared)]
+        inner = {
+            cause: own[frames]
+            for cause, own in zip(known.causes, known.values, strict=True)
+            if cause in INNER
+        }
+        store_inner_changes(forward, recording, inner)
+        by_cause = dict(zip(known.causes, known.values, strict=True))
+        slid = [
+            [by_cause[f"{pad} {way}"][frames] for way in ("across", "along")] for pad in recording.pad_names
+        ]
+        store_slid_responses(forward, recording, np.array(slid))
+    return forward
+
+
+def _solids(
+    case: MismatchCase, solids: Mapping[Support, UnitModulusSolid]
+) -> dict[Support, UnitModulusSolid]:
+    """Grading's, or made anew; all the skin counts as contact, which only gives places their numbers."""
+    skin = np.sort(case.mesh.outer_nodes)
+    wanted = dict.fromkeys(grasp.support for grasp in case.grasps)
+    parts = None
+    found: dict[Support, UnitModulusSolid] = {}
+    for support in wanted:
+        solid = solids.get(support)
+        if solid is None:
+            parts = assemble(case.mesh.nodes_mm, case.mesh.tets) if parts is None else parts
+            solid = UnitModulusSolid.factorise(
+                case.mesh, poisson_ratio=case.poisson_ratio, support=support, parts=parts
+            )
+        found[support] = replace(solid, contact_nodes=skin)
+    return found
+
+
+def _projected(
+    case: MismatchCase,
+    grasp: GraspCase,
+    model: GraspModel,
+    solid: UnitModulusSolid,
+    *,
+    E_MPa: float,
+    most_frames: int,
+) -> GraspResponse:
+    """One recording, its markers where they touched by grading's own response."""
+    prepared = prepared_grasp(grasp.history, grasp.turns)
+    tracks, _ = marker_tracks(prepared.history, model, prepared.used)
+    touched = touched_case(
+        grasp, prepared.used, moved_mm=tracks.unit_displacement / E_MPa, normal=tracks.normal
+    )
+    recording = project_recording(
+        touched, solid, force_scale_sd=case.budget.force_scale_sd, most_frames=most_frames
+    )
+    recording = replace(recording, compliance=model.compliance)
+    if model.displacement_correction is None:
+        return recording
+    whole = recording.tracks.unit_displacement + model.displacement_correction[recording.used]
+    return replace(recording, tracks=replace(recording.tracks, unit_displacement=whole))
+
+
+@dataclass(frozen=True)
+class _Cheaper:
+    """An effect with the signatures that the screen made for it; all else is its own."""
+
+    effect: Effect
+    spec: EffectSpec
+    known: tuple[Signature, ...]
+
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:  # noqa: ARG002  known already
+        """Those."""
+        return self.known
+
+    def start(
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The effect's own."""
+        return self.effect.start(forward, signature, amounts)
+
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+        """The effect's own."""
+        return self.effect.respond(forward, parameters, variant)
+
+
+def _screened_effects(forward: ForwardModel) -> list[Effect]:
+    """The catalogue but for NOT_SCREENED, linear laws of flesh to first order."""
+    has_pit = len(forward.base.mesh.pit_nodes) > 0
+    laws = [
+        effect for effect in EFFECTS if isinstance(effect, LinearLaw) and (has_pit or not effect.needs_pit)
+    ]
+    made = _first_orders(forward, laws)
+    found: list[Effect] = []
+    for effect in EFFECTS:
+        if effect.spec.name in NOT_SCREENED:
+            continue
+        if isinstance(effect, LinearLaw):
+            found.append(_Cheaper(effect, effect.spec, made.get(effect.spec.name, ())))
+        else:
+            found.append(effect)
+    return found
+
+
+def _first_orders(forward: ForwardModel, laws: Sequence[LinearLaw]) -> dict[str, tuple[Signature, ...]]:
+    """-K0^-1 (dK/dtheta) U of each law, all of them solved for together; Poisson's ratio is known already."""
+    grasps = forward.base.grasps
+    leading = [recording.moved[:LEADING] for recording in grasps]
+    together, cuts = np.concatenate(leading), np.cumsum([len(own) for own in leading])[:-1]
+    solved = [law for law in laws if law.spec.correction is not Correction.POISSON_RATIO]
+    loads = [-law.operators(forward)[0](together) for law in solved]
+    split = [np.split(load, cuts) for load in loads]
+    moved = forward.base.displacements(
+        [np.concatenate([own[k] for own in split]) for k in range(len(grasps))]
+    )
+    changes = [dict[str, Float[np.ndarray, "f n 3"]]() for _ in grasps]
+    for recording, own, change in zip(grasps, moved, changes, strict=True):
+        shares = recording.shares[:, :LEADING]
+        at_markers = recording.at_markers(own[:, forward.base.solid_of(recording).contact_nodes])
+        for law, part in zip(solved, np.split(at_markers, len(solved)), strict=True):
+            change[law.spec.name] = np.tensordot(shares, part, axes=1)
+    for law in laws:
+        if law not in solved:
+            for recording, change in zip(grasps, changes, strict=True):
+                change[law.spec.name] = inner_changes(forward, recording)[POISSON_RATIO]
+    s = forward.compliance
+    return {
+        law.spec.name: (
+            Signature(
+                variant=ONE_WAY,
+                columns=(
+                    Regressor(
+                        name=law.parameter.name,
+                        sd=law.sd,
+                        positive=law.positive,
+                        fields=[ObservationDelta(markers=s * change[law.spec.name]) for change in changes],
+                    ),
+                ),
+            ),
+        )
+        for law in laws
+    }
+
+
+def _amounts(linear: LinearRound) -> Iterator[Amount]:
+    """Of every effect that stays with sensor or jaws, with every effect of the fruit beside it.
+
+    The fruit's own amounts have their priors; what they could explain as well is not the jaws'.
+    """
+    products = linear.products
+    fruit = [j for one in linear.best if not one.effect.spec.of_the_jaws for j in one.columns]
+    for one in linear.linear_fits:
+        if not one.effect.spec.of_the_jaws or not one.columns:
+            continue
+        fit = products.fit([*linear.nuisances, *fruit, *one.columns])
+        pad = one.signature.variant.pad if isinstance(one.signature.variant, OfPad) else ""
+        for k, j in enumerate(one.columns):
+            at = len(fit.amounts) - len(one.columns) + k
+            name = products.columns[j].name.removeprefix(f"{pad} ")
+            yield Amount(
+                effect=one.effect.spec.name,
+                pad=pad,
+                parameter=name,
+                value=float(fit.amounts[at]),
+                sd=float(fit.sd[at]),
+            )

@@ -1,0 +1,150 @@
+"""The screen of one fruit for missing physics, kept by content; it never costs the fruit its grade."""
+
+import hashlib
+import traceback
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple
+
+import numpy as np
+
+from fem.estimation.fruit_modulus import FruitInference
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.modulus import ModulusEstimate
+from fem.fem_failure import FemFailure
+from fem.mismatch.mismatch_case import GraspCase, MismatchCase
+from fem.mismatch.screen import Screened, screen
+from fem.solid.linear_solid import Support, UnitModulusSolid
+from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.confirmed_effects import keyed
+from pipeline.batch.layout import write_whole
+from pipeline.batch.outcome import Outcome, ending_of
+from pipeline.batch.records import AmountRecord, ScreenRecord
+from pipeline.batch.stage_record import StageRecord
+from pipeline.batch.task import FruitTask
+from pipeline.fruit.flesh_effects import in_the_model
+from pipeline.fruit.grasped import GraspedFruit
+from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
+
+STAGE = "screen"
+"""Name of the stage: on the progress line, in the record's times, and of the file that keeps its result."""
+INTERNAL = "an internal error; report it with traceback.txt from this fruit's results: the fault is not yours"
+
+
+class KeptScreen(StageRecord):
+    """The stage "screen"."""
+
+    screen: ScreenRecord
+
+
+def screened_fruit(
+    task: FruitTask,
+    fruit: GraspedFruit,
+    found: FruitInference,
+    solids: Mapping[Support, UnitModulusSolid],
+) -> ScreenRecord:
+    """What the recordings hold beyond the model that E was inferred with, or why that cannot be told.
+
+    `solids`: those that grading has just factorised, where it has.
+    """
+    usable = [
+        (grasp, model, own)
+        for grasp, model, own in zip(fruit.placed, found.models, found.grasps, strict=True)
+        if isinstance(model, GraspModel) and isinstance(own, ModulusEstimate) and own.form == "first-touch"
+    ]
+    placed = [grasp for grasp, _, _ in usable]
+    case = MismatchCase(
+        mesh=fruit.mesh,
+        grasps=tuple(map(grasp_case, placed)),
+        poisson_ratio=fruit.poisson_ratio,
+        budget=fruit.budget,
+    )
+
+    def compute() -> KeptScreen:
+        try:
+            said = screen(
+                case,
+                E_MPa=1 / float(np.median([1 / own.E_MPa for _, _, own in usable])) if usable else 1.0,
+                models=[model for _, model, _ in usable],
+                solids=solids,
+            )
+        except FemFailure as failure:
+            return KeptScreen(screen=ScreenRecord(failure=failure.detail))
+        return KeptScreen(screen=_record(said, fruit.placed, placed))
+
+    effects = [one.effect for one in in_the_model(task.settings.mismatch)]
+    key = stage_key(
+        STAGE,
+        files=[],
+        settings=[
+            _digest(case),
+            [grasp.name for grasp in placed],
+            [own.E_MPa for _, _, own in usable],
+            fruit.poisson_ratio,
+            astuple(fruit.budget),
+            task.settings.flesh.model,
+            effects,
+            keyed(task.settings.mismatch),
+        ],
+        rooms=("pipeline", "fem"),
+    )
+    try:
+        return cached(task.results.cache, STAGE, key, compute, record=KeptScreen).screen
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong here, the fruit is graded
+        ending, particulars = ending_of(error)
+        if ending is not Outcome.INTERNAL:
+            return ScreenRecord(failure=ending.sentence(particulars))
+        write_whole(task.results.traceback, traceback.format_exc())
+        return ScreenRecord(failure=INTERNAL)
+
+
+def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[PlacedGrasp]) -> ScreenRecord:
+    lost = [grasp.name for grasp in all_grasps if grasp not in used]
+    without = f"without {', '.join(lost)}, of which E could not be had from first touch" if lost else ""
+    return ScreenRecord(
+        p_value=said.p_value,
+        names=said.names,
+        statistics=said.statistics,
+        gains=said.gains,
+        amounts=tuple(
+            AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
+            for one in said.amounts
+        ),
+        note="; ".join(part for part in (without, said.note) if part),
+    )
+
+
+def _digest(case: MismatchCase) -> str:
+    """Of all that the screen reads of mesh and recordings."""
+    digest = hashlib.sha256()
+    mesh = case.mesh
+    for array in (mesh.nodes_mm, mesh.tets, mesh.outer_faces, mesh.pit_nodes):
+        _add(digest, array)
+    for grasp in case.grasps:
+        _add_grasp(digest, grasp)
+    return digest.hexdigest()
+
+
+def _add_grasp(digest: "hashlib._Hash", grasp: GraspCase) -> None:
+    digest.update(repr((grasp.name, grasp.support, grasp.history.phase)).encode())
+    _add(digest, grasp.history.time_s)
+    for pad in grasp.history.pads:
+        for array in (
+            pad.rest_mm,
+            pad.surface_mm,
+            pad.position_mm,
+            pad.gel_displacement_mm,
+            pad.force_N,
+            pad.episode,
+        ):
+            _add(digest, array)
+        digest.update(repr((pad.name, pad.displacement_sd_mm, pad.force_sd_N, pad.lag1)).encode())
+        digest.update(repr(pad.surface_sd_mm).encode())
+    for motion in grasp.pads:
+        _add(digest, motion.pose)
+        _add(digest, motion.normal_N)
+        digest.update(repr((motion.name, motion.markers, motion.gel_N_per_mm)).encode())
+
+
+def _add(digest: "hashlib._Hash", array: np.ndarray) -> None:
+    digest.update(str(array.shape).encode())
+    digest.update(np.ascontiguousarray(array).tobytes())

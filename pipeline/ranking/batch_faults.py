@@ -1,0 +1,198 @@
+"""Faults that all fruit of a batch have in common: a sensor or the jaws, not the fruit.
+
+The screen gives of every fruit the amount y_i of each effect that stays with a sensor or with the jaws, with
+its standard deviation s_i. Over fruit they are combined by random effects,
+
+    y_i ~ N(mu, s_i^2 + tau^2),      mu = sum w_i y_i / sum w_i,      w_i = 1 / (s_i^2 + tau^2)
+
+tau: what differs from fruit to fruit (DerSimonian and Laird 1986, "Meta-analysis in clinical trials",
+Controlled Clinical Trials 7). The error of mu is that of Hartung and Knapp (2001, Statistics in Medicine 20),
+
+    sd^2 = max(1, sum w_i (y_i - mu)^2 / (k - 1)) / sum w_i,
+
+and t = (|mu| - FLOOR) / sd is held against Student's t with k - 1 degrees of freedom: FLOOR is what the
+model's own error may feign in all fruit alike (a test of |mu| <= FLOOR). Every amount is one test; the level
+FALSE_ALARM is shared among all of them (Bonferroni), so that so many sound batches at most are said to have a
+fault.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import t as student
+
+from fem.mismatch.catalogue import SPECS
+from pipeline.batch.records import FruitRecord
+
+FALSE_ALARM = 0.01
+"""Share of sound batches, at most, in which a fault is found: one in a hundred, as somebody has to stop and
+calibrate. Drawn ones, whose fruit differ by more than their errors, stay below it
+(tests/pipeline/test_batch_faults.py)."""
+FEWEST = 3
+"""Fruit, at least: of two nobody can tell what is common from what differs."""
+FLOOR: dict[str, float] = {
+    "gain": 0.008,
+    "newton_per_s": 0.01,
+    "mm_per_N": 0.02,
+    "lag_s": 0.003,
+    "shift_mm.0": 1.0,
+    "shift_mm.1": 1.0,
+    "tilt_deg": 0.5,
+}
+"""By parameter, in its own unit (mm, N/s, mm/N, s, degrees; the gain as a share): what the model's error may
+feign in all fruit alike. Two to four times the effects' discrepancy priors and ParameterSpec.model_sd, which
+hold for single sound fruit."""
+OF_ITS_OWN = 2.0
+"""For parameters without a FLOOR: that many standard deviations of the median fruit. Set by hand."""
+SEEN = 2.0
+"""Standard deviations of its own beyond which a fruit shows the fault by itself."""
+AS_SURE = 0.5
+"""Share of the surest pad's t from which the other pad may be at fault as well. Set by hand: of two pads that
+push the same fruit only the ratio of their forces shows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combined:
+    """mu, its standard deviation, tau, t, and the p-value of |mu| <= floor (two sides)."""
+
+    mean: float
+    sd: float
+    between_sd: float
+    t: float
+    p_value: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchFault:
+    """One fault of the whole batch: which effect, of which pad (empty: the gripper), how much of it; the
+    fruit that show it by themselves, and how many were looked at. `sentence`: all of it for staff.
+    """
+
+    effect: str
+    pad: str
+    parameter: str
+    value: float
+    sd: float
+    between_sd: float
+    p_value: float
+    shown_by: tuple[str, ...]
+    fruit: int
+    sentence: str
+
+
+def combined(
+    values: Float[np.ndarray, " k"], sds: Float[np.ndarray, " k"], *, floor: float = 0.0
+) -> Combined:
+    """Amounts of k fruit as one.
+
+    >>> found = combined(np.array([0.04, 0.042, 0.038, 0.04]), np.full(4, 0.003), floor=0.008)
+    >>> f"{found.mean:.3f} {found.p_value < 0.01}"
+    '0.040 True'
+    """
+    weight = sds**-2.0
+    mean = weight @ values / weight.sum()
+    excess = weight @ (values - mean) ** 2 - (len(values) - 1)
+    tau2 = max(0.0, excess / (weight.sum() - (weight**2).sum() / weight.sum()))
+    weight = 1 / (sds**2 + tau2)
+    mean = float(weight @ values / weight.sum())
+    spread = float(weight @ (values - mean) ** 2 / (len(values) - 1))
+    sd = math.sqrt(max(1.0, spread) / weight.sum())
+    ratio = max(0.0, abs(mean) - floor) / sd
+    return Combined(
+        mean=mean,
+        sd=sd,
+        between_sd=math.sqrt(tau2),
+        t=ratio,
+        p_value=float(2 * student.sf(ratio, len(values) - 1)),
+    )
+
+
+def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
+    """What sensors or jaws have wrong in the whole batch, the surest first; one of each effect at most."""
+    amounts: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
+    for record in records:
+        for one in () if record.screen is None else record.screen.amounts:
+            if math.isfinite(one.value) and one.sd > 0:
+                key = (one.effect, one.pad, one.parameter)
+                amounts.setdefault(key, []).append((record.fruit_id, one.value, one.sd))
+    tried = {key: own for key, own in amounts.items() if len(own) >= FEWEST and key[0] in SPECS}
+    found = []
+    for (effect, pad, parameter), own in tried.items():
+        values, sds = (np.array(numbers) for numbers in list(zip(*own, strict=True))[1:])
+        together = combined(values, sds, floor=FLOOR.get(parameter, OF_ITS_OWN * float(np.median(sds))))
+        if together.p_value >= FALSE_ALARM / len(tried):
+            continue
+        shown = tuple(name for name, y, s in own if y * together.mean > 0 and abs(y) > SEEN * s)
+        found.append((effect, pad, parameter, together, shown, len(own)))
+    return tuple(_faults(found))
+
+
+Found = tuple[str, str, str, Combined, tuple[str, ...], int]
+
+
+def _faults(found: Sequence[Found]) -> Iterable[BatchFault]:
+    """Of each effect the surest, with the other pads that may have it instead."""
+    for effect in dict.fromkeys(one[0] for one in sorted(found, key=lambda one: one[3].p_value)):
+        own = sorted((one for one in found if one[0] == effect), key=lambda one: -one[3].t)
+        _, pad, parameter, together, shown, count = own[0]
+        others = [
+            (one[1], one[3])
+            for one in own[1:]
+            if one[1] != pad and one[2] == parameter and one[3].t > AS_SURE * together.t
+        ]
+        yield BatchFault(
+            effect=effect,
+            pad=pad,
+            parameter=parameter,
+            value=together.mean,
+            sd=together.sd,
+            between_sd=together.between_sd,
+            p_value=together.p_value,
+            shown_by=shown,
+            fruit=count,
+            sentence=_sentence(effect, pad, parameter, together, others, len(shown), count),
+        )
+
+
+def _sentence(
+    effect: str,
+    pad: str,
+    parameter: str,
+    together: Combined,
+    others: Sequence[tuple[str, Combined]],
+    shown: int,
+    count: int,
+) -> str:
+    """What is wrong, by how much, in how many fruit, and what to do."""
+    words = SPECS[effect].words
+    said = _amount(effect, pad, parameter, together)
+    for other, own in others:
+        said += f", or {_amount(effect, other, parameter, own)}"
+    return (
+        f"{said[:1].upper()}{said[1:]}: the same in all {count} fruit together (p = {together.p_value:.1g}), "
+        f"in {shown} of {count} by itself. {words.advice}"
+    )
+
+
+def _amount(effect: str, pad: str, parameter: str, found: Combined) -> str:
+    """The fault with its size."""
+    where = f"the {pad} pad" if pad else "the gripper"
+    if parameter == "gain":
+        gain, sd = 1 / (1 - found.mean) - 1, found.sd / (1 - found.mean) ** 2
+        much = "much" if gain > 0 else "little"
+        return f"{where} reads {100 * abs(gain):.1f} ± {100 * sd:.1f} % too {much} force"
+    spec = next(
+        (
+            one
+            for one in SPECS[effect].parameters
+            if any(searched.name == parameter for searched in one.searched)
+        ),
+        None,
+    )
+    unit = "" if spec is None else f" {spec.unit}".replace(" 1", "")
+    meaning = SPECS[effect].words.short if spec is None else spec.words
+    axis = {"0": " along its x", "1": " along its y"}.get(parameter.partition(".")[2], "")
+    return f"{where}: {meaning}{axis} {found.mean:+.3g} ± {found.sd:.2g}{unit}"
