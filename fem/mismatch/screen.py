@@ -9,6 +9,7 @@ so a name is a suggestion. Against the finder's own linear round
 - markers are moved to where they touched (fem.mismatch.model.touched_skin) by grading's own response and
   modulus, so that a recording is projected once and not twice;
 - linear laws of flesh are followed to first order only, all of them by one solve;
+- a soft spot is sought at one radius, and is tried at its best place alone;
 - laws with a history are followed on PATH_SHARE of the finder's frames;
 - long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
 - NOT_SCREENED effects are left out.
@@ -33,8 +34,10 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec
+from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.linear_law import LinearLaw
+from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
 from fem.mismatch.model.forward_model import ForwardModel
@@ -55,7 +58,7 @@ NOT_SCREENED: Mapping[str, str] = {
     "loose_pit": "its response is a search for where flesh and pit touch, on a solid of its own",
 }
 """Effects that the screen leaves out, and why: none shows in first-order signatures of the bonded flesh."""
-MOST_FRAMES = 48
+MOST_FRAMES = 64
 """Frames of all recordings together. With four recordings of 75 frames each the time of a fruit falls from
 30 to 12 s of CPU and p changes by less than between two meshes of one fruit (docs/validation.md)."""
 PATH_SHARE = 0.4
@@ -119,6 +122,10 @@ def screen(
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(forward))
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
+    # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
+    numbers = np.array([one.own.shape[1] for one in recorded])
+    kept = np.array([recording.kept for recording in forward.base.grasps])
+    statistics["what is left"] *= float(numbers.sum() / (numbers / kept).sum())
     p_value, _ = p_values(statistics)
     return Screened(
         p_value=p_value,
@@ -271,7 +278,9 @@ def _screened_effects(forward: ForwardModel) -> list[Effect]:
     for effect in EFFECTS:
         if effect.spec.name in NOT_SCREENED:
             continue
-        if isinstance(effect, LinearLaw):
+        if isinstance(effect, SoftSpot):
+            found.append(replace(effect, radii_mm=(RADIUS_MM,), others=0))
+        elif isinstance(effect, LinearLaw):
             found.append(_Cheaper(effect, effect.spec, made.get(effect.spec.name, ())))
         else:
             found.append(effect)

@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number, vector
-from fem.mismatch.localisation.spot_search import Spot, best_spots
+from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.spot_response import softened, to_first_order
@@ -80,13 +80,22 @@ SPEC = EffectSpec(
 
 @dataclass(frozen=True)
 class SoftSpot:
-    """The effect; see the module."""
+    """The effect; see the module. `radii_mm` and `others`: which signatures it has
+    (fem.mismatch.localisation.spot_search).
+    """
 
     spec: EffectSpec = SPEC
+    radii_mm: tuple[float, ...] = RADII_MM
+    others: int = OTHERS
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each of the best places."""
-        spots = best_spots(forward, forward.adjoint_basis.observed(_residual(forward)))
+        spots = best_spots(
+            forward,
+            forward.adjoint_basis.observed(_residual(forward)),
+            radii_mm=self.radii_mm,
+            others=self.others,
+        )
         sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
         return [
             Signature(

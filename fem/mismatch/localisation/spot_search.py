@@ -7,6 +7,7 @@ at the surface. Flesh cannot be softer than nothing: a drop is held at MOST_DROP
 explains.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,8 +46,14 @@ class Spot:
     drop: float
 
 
-def best_spots(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple[Spot, ...]:
-    """The best ball of softer flesh in RADII_MM each, then the best at up to OTHERS other places.
+def best_spots(
+    forward: ForwardModel,
+    numbers: Float[np.ndarray, " k"],
+    *,
+    radii_mm: Sequence[float] = RADII_MM,
+    others: int = OTHERS,
+) -> tuple[Spot, ...]:
+    """The best ball of softer flesh in each of the radii, then the best at up to so many other places.
 
     Depth and radius stand for each other to first order, hence the several radii at one place. `numbers`: as
     of AdjointBasis.observed.
@@ -57,10 +64,10 @@ def best_spots(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> tuple
     )
     score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
-    found = [polished(forward, numbers, best, radius_mm=radius) for radius in RADII_MM]
+    found = [polished(forward, numbers, best, radius_mm=radius) for radius in radii_mm]
     places = [best]
     for number in np.argsort(-score):
-        if len(places) > OTHERS or score[number] <= 0:
+        if len(places) > others or score[number] <= 0:
             break
         if min(np.linalg.norm(centres[number] - place) for place in places) > APART_MM:
             places.append(centres[number])
