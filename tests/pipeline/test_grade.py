@@ -20,6 +20,7 @@ from pipeline.batch.records import (
     write_record,
 )
 from pipeline.problem import BatchRefused
+from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -224,3 +225,29 @@ def test_a_ranking_saved_by_a_spreadsheet_is_kept_and_one_step_gives_a_new_one(b
     _, worked, again = run()
     assert (worked, again) == ("", rows)  # nothing is computed anew
     assert b";" in edited.read_bytes()
+
+
+def test_a_fruit_that_was_not_screened_is_graded_anew_by_a_run_that_screens(batch, run):
+    _, worked, rows = run(screen=False)
+    assert (worked, rows["A"]["screen"], rows["A"]["mismatch"]) == ("AB", "", "")
+    assert json.loads((batch / "results" / "batch.json").read_text())["screened"] is False
+    _, worked, rows = run()
+    assert (worked, rows["A"]["screen"], rows["A"]["screen_p"]) == ("AB", "none found", "0.4")
+    assert (rows["A"]["mismatch"], rows["A"]["mismatch_by"]) == ("none found", "screen")
+    assert run()[1] == ""
+    _, worked, again = run(screen=False)
+    assert (worked, again) == ("", rows)  # what is known stays
+
+
+def test_a_fault_of_the_whole_batch_stands_in_report_and_provenance(batch, run, monkeypatch):
+    fault = BatchFault(
+        effect="sensor_gain", pad="left", parameter="gain", value=0.04, sd=0.001, between_sd=0.0,
+        p_value=1e-6, shown_by=("A", "B"), fruit=2, sentence="The left pad reads 4 % too much force.",
+    )  # fmt: skip
+    monkeypatch.setattr(grading, "batch_faults", lambda records: (fault,))
+    run()
+    page = (batch / "results" / "report.html").read_text()
+    assert page.count(fault.sentence) == 1
+    assert page.index(fault.sentence) < page.index("Ranking, softest first")
+    (kept,) = json.loads((batch / "results" / "batch.json").read_text())["faults"]
+    assert (kept["effect"], kept["pad"], kept["shown_by"]) == ("sensor_gain", "left", ["A", "B"])

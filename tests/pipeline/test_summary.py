@@ -1,13 +1,14 @@
 """What the terminal says when a run ends: every cause by the fruit that it concerns."""
 
 import io
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import pytest
 from rich.console import Console
 
 from pipeline.ranking.run_summary import MOST_CHARACTERS, print_summary
-from reports.entries import BatchEntry, FruitEntry
+from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 
@@ -54,3 +55,31 @@ def test_a_long_cause_is_cut_between_words_and_one_not_graded_has_its_reason_alo
     assert line.endswith("word ...")
     assert len(line) <= MOST_CHARACTERS + len("E in doubt: A:  ...")
     assert "not graded: B: no-grasp: no grasp" in said
+
+
+SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
+
+
+def test_what_the_screen_suspects_is_one_line_for_all_fruit_that_share_it(lines):
+    found = ScreenEntry(p_value=0.01, suspects=(SKIN,))
+    said = lines(
+        replace(fruit("N01"), screen=found),
+        replace(fruit("N02"), screen=replace(found, p_value=0.02)),
+        replace(fruit("N03"), screen=ScreenEntry(p_value=0.7)),
+        replace(fruit("N04"), screen=ScreenEntry(why_not="one recording alone tells too little")),
+    )
+    (line,) = [one for one in said if "suspected" in one]
+    assert line.endswith("a stiff skin carries part of the load (drupe explain says more): N01, N02")
+    (why,) = [one for one in said if "not screened" in one]
+    assert why == "not screened for missing physics, one recording alone tells too little: N04"
+    assert not any("N03:" in one for one in said)
+
+
+def test_a_fault_of_the_whole_batch_is_said(tmp_path):
+    batch = BatchEntry(
+        name="b", category="nectarine", fruits=(fruit("N01"),), started_utc=NOON, finished_utc=NOON,
+        exit_status=0, faults=("The left pad reads 4 % too much force.",),
+    )  # fmt: skip
+    text = io.StringIO()
+    print_summary(batch, tmp_path, console=Console(file=text, width=80))
+    assert "fault of the whole batch: The left pad reads 4 % too much force." in text.getvalue()

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from reports.entries import BatchEntry, FruitEntry
+from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
 from reports.page import report_html
 
 VOID = {"meta", "img", "br", "link", "input"}
@@ -196,3 +196,39 @@ def test_a_body_without_a_pit_is_drawn_without_one(empty_batch: BatchEntry) -> N
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
         assert ("the pit as it is assumed to lie inside" in page) == has_pit
         assert ("the pit drawn inside it" in page) == has_pit
+
+
+LARGE = Suspect(name="large_deformation", short="the flesh deforms largely", advice="Set the law.")
+SKIN = Suspect(name="skin", short="a stiff skin", advice="")
+
+
+def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch: BatchEntry) -> None:
+    screens = (
+        ScreenEntry(p_value=0.4),
+        ScreenEntry(p_value=0.0123, suspects=(LARGE, SKIN)),
+        ScreenEntry(why_not="one recording alone tells too little"),
+    )
+    fruits = tuple(
+        FruitEntry(fruit_id=f"f{k}", ok=True, outcome="graded", rank=k, E_MPa=0.3, screen=screen)
+        for k, screen in enumerate(screens, start=1)
+    )
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits, screened=True))).text)
+    assert "none found (p = 0.40)" in shown
+    assert "large deformation? (p = 0.012)" in shown
+    assert "Missing physics suspected (p = 0.012): the flesh deforms largely. The screen cannot" in shown
+    assert "Set the law. drupe explain --fruit f2 says" in shown
+    assert "Not screened for missing physics: one recording alone tells too little." in shown
+    plain = report_html(replace(empty_batch, fruits=fruits[:1]))
+    assert 'scope="col">Missing physics' not in plain
+
+
+def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(
+    empty_batch: BatchEntry,
+) -> None:
+    fruit = FruitEntry(
+        fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3,
+        mismatch="viscoelastic", mismatch_taken=True, screen=ScreenEntry(p_value=0.4),
+    )  # fmt: skip
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=(fruit,), screened=True))).text)
+    assert "Taken into account: viscoelastic" in shown
+    assert "Missing physics: none found beyond that (p = 0.40)." in shown

@@ -6,10 +6,11 @@ from datetime import UTC, datetime
 
 import pytest
 
-from reports.entries import BatchEntry, FruitEntry
+from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
 from reports.tables import ranking_csv, safe_cell
 
 Make = Callable[..., FruitEntry]
+SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
 FIXED_COLUMNS = (
     "rank,fruit_id,outcome,E_MPa,E_sd_MPa,maturity,maturity_probability,p_softer_than_next,"
     "height_mm,volume_mm3,grasps,shore_oo,mismatch,reason"
@@ -83,3 +84,34 @@ def test_a_reference_body_stands_last_without_rank_or_class() -> None:
     assert [row["fruit_id"] for row in rows] == ["b", "c", "a ball"]
     assert [row["reference"] for row in rows] == ["", "", "true"]
     assert (rows[2]["outcome"], rows[2]["rank"], rows[2]["maturity"]) == ("graded", "", "")
+
+
+@pytest.mark.parametrize(
+    ("known", "cells"),
+    [
+        ({}, ("", "", "", "")),
+        ({"screen": ScreenEntry(p_value=0.43)}, ("none found", "screen", "none found", "0.43")),
+        (
+            {"screen": ScreenEntry(p_value=0.012, suspects=SUSPECTS)},
+            ("skin|poisson_ratio", "screen", "skin|poisson_ratio", "0.012"),
+        ),
+        (
+            {"screen": ScreenEntry(why_not="too few")},
+            ("not screened: too few", "screen", "not screened: too few", ""),
+        ),
+        (
+            {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip"},
+            ("slip", "explain", "none found", "0.43"),
+        ),
+        (
+            {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip", "mismatch_taken": True},
+            ("slip", "settings", "none found", "0.43"),
+        ),
+    ],
+)
+def test_the_mismatch_is_that_of_settings_else_explain_else_screen(
+    known: dict[str, object], cells: tuple[str, ...], awkward_batch: BatchEntry, graded: Make
+) -> None:
+    fruit = replace(graded("a", rank=1, E_MPa=0.3), **known)  # type: ignore[arg-type]
+    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
+    assert tuple(row[name] for name in ("mismatch", "mismatch_by", "screen", "screen_p")) == cells

@@ -1,0 +1,140 @@
+"""The screen: what it suggests of a coarse fruit with an injected fault, and what it spares."""
+
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from injected_mismatch import E_MPA, NU, finders_mesh, injected_case, on_pad, only_grasp
+
+import fem.mismatch.screen as module
+from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.prepared_grasp import prepared_grasp
+from fem.fem_failure import FemFailure
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.screen import LARGE_DEFORMATION, UNKNOWN, Screened, screen, suggested
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes
+
+GAIN = 1.06
+BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
+
+
+@cache
+def solid() -> UnitModulusSolid:
+    """What grading would have factorised."""
+    nodes = contact_nodes(finders_mesh(), [grasp.history for grasp in injected_case().grasps])
+    return UnitModulusSolid.factorise(finders_mesh(), poisson_ratio=NU, support="free", contact_nodes=nodes)
+
+
+def models_of(case: MismatchCase) -> list[GraspModel]:
+    """Grading's models of the recordings."""
+    return [grasp_model(prepared_grasp(grasp.history, grasp.turns).history, solid()) for grasp in case.grasps]
+
+
+def screen_of(case: MismatchCase) -> Screened:
+    return screen(case, E_MPa=E_MPA, models=models_of(case), solids={"free": solid()})
+
+
+@cache
+def sound() -> Screened:
+    return screen_of(injected_case())
+
+
+@cache
+def gained() -> Screened:
+    return screen_of(injected_case(on_pad("left", lambda pad: replace(pad, force_N=GAIN * pad.force_N))))
+
+
+def amount(found: Screened, effect: str, pad: str) -> tuple[float, float]:
+    (one,) = [one for one in found.amounts if (one.effect, one.pad) == (effect, pad)]
+    return one.value, one.sd
+
+
+@pytest.mark.slow
+def test_a_gain_of_one_pad_is_suggested_first_and_of_its_size():
+    assert gained().p_value < 0.05
+    assert "sensor_gain" in gained().names[0]
+    value, sd = amount(gained(), "sensor_gain", "left")
+    assert value == pytest.approx(1 - 1 / GAIN, abs=max(3 * sd, 0.01))
+    assert amount(gained(), "sensor_gain", "right")[0] == pytest.approx(-(GAIN - 1), abs=0.015)
+
+
+@pytest.mark.slow
+def test_a_sound_fruit_has_no_gain_and_no_drift():
+    for effect in ("sensor_gain", "sensor_drift"):
+        for pad in ("left", "right"):
+            value, sd = amount(sound(), effect, pad)
+            assert abs(value) < 4 * sd
+
+
+@pytest.mark.slow
+def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
+    case = injected_case()
+    models = models_of(case)
+
+    def none_needed(*_, **__):
+        raise AssertionError("factorised again")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(UnitModulusSolid, "factorise", none_needed)
+        patched.setattr(module, "assemble", none_needed)
+        found = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
+    anew = screen(case, E_MPa=E_MPA, models=models)
+    assert anew.p_value == pytest.approx(found.p_value, rel=1e-3)
+    assert anew.gains == pytest.approx(found.gains, abs=1e-2)
+
+
+@pytest.mark.slow
+def test_an_effect_that_grading_takes_into_account_is_no_longer_found():
+    """Flesh that answers 15 % more from the hold on, once unsaid and once taken in."""
+    share = 0.15 * (np.arange(17) >= 9)[:, None, None]
+    case = injected_case(crept=lambda unit: unit * (1 + share))
+    models = models_of(case)
+    plain = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
+    taken = []
+    for grasp, model in zip(case.grasps, models, strict=True):
+        force = np.concatenate(
+            [pad.force_N for pad in prepared_grasp(grasp.history, grasp.turns).history.pads], axis=1
+        )
+        taken.append(replace(model, displacement_correction=share * model.unit_displacement(force)))
+    left = screen(case, E_MPa=E_MPA, models=taken, solids={"free": solid()})
+    assert plain.gains["viscoelastic"] > 10
+    assert left.gains["viscoelastic"] < plain.gains["viscoelastic"] / 5
+    assert left.statistics["what is left"] < plain.statistics["what is left"]
+
+
+def test_one_recording_alone_is_not_screened():
+    with pytest.raises(FemFailure, match="record a second grasp at another place"):
+        screen(only_grasp(injected_case(), 0), E_MPa=E_MPA, models=[])
+
+
+def linear_round(*gains: tuple[str, float], pair: float = 0.0) -> SimpleNamespace:
+    """A linear round in which effects (or kinds) gain so much."""
+    best = []
+    for kind, gain in gains:
+        effect = BY_NAME[kind.split()[0]]
+        best.append(SimpleNamespace(effect=effect, kind=kind, gain=gain))
+    pairs = [(pair, *best[:2])] if pair else []
+    return SimpleNamespace(best=best, pairs=pairs)
+
+
+@pytest.mark.parametrize(
+    ("gains", "pair", "names"),
+    [
+        ([("skin", 30.0), ("slip", 8.0)], 0.0, ("skin",)),
+        ([("skin", 12.0), ("pit_offset", 11.0), ("slip", 1.0)], 0.0, ("skin", "pit_offset")),
+        ([("skin", 6.4), ("stiffening neo-hookean", 4.6)], 0.0, (LARGE_DEFORMATION, "skin")),
+        ([("skin", 60.0), ("stiffening neo-hookean", 4.6)], 0.0, ("skin",)),
+        ([("skin", 30.0), ("slip", 8.0)], 80.0, ("skin+slip",)),
+        ([("skin", -1.0), ("slip", -2.0)], 0.0, (UNKNOWN,)),
+    ],
+)
+def test_names_are_those_that_the_best_does_not_beat_clearly(gains, pair, names):
+    assert suggested(linear_round(*gains, pair=pair), 1.0) == names
+
+
+def test_what_the_screen_leaves_out_is_in_the_catalogue():
+    assert set(module.NOT_SCREENED) < set(BY_NAME)

@@ -1,0 +1,130 @@
+"""The screen's stage: kept by content, and whatever happens in it, the fruit is graded."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pipeline.fruit.missing_physics as stage
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.grasp_model import GraspModel
+from fem.estimation.modulus import ModulusEstimate
+from fem.estimation.sensitivity import Sensitivity
+from fem.fem_failure import FemFailure, FemProblem
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.mismatch_case import GraspCase
+from fem.mismatch.screen import Amount, Screened
+from pipeline.batch.settings import Settings
+
+MESH = FleshMesh(
+    nodes_mm=np.zeros((10, 3)),
+    tets=np.arange(10).reshape(1, 10),
+    outer_faces=np.arange(6).reshape(1, 6),
+    pit_nodes=np.zeros(0, dtype=np.int64),
+)
+MODEL = GraspModel(
+    place_mm=np.zeros((2, 3)),
+    normal=np.zeros((2, 3)),
+    compliance=np.zeros((6, 6)),
+    sensitivity=Sensitivity(causes=(), values=np.zeros((0, 3, 2, 3))),
+    discretisation=0.01,
+    fruit_moves=True,
+)
+SAID = Screened(
+    p_value=0.01,
+    names=("skin",),
+    statistics={"best single": 9.0},
+    gains={"skin": 9.0},
+    amounts=(Amount(effect="sensor_gain", pad="left", parameter="gain", value=0.01, sd=0.003),),
+)
+
+
+def estimate(E_MPa=0.5, form="first-touch"):
+    found = object.__new__(ModulusEstimate)
+    for name, value in (("E_MPa", E_MPa), ("form", form)):
+        object.__setattr__(found, name, value)
+    return found
+
+
+def graded(*own):
+    models = tuple(MODEL if isinstance(one, ModulusEstimate) else one for one in own)
+    return SimpleNamespace(models=models, grasps=tuple(own))
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    """A task and a fruit of two grasps; `asked` is what the screen was handed."""
+    asked = []
+    times = np.arange(3.0)
+
+    def case_of(grasp):
+        history = GraspHistory(time_s=times, phase=("load",) * 3, pads=())
+        return GraspCase(name=grasp.name, history=history, pads=(), support="free")
+
+    monkeypatch.setattr(stage, "grasp_case", case_of)
+    task = SimpleNamespace(
+        results=SimpleNamespace(cache=tmp_path, traceback=tmp_path / "traceback.txt"),
+        settings=Settings(category="nectarine", poisson_ratio=0.45),
+    )
+    fruit = SimpleNamespace(
+        placed=(SimpleNamespace(name="grasp-1"), SimpleNamespace(name="grasp-2")),
+        mesh=MESH,
+        poisson_ratio=0.45,
+        budget=ErrorBudget(),
+    )
+
+    def answers(answer):
+        def screen(case, **options):
+            asked.append((case, options))
+            if isinstance(answer, BaseException):
+                raise answer
+            return answer
+
+        monkeypatch.setattr(stage, "screen", screen)
+
+    return SimpleNamespace(task=task, fruit=fruit, asked=asked, answers=answers, folder=tmp_path)
+
+
+def test_what_was_found_stands_in_the_record(place):
+    place.answers(SAID)
+    record = stage.screened_fruit(place.task, place.fruit, graded(estimate(0.4), estimate(0.6)), {})
+    assert (record.p_value, record.names, record.failure, record.note) == (0.01, ("skin",), "", "")
+    assert [(one.pad, one.value, one.sd) for one in record.amounts] == [("left", 0.01, 0.003)]
+    (_, options), *_ = place.asked
+    assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
+
+
+def test_the_same_inputs_are_screened_once_and_another_modulus_again(place):
+    place.answers(SAID)
+    both = graded(estimate(), estimate())
+    first = stage.screened_fruit(place.task, place.fruit, both, {})
+    assert stage.screened_fruit(place.task, place.fruit, both, {}) == first
+    assert len(place.asked) == 1
+    stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate(0.51)), {})
+    assert len(place.asked) == 2
+    moved = SimpleNamespace(**vars(place.fruit) | {"mesh": replace(MESH, nodes_mm=MESH.nodes_mm + 1e-9)})
+    stage.screened_fruit(place.task, moved, graded(estimate(), estimate(0.51)), {})
+    assert len(place.asked) == 3
+
+
+def test_a_failure_of_the_mechanics_is_a_sentence(place):
+    place.answers(FemFailure(FemProblem.NO_LOAD, "pad left never presses"))
+    record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
+    assert (record.p_value, record.names, record.failure) == (None, (), "pad left never presses")
+
+
+def test_a_fault_of_the_screen_costs_the_screen_alone_and_leaves_its_traceback(place):
+    place.answers(ZeroDivisionError("by nothing"))
+    record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
+    assert record.failure == stage.INTERNAL
+    assert "ZeroDivisionError: by nothing" in (place.folder / "traceback.txt").read_text()
+
+
+def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place):
+    place.answers(SAID)
+    found = graded(estimate(), estimate(form="absolute"))
+    record = stage.screened_fruit(place.task, place.fruit, found, {})
+    assert [grasp.name for grasp in place.asked[0][0].grasps] == ["grasp-1"]
+    assert record.note == "without grasp-2, of which E could not be had from first touch"
