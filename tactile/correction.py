@@ -1,4 +1,4 @@
-"""A recording with known faults of pads and jaws removed: gain, drift, compliance, lag, pose.
+"""A recording with known faults of pads and jaws removed: gain, drift, compliance, lag, pose, and the gels'.
 
 Each fault states how the recorded numbers follow from the true ones; `corrected` inverts it.
 """
@@ -12,6 +12,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from tactile.gel_correction import (
+    ForceLawFault,
+    GelCreepFault,
+    GelFault,
+    GelHysteresisFault,
+    ThermalFault,
+    without_gel_fault,
+)
 from tactile.io.recording import GelPad, IndenterPad, Recording
 
 
@@ -54,7 +62,7 @@ class PoseFault:
     tilt_deg: float
 
 
-Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | LagFault | PoseFault
+Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | LagFault | PoseFault | GelFault
 
 
 def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
@@ -63,13 +71,16 @@ def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
     Forces are corrected first, since a jaw's compliance is a matter of the true force; a fault of a pad that
     the recording does not have leaves it as it is. The result does not depend on the order of `faults`.
     """
-    first = (DriftFault, GainFault, LagFault, ComplianceFault, PoseFault)
+    gels = (ThermalFault, ForceLawFault, GelHysteresisFault, GelCreepFault)
+    first = (DriftFault, GainFault, *gels, LagFault, ComplianceFault, PoseFault)
     return reduce(_without, sorted(faults, key=lambda fault: first.index(type(fault))), recording)
 
 
 def _without(recording: Recording, fault: Fault) -> Recording:
     if isinstance(fault, LagFault):
         return _in_time(recording, fault.lag_s)
+    if isinstance(fault, GelFault):
+        return without_gel_fault(recording, fault)
     if isinstance(fault, ComplianceFault):
         return _stiff(recording, fault.mm_per_N)
     corrected_pads = tuple(

@@ -43,6 +43,10 @@ class Correction(StrEnum):
     JAW_COMPLIANCE = "jaw compliance"
     CLOCK_LAG = "clock lag"
     PAD_POSE = "pad pose"
+    FORCE_LAW = "force law"
+    GEL_CREEP = "gel creep"
+    GEL_HYSTERESIS = "gel hysteresis"
+    THERMAL_DRIFT = "thermal drift"
     POISSON_RATIO = "Poisson's ratio"
     PIT_OFFSET = "pit offset"
     PIT_SIZE = "pit size"
@@ -54,6 +58,10 @@ ENTRY: dict[Correction, Entry] = {
     Correction.JAW_COMPLIANCE: Entry.RECORDING,
     Correction.CLOCK_LAG: Entry.RECORDING,
     Correction.PAD_POSE: Entry.RECORDING,
+    Correction.FORCE_LAW: Entry.RECORDING,
+    Correction.GEL_CREEP: Entry.RECORDING,
+    Correction.GEL_HYSTERESIS: Entry.RECORDING,
+    Correction.THERMAL_DRIFT: Entry.RECORDING,
     Correction.POISSON_RATIO: Entry.SETTINGS,
     Correction.PIT_OFFSET: Entry.MESH,
     Correction.PIT_SIZE: Entry.MESH,

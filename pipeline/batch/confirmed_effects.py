@@ -20,6 +20,7 @@ from tactile.correction import (
     LagFault,
     PoseFault,
 )
+from tactile.gel_correction import ForceLawFault, GelCreepFault, GelHysteresisFault, ThermalFault
 
 Value = float | tuple[float, ...] | str
 MOST_SD = 1e6
@@ -189,6 +190,14 @@ _FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
     Correction.JAW_COMPLIANCE: lambda one: ComplianceFault(mm_per_N=one.number("mm_per_N")),
     Correction.CLOCK_LAG: lambda one: LagFault(lag_s=one.number("lag_s")),
     Correction.PAD_POSE: _pose_fault,
+    Correction.FORCE_LAW: lambda one: ForceLawFault(a=one.number("a")),
+    Correction.GEL_CREEP: lambda one: GelCreepFault(
+        creep=one.number("creep"), tau_s=one.number("creep_tau_s")
+    ),
+    Correction.GEL_HYSTERESIS: lambda one: GelHysteresisFault(share=one.number("share")),
+    Correction.THERMAL_DRIFT: lambda one: ThermalFault(
+        strain_per_root_s=one.number("strain_per_root_s"), N_per_root_s=one.number("N_per_root_s")
+    ),
 }
 """How a recording is put right for each correction that enters there."""
 

@@ -1,0 +1,110 @@
+"""`gel_creep`: the gel's face goes on moving under load, and its markers with it.
+
+    d_recorded = d + creep m,      m' = (d - m) / creep_tau_s,      m = 0 at first
+
+at each marker; force is right. In frames, the displacement held since the last one at its new value,
+
+    m_k = q m_(k-1) + (1 - q) d_k,      q = exp(-(t_k - t_(k-1)) / creep_tau_s)
+
+(one arm of a generalised Kelvin solid: Findley, Lai and Onaran 1976, Creep and Relaxation, chapter 5). The
+displacement lags the force at every marker and stays for a while after the pad has let go; the markers'
+places on the fruit are wrong by what has crept, and the flesh seems to recover under load.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.evidence.gel_relation import GelRecord
+from fem.mismatch.gel_fault import GelFault
+
+CREEP, TAU = "creep", "creep_tau_s"
+PRIOR_SD, BEGUN = {CREEP: 0.3, TAU: 3.0}, {TAU: 1.0}
+"""A share and s: the third level of samples/mismatch/effect_levels.py; where the fit begins: about the time
+of a press."""
+
+SPEC = EffectSpec(
+    name="gel_creep",
+    rank=210,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="the gel of the pads creeps under load",
+        meaning="Markers go on moving under a steady force and come back late after it, alike all over the "
+        "pad: the gel gives way, not the fruit.",
+        advice="Press more slowly or hold shorter, and let the gel rest between grasps. Apply the effect: "
+        "markers are put back by what the gel has crept.",
+    ),
+    parameters=(
+        number(
+            CREEP,
+            "1",
+            "creep over displacement at once, after a long hold",
+            limits=(-0.9, 10.0),
+            low=-0.5,
+            high=2.0,
+            model_sd=0.003,
+            model_share=0.03,
+        ),
+        number(
+            TAU,
+            "s",
+            "time over which it creeps",
+            limits=(1e-3, 1e4),
+            low=0.1,
+            high=60.0,
+            log=True,
+            model_share=0.03,
+        ),
+    ),
+    correction=Correction.GEL_CREEP,
+    separated_by=(("viscoelastic", NextGrasp.SPEEDS),),
+)
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+
+
+@dataclass(frozen=True)
+class CreepingFace:
+    """The law of the module."""
+
+    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Displacement and what has crept."""
+        moved = true.displacement_mm
+        crept = values[CREEP] * memory(moved, true.time_s, values[TAU])
+        return replace(true, displacement_mm=moved + crept)
+
+    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """The displacement less what has crept, frame by frame."""
+        creep, time_s = values[CREEP], recorded.time_s
+        moved = recorded.displacement_mm.copy()
+        before = np.zeros_like(moved[0])
+        for k in range(len(time_s)):
+            fade = 0.0 if k == 0 else float(np.exp(-(time_s[k] - time_s[k - 1]) / values[TAU]))
+            fresh = 0.0 if k == 0 else 1 - fade
+            moved[k] = (moved[k] - creep * fade * before) / (1 + creep * fresh)
+            before = fade * before + fresh * moved[k]
+        return replace(recorded, displacement_mm=moved)
+
+
+def memory(
+    values: Float[np.ndarray, "t n 3"], time_s: Float[np.ndarray, " t"], tau_s: float
+) -> Float[np.ndarray, "t n 3"]:
+    """m of the module's docstring."""
+    found = np.zeros_like(values)
+    for k in range(1, len(time_s)):
+        fade = float(np.exp(-(time_s[k] - time_s[k - 1]) / tau_s))
+        found[k] = fade * found[k - 1] + (1 - fade) * values[k]
+    return found
+
+
+EFFECT: Effect = GelFault(
+    spec=SPEC,
+    law=CreepingFace(),
+    amounts=(CREEP,),
+    prior_sd=PRIOR_SD,
+    others=BEGUN,
+)

@@ -1,0 +1,91 @@
+"""`gel_hysteresis`: the force that a gel reads falls short while the pad is let go.
+
+    f_recorded = f (1 - 4 share r (1 - r)),      r = F / (largest F so far)
+
+at each marker; F: the pad's normal force. It falls short by `share` halfway down and by nothing at the peak
+and at the end: a loop in force against displacement whose width grows with the peak, and which a second
+press to no more than that peak follows, as filled rubbers have it (Mullins 1969, Rubber Chemistry and
+Technology 42; Johnson 1985, Contact Mechanics, chapter 9.4, for loops whose area is a share of the work).
+All markers of a pad show the same loop; a fruit that yields shows none, since both force and displacement
+are the gel's own.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.evidence.gel_relation import GelRecord
+from fem.mismatch.gel_fault import GelFault
+
+SHARE = "share"
+LEAST_PEAK = 0.02
+"""Share of the whole press's peak below which there is no peak so far but noise."""
+NO_FORCE_N = 1e-12
+"""A force that is none."""
+TURNS = 12
+"""Newton's turns for r, of a cubic that rises everywhere for shares up to 3/4."""
+PRIOR_SD = {SHARE: 0.08}
+"""A share of the force: the third level of samples/mismatch/effect_levels.py."""
+
+SPEC = EffectSpec(
+    name="gel_hysteresis",
+    rank=220,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="the gel's force lags while the pad is let go",
+        meaning="Force against the gel's own displacement runs lower on the way back than on the way in, "
+        "alike all over the pad: the gel loses energy, not the fruit.",
+        advice="Grade by the loading, and let the gel rest between grasps. Apply the effect: forces on the "
+        "way back are corrected.",
+    ),
+    parameters=(
+        number(
+            SHARE,
+            "1",
+            "share of the force that lacks halfway down",
+            limits=(-0.5, 0.5),
+            low=-0.2,
+            high=0.2,
+            model_sd=0.004,
+            model_share=0.03,
+        ),
+    ),
+    correction=Correction.GEL_HYSTERESIS,
+    separated_by=(("damage", NextGrasp.TURNED), ("plastic_set", NextGrasp.TURNED)),
+)
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The law of the module."""
+
+    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Force less what lacks."""
+        r = _of_the_peak(true)
+        return replace(true, force_N=true.force_N * (1 - 4 * values[SHARE] * r * (1 - r))[:, None, None])
+
+    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """The force over the share that is left; the pad's total finds r again."""
+        share = values[SHARE]
+        seen = _of_the_peak(recorded)
+        r = seen
+        for _ in range(TURNS):
+            off = r * (1 - 4 * share * r * (1 - r)) - seen
+            r = np.clip(r - off / (1 - 8 * share * r + 12 * share * r**2), 0.0, 1.0)
+        return replace(recorded, force_N=recorded.force_N / (1 - 4 * share * r * (1 - r))[:, None, None])
+
+
+def _of_the_peak(record: GelRecord) -> Float[np.ndarray, " t"]:
+    """r of the module's docstring."""
+    total = record.total_N
+    peak = np.maximum.accumulate(np.maximum(total, max(LEAST_PEAK * float(total.max()), NO_FORCE_N)))
+    return np.asarray(np.clip(total / peak, 0.0, 1.0))
+
+
+EFFECT: Effect = GelFault(spec=SPEC, law=Loop(), amounts=(SHARE,), prior_sd=PRIOR_SD)

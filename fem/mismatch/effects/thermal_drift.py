@@ -1,0 +1,176 @@
+"""`thermal_drift`: gels warm; they swell in their plane, and their normal force wanders, alike in all pads.
+
+    d_recorded = d + strain_per_root_s (sqrt(t) - s0) (x, y, 0)
+    f_recorded = f + N_per_root_s (sqrt(t) - s0) / markers
+
+t: since the recording began; s0: the mean of sqrt(t) over the frames in the air before the contact, in which
+offsets are taken; x, y: the marker's place from the middle of the pad. Heat that enters a thick layer from
+one face goes as the root of time (Carslaw and Jaeger 1959, Conduction of Heat in Solids, chapter 2.5). It
+shows where nothing touches: at markers beside the contact and in the frames in the air before and after it,
+as strain, which parts it from `sensor_drift`: one pad's force alone, linear in time.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.mismatch.effect import Effect
+from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
+from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
+from fem.mismatch.gel_fault import GelFault, drift_between
+from fem.mismatch.model.forward_model import ForwardModel
+
+STRAIN, FORCE = "strain_per_root_s", "N_per_root_s"
+PRIOR_SD = {STRAIN: 2e-3, FORCE: 0.3}
+"""1/sqrt(s) and N/sqrt(s): the third level of samples/mismatch/effect_levels.py."""
+FEWEST_APART = 8
+"""Markers of a pad that never touch, at least, to be taken alone. Set by hand, as of firm ones
+(fem.mismatch.evidence.gel_relation)."""
+REMEMBERED = 3e-3
+"""Share of the largest force and displacement that a gel may still show after it was let go: as in
+fem.estimation.zero_drift."""
+SURE = 4.0
+"""A strain of so many standard deviations is there."""
+
+SPEC = EffectSpec(
+    name="thermal_drift",
+    rank=230,
+    family="measurement",
+    scope=Scope.SENSOR,
+    words=EffectWords(
+        short="the gels of the pads warm up: they swell and their forces wander",
+        meaning="Markers that touch nothing move outwards and the forces grow, fast at first, as the square "
+        "root of time: the sensor has not reached its temperature.",
+        advice="Let the sensor warm up before grading and zero it before every grasp. Apply the effect to "
+        "the recordings made so far.",
+    ),
+    parameters=(
+        number(
+            STRAIN,
+            "1/√s",
+            "strain of the gel's face over the square root of time",
+            limits=(-1.0, 1.0),
+            low=-0.02,
+            high=0.02,
+            model_share=0.02,
+        ),
+        number(
+            FORCE,
+            "N/√s",
+            "growth of each pad's normal force over the square root of time",
+            limits=(-1e3, 1e3),
+            low=-5.0,
+            high=5.0,
+            model_share=0.05,
+        ),
+    ),
+    correction=Correction.THERMAL_DRIFT,
+    separated_by=(("sensor_drift", NextGrasp.SPEEDS), ("gel_creep", NextGrasp.SPEEDS)),
+)
+"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+
+
+@dataclass(frozen=True)
+class Warming:
+    """The law of the module."""
+
+    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Swollen, and pressing more."""
+        return _swollen(true, values, 1.0)
+
+    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Without either."""
+        return _swollen(recorded, values, -1.0)
+
+
+def _swollen(record: GelRecord, values: Mapping[str, float], sign: float) -> GelRecord:
+    root = sign * root_of_time(record)[:, None, None]
+    even = np.zeros((1, 1, 3))
+    even[..., 2] = values[FORCE] / record.markers
+    return replace(
+        record,
+        displacement_mm=record.displacement_mm + values[STRAIN] * root * _outward(record),
+        force_N=record.force_N + root * even,
+    )
+
+
+def root_of_time(record: GelRecord) -> Float[np.ndarray, " t"]:
+    """sqrt(t) - s0 of the module's docstring."""
+    root = np.sqrt(record.time_s - record.time_s[0])
+    touched = np.flatnonzero(~record.air)
+    before = root[: max(int(touched[0]) - 1, 1)] if len(touched) else root
+    return np.asarray(root - before.mean())
+
+
+def _outward(record: GelRecord) -> Float[np.ndarray, "n 3"]:
+    """x, y, 0."""
+    return np.asarray(record.rest_mm * np.array([1.0, 1.0, 0.0]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalDrift(GelFault):
+    """Measured where nothing touches, in place of force against displacement."""
+
+    def _measured(self, forward: ForwardModel) -> RelationFit | None:
+        return still_pads(gel_records(forward))
+
+
+def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:
+    """The two rates of all pads together, of frames in the air; none where the strain is not sure.
+
+    Of markers that never touch, where there are FEWEST_APART: a gel may remember what it was pressed by.
+    """
+    weight, right, chi2, count = np.zeros(2), np.zeros(2), 0.0, 0
+    for record in records:
+        root = root_of_time(record)[record.air]
+        chosen = ~record.ever if (~record.ever).sum() >= FEWEST_APART else np.ones_like(record.ever)
+        white = float(variance_inflation(np.array([record.lag1]))[0])
+        outward = root[:, None, None] * _outward(record)[chosen, :2]
+        moved = record.displacement_mm[record.air][:, chosen, :2]
+        noise = record.displacement_sd_mm**2 * white
+        size = float((outward**2).sum())
+        remembered = REMEMBERED * float(np.abs(record.displacement_mm[..., :2]).max())
+        width = float(np.abs(_outward(record)[chosen]).max()) * max(float(np.ptp(root)), 1e-9)
+        if size > 0:
+            own = 1 / (noise / size + (remembered / width) ** 2)
+            weight[0] += own
+            right[0] += own * float((outward * moved).sum()) / size
+        chi2 += float((moved**2).sum()) / noise
+        count += moved.size
+        rate = drift_between(record.time_s, record.air, root_of_time(record))
+        grown = drift_between(record.time_s, record.air, record.total_N)
+        if rate:
+            share = rate * len(record.rest_mm) / record.markers
+            frames = max(min(int(record.air.sum()) // 2, 15), 1)
+            sd = np.hypot(
+                record.force_sd_N * np.sqrt(2 * white * len(record.rest_mm) / frames),
+                REMEMBERED * float(np.abs(record.total_N).max()),
+            ) / float(np.ptp(record.time_s[record.air]))
+            own = (share / sd) ** 2
+            weight[1] += own
+            right[1] += own * grown / share
+    if not weight[0]:
+        return None
+    spread = np.array([PRIOR_SD[STRAIN], PRIOR_SD[FORCE]])
+    at = right / (weight + spread**-2.0)
+    sd = (weight + spread**-2.0) ** -0.5
+    if abs(at[0]) < SURE * sd[0]:
+        return None
+    evidence = (at**2 / sd**2 / 2 + np.log(sd / spread)).sum()
+    return RelationFit(
+        values=dict(zip((STRAIN, FORCE), at.tolist(), strict=True)),
+        sd=dict(zip((STRAIN, FORCE), sd.tolist(), strict=True)),
+        evidence=float(evidence),
+        left=chi2 / max(count, 1),
+    )
+
+
+EFFECT: Effect = ThermalDrift(
+    spec=SPEC,
+    law=Warming(),
+    amounts=(STRAIN, FORCE),
+    prior_sd=PRIOR_SD,
+)

@@ -1,0 +1,350 @@
+"""Force against displacement of the gels, marker by marker, which needs no model of the fruit.
+
+A sound gel is linear: of each marker, along the pad's normal,
+
+    f_i(t) + K d_i(t) = e_i K d_i(t) + l (f_i - mean of f over neighbours) + noise
+
+K: normal stiffness of the pad's gel under one marker; e_i: the marker's scale error; l: what a layer of
+gel, which is no bed of separate springs, adds where the pressure bends (a patch's rim). A fault of the sensor
+(a GelLaw with parameters theta) takes true force and displacement (f, d) to recorded ones; with it undone the
+relation is linear again. theta minimises
+
+    chi2(theta) = sum of r^2 / (s_f^2 + K^2 s_d^2),      r = f_true(theta) + K d_true(theta),
+
+with K, e_i and l fitted too. Force and displacement are both noisy, so that a regression of one on the other
+is attenuated: columns are taken at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) / (1 / s_f^2 +
+1 / (K s_d)^2), whose noise is independent of that of r (Fuller 1987, Measurement Error Models, section 1.2).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import cKDTree
+
+from fem.estimation.coloured_noise import variance_inflation
+from fem.mismatch.mismatch_case import GraspCase
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+
+FIRM = 0.25
+"""Share of a pad's largest marker force that a marker reaches, to count: those at the rim, where a layer is
+not a bed of springs, are left out (RIM in fem.estimation.prepared_grasp)."""
+FEWEST_MARKERS = 8
+"""Such markers of a pad, at least: fewer say nothing about what all have in common. Set by hand."""
+NEIGHBOURS = 4
+"""Of a marker on a square grid, over which the layer's term takes its mean."""
+LAYER_SD = 0.3
+"""Prior standard deviation of the layer's term, a share of the pressure's bend. Set by hand, wide."""
+ROUNDS, STEP, STILL = 20, 1e-3, 1e-3
+"""Gauss-Newton rounds at most; the columns' difference step and the last round's, as shares of the
+parameters' prior standard deviations."""
+COURSES = 4
+"""Courses in time that a contact's forces have at least (LEAST_PATTERNS in fem.estimation.prepared_grasp)."""
+AROUND = 25
+"""Markers of a neighbourhood that a quadratic surface is fitted to: two beside the middle in a square grid,
+where it leaves a third of a single marker's scale error."""
+FELT, MOST_SLOPE = 3.0, 5.0
+"""Standard deviations of force above which noise follows the law's slope; by how much at most."""
+SHARES = (1.0, 0.5, 0.2, 0.05)
+"""Of a round's step, tried one after the other for one that fits better. Set by hand."""
+DESIGN_EFFECT = 15.0
+"""Numbers that count as one, as for the markers' motion (fem.mismatch.model.marker_equations): what a gel
+does beyond the linear law is alike in neighbouring markers and frames."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelRecord:
+    """One pad of one recording, all frames and markers of its history, pad axes (z into the fruit).
+
+    `firm`: markers that press at FIRM of the largest, `ever`: that touch at some time. `turn`: the pad's
+    axes as columns, frame by frame. `largest_N`: largest force on one marker of any pad of the recording,
+    without its noise. `air`: frames in which nothing touches. `markers`: how many the whole pad has.
+    """
+
+    grasp: str
+    pad: str
+    time_s: Float[np.ndarray, " t"]
+    rest_mm: Float[np.ndarray, "n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    displacement_mm: Float[np.ndarray, "t n 3"]
+    turn: Float[np.ndarray, "t 3 3"]
+    ever: Bool[np.ndarray, " n"]
+    firm: Bool[np.ndarray, " n"]
+    air: Bool[np.ndarray, " t"]
+    force_sd_N: float
+    displacement_sd_mm: float
+    lag1: float
+    largest_N: float
+    markers: int
+
+    @property
+    def total_N(self) -> Float[np.ndarray, " t"]:
+        """Normal force of the pad's markers."""
+        return np.asarray(self.force_N[:, :, 2].sum(axis=1))
+
+
+class GelLaw(Protocol):
+    """How a sensor's fault takes true force and displacement of a pad to recorded ones, and back."""
+
+    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """With the fault."""
+        ...
+
+    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
+        """Without it."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelationFit:
+    """`values` of the parameters, `sd` of them, and the evidence: half the drop of chi-square over
+    DESIGN_EFFECT, less what the prior takes (Laplace); `left`: chi-square per number with the law undone.
+    """
+
+    values: dict[str, float]
+    sd: dict[str, float]
+    evidence: float
+    left: float
+
+
+def gel_records(forward: ForwardModel) -> tuple[GelRecord, ...]:
+    """Of every pad of every recording, as recorded; kept for the case."""
+    return forward.memoised("gel records", lambda: tuple(chain(*map(_records, forward.base.grasps))))
+
+
+def _records(recording: GraspResponse) -> list[GelRecord]:
+    found = [_record(recording.case, k, pad.force_N) for k, pad in enumerate(recording.case.history.pads)]
+    largest = max(_largest_N(record) for record in found)
+    return [replace(record, largest_N=largest) for record in found]
+
+
+def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> GelRecord:
+    """One pad of a recording with these forces, fruit frame."""
+    history, motion = case.history.pads[pad], case.pads[pad]
+    turn = motion.pose[:, :3, :3]
+    largest = np.einsum("tj,tnj->tn", turn[:, :, 2], history.force_N).max(axis=0)
+    return GelRecord(
+        grasp=case.name,
+        pad=history.name,
+        time_s=case.history.time_s,
+        rest_mm=history.rest_mm,
+        force_N=np.einsum("tji,tnj->tni", turn, force_N),
+        displacement_mm=np.einsum("tji,tnj->tni", turn, history.gel_displacement_mm),
+        turn=turn,
+        ever=np.asarray((history.episode >= 0).any(axis=0)),
+        firm=np.asarray(largest > max(FIRM * float(largest.max()), 6 * history.force_sd_N)),
+        air=np.array([phase == "air" for phase in case.history.phase]),
+        force_sd_N=history.force_sd_N,
+        displacement_sd_mm=history.displacement_sd_mm,
+        lag1=history.lag1,
+        largest_N=float(largest.max()),
+        markers=motion.markers,
+    )
+
+
+def _largest_N(record: GelRecord) -> float:
+    """The largest force on one firm marker, each smoothed by a quadratic surface over its neighbours.
+
+    The largest of some hundred markers as recorded is that of a large scale error.
+    """
+    if record.firm.sum() < FEWEST_MARKERS:
+        return float(np.linalg.norm(record.force_N, axis=2).max())
+    size = np.linalg.norm(_leading(record.force_N[:, record.firm]), axis=2)
+    flat = record.rest_mm[record.firm, :2]
+    near = cKDTree(flat).query(flat, k=min(AROUND, len(flat)))[1]
+    x, y = np.moveaxis(flat[near] - flat[:, None], 2, 0)
+    surface = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=2)
+    at_place = np.linalg.pinv(surface)[:, 0]
+    return float(np.einsum("nk,tnk->tn", at_place, size[:, near]).max())
+
+
+def _leading(force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t n 3"]:
+    """Its COURSES leading courses in time: most noise is in the others."""
+    left, size, right = np.linalg.svd(force_N.reshape(len(force_N), -1), full_matrices=False)
+    return np.asarray(((left * size)[:, :COURSES] @ right[:COURSES]).reshape(force_N.shape))
+
+
+def fit_law(
+    records: Sequence[GelRecord],
+    law: GelLaw,
+    *,
+    start: Mapping[str, float],
+    prior_sd: Mapping[str, float],
+    bounds: Mapping[str, tuple[float, float]],
+    scale_sd: float,
+) -> RelationFit | None:
+    """The parameters that make the relation linear; None where no pad has enough firm markers.
+
+    `prior_sd`: of each parameter about no fault; `scale_sd`: relative scale error of single markers.
+    """
+    chosen = [record for record in records if record.firm.sum() >= FEWEST_MARKERS]
+    if not chosen:
+        return None
+    names = list(start)
+    spread = np.array([prior_sd[name] for name in names])
+    low, high = (np.array([bounds[name][end] for name in names]) for end in (0, 1))
+    at = np.array([start[name] for name in names])
+    now = _about(chosen, law, names, at, spread, scale_sd)
+    damping = np.diag(spread**-2.0)
+    for _ in range(ROUNDS):
+        step = np.linalg.solve(now.normal + damping, now.right)
+        for share in SHARES:
+            ahead = np.clip(at + share * step, low, high)
+            tried = _about(chosen, law, names, ahead, spread, scale_sd)
+            if tried.chi2 < now.chi2:
+                break
+        else:
+            break
+        moved = float((np.abs(ahead - at) / spread).max())
+        at, now = ahead, tried
+        if moved < STILL:
+            break
+    plain = _about(chosen, None, names, at, spread, scale_sd)
+    covariance = np.linalg.inv(now.normal / DESIGN_EFFECT + np.diag(spread**-2.0))
+    sd = np.sqrt(np.diag(covariance))
+    width = (np.linalg.slogdet(covariance)[1] - 2 * np.log(spread).sum()) / 2
+    return RelationFit(
+        values=dict(zip(names, at.tolist(), strict=True)),
+        sd=dict(zip(names, sd.tolist(), strict=True)),
+        evidence=float((plain.chi2 - now.chi2) / 2 / DESIGN_EFFECT + width),
+        left=now.chi2 / now.count,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Normal:
+    """chi-square with stiffness, scales and layer fitted, and the normal equations of the parameters."""
+
+    chi2: float
+    count: int
+    normal: Float[np.ndarray, "k k"]
+    right: Float[np.ndarray, " k"]
+
+
+def _about(
+    records: Sequence[GelRecord],
+    law: GelLaw | None,
+    names: Sequence[str],
+    at: Float[np.ndarray, " k"],
+    spread: Float[np.ndarray, " k"],
+    scale_sd: float,
+) -> _Normal:
+    """Normal equations of all records about parameters; without a law, of the recordings as they are."""
+    normal, right, chi2, count = np.zeros((len(at), len(at))), np.zeros(len(at)), 0.0, 0
+    for record in records:
+        values = dict(zip(names, at.tolist(), strict=True))
+        true = record if law is None else law.undone(record, values)
+        noise = _noise(record, true, law, values)
+        stiffness = stiffness_of(true, noise)
+        mean = _mean_of_both(true, stiffness, noise)
+        residual = _excess(true, stiffness)
+        columns = []
+        if law is not None:
+            here = _excess(law.recorded(mean, values), stiffness)
+            for name, step in zip(names, STEP * spread, strict=True):
+                ahead = law.recorded(mean, {**values, name: values[name] + float(step)})
+                columns.append((_excess(ahead, stiffness) - here) / step)
+        firm = record.firm
+        variance = noise.force_N**2 + (stiffness * noise.displacement_mm) ** 2
+        white = float(variance_inflation(np.array([record.lag1]))[0])
+        root = np.broadcast_to(1 / np.sqrt(variance * white), residual.shape)[:, firm]
+        pressed = root * mean.force_N[:, firm, 2]
+        fields = [residual, *columns, mean.force_N[..., 2], _bend(mean)]
+        own = np.stack([root * field[:, firm] for field in fields])
+        # of each marker its own scale, in closed form
+        power = (pressed**2).sum(axis=0) + scale_sd**-2
+        across = np.einsum("ktn,tn->kn", own, pressed)
+        products = np.einsum("ktn,ltn->kl", own, own) - (across / power) @ across.T
+        nuisance = products[-2:, -2:] + np.diag([0.0, LAYER_SD**-2.0])
+        taken = np.linalg.solve(nuisance, products[-2:, :-2])
+        products = products[:-2, :-2] - products[:-2, -2:] @ taken
+        chi2 += float(products[0, 0])
+        right += products[1:, 0] if law is not None else 0.0
+        normal += products[1:, 1:] if law is not None else 0.0
+        count += int(residual[:, firm].size)
+    return _Normal(chi2=chi2, count=count, normal=normal, right=right)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Noise:
+    """Standard deviations of normal force and displacement with a law undone."""
+
+    force_N: Float[np.ndarray, "t n"]
+    displacement_mm: Float[np.ndarray, "t 1"]
+
+
+def _noise(recorded: GelRecord, true: GelRecord, law: GelLaw | None, values: Mapping[str, float]) -> _Noise:
+    """Noise grows where the law is undone as the law's inverse is steep: in force by its slope at each
+    marker, in displacement by its answer to an impulse in each frame (noise of first order in time).
+    """
+    force = np.full(recorded.force_N.shape[:2], recorded.force_sd_N)
+    moved = np.full((len(recorded.time_s), 1), recorded.displacement_sd_mm)
+    if law is None:
+        return _Noise(force_N=force, displacement_mm=moved)
+    more = law.undone(replace(recorded, force_N=recorded.force_N * (1 + STEP)), values)
+    felt = recorded.force_N[..., 2]
+    pressed = felt > FELT * recorded.force_sd_N
+    slope = (more.force_N[..., 2] - true.force_N[..., 2]) / np.where(pressed, STEP * felt, 1.0)
+    force = force * np.where(pressed, np.clip(slope, 1 / MOST_SLOPE, MOST_SLOPE), 1.0)
+    frames = np.arange(len(recorded.time_s))
+    answer = law.undone(_impulses(recorded), values).displacement_mm[..., 2]
+    coloured = recorded.lag1 ** np.abs(frames[:, None] - frames)
+    grown = np.einsum("tj,jk,tk->t", answer, coloured, answer, optimize=True)
+    return _Noise(force_N=force, displacement_mm=moved * np.sqrt(grown)[:, None])
+
+
+def _impulses(record: GelRecord) -> GelRecord:
+    """As many markers as there are frames, each displaced by 1 mm in its own."""
+    count = len(record.time_s)
+    impulses = np.eye(count)[..., None] * np.array([0.0, 0.0, 1.0])
+    every = np.ones(count, dtype=bool)
+    return replace(
+        record,
+        rest_mm=np.zeros((count, 3)),
+        displacement_mm=impulses,
+        force_N=np.zeros_like(impulses),
+        ever=every,
+        firm=every,
+    )
+
+
+def stiffness_of(record: GelRecord, noise: _Noise | None = None) -> float:
+    """Normal stiffness of the gel under one firm marker, N/mm: orthogonal regression, noise in both."""
+    noise = noise or _noise(record, record, None, {})
+    force, moved = (part[:, record.firm, 2] for part in (record.force_N, record.displacement_mm))
+    ratio = float((noise.force_N**2).mean() / (noise.displacement_mm**2).mean())
+    ff, dd, fd = (float((a * b).sum()) for a, b in ((force, force), (moved, moved), (-force, moved)))
+    half = (ff - ratio * dd) / 2
+    return float((half + np.sqrt(half**2 + ratio * fd**2)) / fd)
+
+
+def _excess(record: GelRecord, stiffness: float) -> Float[np.ndarray, "t n"]:
+    """f + K d along the normal."""
+    return np.asarray(record.force_N[..., 2] + stiffness * record.displacement_mm[..., 2])
+
+
+def _mean_of_both(record: GelRecord, stiffness: float, noise: _Noise) -> GelRecord:
+    """Force as force and displacement say it together, and the displacement that goes with it, of a linear
+    gel; shear as recorded.
+    """
+    by_force = 1 / noise.force_N**2
+    by_gel = 1 / (stiffness * noise.displacement_mm) ** 2
+    normal = (by_force * record.force_N[..., 2] - by_gel * stiffness * record.displacement_mm[..., 2]) / (
+        by_force + by_gel
+    )
+    force, moved = record.force_N.copy(), record.displacement_mm.copy()
+    force[..., 2], moved[..., 2] = normal, -normal / stiffness
+    return replace(record, force_N=force, displacement_mm=moved)
+
+
+def _bend(record: GelRecord) -> Float[np.ndarray, "t n"]:
+    """Normal force less its mean over the nearest markers, N."""
+    count = min(NEIGHBOURS + 1, len(record.rest_mm))
+    flat = record.rest_mm[:, :2]
+    near = np.asarray(cKDTree(flat).query(flat, k=count)[1])[:, 1:]
+    normal = record.force_N[..., 2]
+    return np.asarray(normal - normal[:, near].mean(axis=2))

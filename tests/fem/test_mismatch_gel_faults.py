@@ -1,0 +1,208 @@
+"""Faults of a gel that show in force against its own displacement: what is injected comes back."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from injected_mismatch import E_MPA, GEL_N_PER_MM, TIME_S, Altered, Recording, injected_case
+
+from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
+from fem.mismatch.evidence.gel_relation import GelRecord, gel_records
+from fem.mismatch.gel_fault import GelFault
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.signature_variant import ONE_WAY
+
+FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
+ALL = (*FAULTS, thermal_drift.EFFECT)
+
+
+def bent(a: float) -> Altered:
+    """The reading bends; the largest force is that of both pads, which press alike."""
+
+    def change(pad: Recording) -> Recording:
+        size = np.linalg.norm(pad.force_N, axis=2, keepdims=True)
+        return replace(pad, force_N=pad.force_N * (1 + a * size / size.max()))
+
+    return change
+
+
+def crept(creep: float, tau_s: float) -> Altered:
+    """The gel's face goes on moving, and the markers' places with it."""
+
+    def change(pad: Recording) -> Recording:
+        memory = np.zeros_like(pad.gel_mm)
+        for k in range(1, len(TIME_S)):
+            fade = np.exp(-(TIME_S[k] - TIME_S[k - 1]) / tau_s)
+            memory[k] = fade * memory[k - 1] + (1 - fade) * pad.gel_mm[k]
+        return replace(pad, gel_mm=pad.gel_mm + creep * memory, position_mm=pad.position_mm + creep * memory)
+
+    return change
+
+
+def looped(share: float) -> Altered:
+    """The force falls short below its peak so far."""
+
+    def change(pad: Recording) -> Recording:
+        r = pad.pushed_N / np.maximum.accumulate(np.maximum(pad.pushed_N, 1e-9))
+        return replace(pad, force_N=pad.force_N * (1 - 4 * share * r * (1 - r))[:, None, None])
+
+    return change
+
+
+def bending_gel(a: float) -> Altered:
+    """The gel itself bends, and is read rightly: force and places are true."""
+
+    def change(pad: Recording) -> Recording:
+        size = np.linalg.norm(pad.force_N, axis=2, keepdims=True)
+        return replace(pad, gel_mm=pad.gel_mm / (1 + a * size / size.max()))
+
+    return change
+
+
+def forward_of(altered: Altered = lambda pad: pad, noise: float = 0.3) -> ForwardModel:
+    return plain_forward_model(injected_case(altered, noise=noise))[0]
+
+
+@pytest.fixture(scope="module")
+def unaltered() -> ForwardModel:
+    return forward_of()
+
+
+@pytest.fixture(scope="module")
+def bent_reading() -> ForwardModel:
+    return forward_of(bent(-0.3))
+
+
+def measured(effect: GelFault, forward: ForwardModel) -> dict[str, float]:
+    found = effect.measured(forward)
+    assert found is not None
+    return found.values
+
+
+def test_a_bent_reading_is_measured_and_seen_and_E_is_right_with_it(bent_reading):
+    effect = sensor_nonlinear.EFFECT
+    values = measured(effect, bent_reading)
+    assert values["a"] == pytest.approx(-0.3, rel=0.08)
+    assert effect.direct_evidence(bent_reading) > 20
+    before = modulus_of(bent_reading).value
+    after = modulus_of(bent_reading, effect.respond(bent_reading, values, ONE_WAY)).value
+    assert before < 0.9 * E_MPA
+    assert after == pytest.approx(E_MPA, rel=0.05)
+
+
+def test_a_creeping_gel_is_measured_and_seen_and_E_is_right_with_it():
+    forward, effect = forward_of(crept(0.25, 1.0)), gel_creep.EFFECT
+    values = measured(effect, forward)
+    assert values["creep"] == pytest.approx(0.25, rel=0.08)
+    assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.1)
+    assert effect.direct_evidence(forward) > 20
+    after = modulus_of(forward, effect.respond(forward, values, ONE_WAY)).value
+    assert after == pytest.approx(E_MPA, rel=0.05)
+
+
+def test_a_loop_of_the_gel_is_measured():
+    values = measured(gel_hysteresis.EFFECT, forward_of(looped(0.12)))
+    assert values["share"] == pytest.approx(0.12, rel=0.1)
+
+
+@pytest.mark.parametrize("effect", FAULTS)
+def test_a_sound_gel_shows_none_of_them(unaltered, effect):
+    assert effect.direct_evidence(unaltered) == 0.0
+    assert not effect.signatures(unaltered)
+    found = effect.measured(unaltered)
+    assert found is not None
+    name = effect.amounts[0]
+    assert abs(found.values[name]) < max(4 * found.sd[name], 0.02)
+
+
+def test_a_gel_that_bends_and_is_read_rightly_is_no_fault_of_the_reading():
+    forward, effect = forward_of(bending_gel(0.5)), sensor_nonlinear.EFFECT
+    found = effect.measured(forward)
+    assert found is not None
+    assert found.evidence > 20  # the relation alone would have it
+    assert effect.flesh_gain(forward) < 0
+    assert not effect.signatures(forward)
+
+
+@pytest.mark.parametrize("effect", ALL)
+def test_no_amount_of_any_of_them_changes_nothing(unaltered, effect):
+    nothing = {spec.name: spec.low for spec in effect.spec.searched} | dict.fromkeys(effect.amounts, 0.0)
+    response = effect.respond(unaltered, nothing, ONE_WAY)
+    for k, recording in enumerate(unaltered.base.grasps):
+        np.testing.assert_allclose(response.unit[k], recording.tracks.unit_displacement, atol=1e-9)
+        for channel in (response.shift_mm, response.balance, response.rest):
+            assert channel is not None
+            np.testing.assert_allclose(channel[k], 0, atol=1e-9)
+
+
+def test_the_signature_is_the_models_change_per_amount(bent_reading):
+    effect = sensor_nonlinear.EFFECT
+    (signature,) = effect.signatures(bent_reading)
+    (column,) = signature.columns
+    a = measured(effect, bent_reading)["a"]
+    there = effect.respond(bent_reading, {"a": a}, ONE_WAY)
+    assert there.balance is not None
+    for k, (field, recording) in enumerate(zip(column.fields, bent_reading.base.grasps, strict=True)):
+        change = bent_reading.compliance * (there.unit[k] - recording.tracks.unit_displacement)
+        assert np.linalg.norm(change) > 0.05 * np.linalg.norm(bent_reading.compliance * there.unit[k])
+        np.testing.assert_allclose(a * field.markers, change, atol=1e-12)
+        np.testing.assert_allclose(a * field.balance, there.balance[k], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        (sensor_nonlinear.EFFECT, {"a": -0.35}),
+        (sensor_nonlinear.EFFECT, {"a": 0.4}),
+        (gel_creep.EFFECT, {"creep": 0.3, "creep_tau_s": 0.7}),
+        (gel_hysteresis.EFFECT, {"share": 0.15}),
+        (thermal_drift.EFFECT, {"strain_per_root_s": 2e-3, "N_per_root_s": 0.2}),
+    ],
+)
+def test_each_law_undone_is_the_recording_as_it_truly_was(unaltered, effect, values):
+    """Of forces without noise: what exceeds the largest has no true one."""
+    for record in gel_records(unaltered):
+        force = np.where(record.force_N[..., 2:] > 0, record.force_N, 0.0)
+        largest = float(np.linalg.norm(force, axis=2).max())
+        true = replace(record, force_N=force, largest_N=largest * (1 + values.get("a", 0.0)))
+        back = effect.law.undone(effect.law.recorded(true, values), values)
+        np.testing.assert_allclose(back.force_N, true.force_N, atol=1e-6 * largest)
+        np.testing.assert_allclose(back.displacement_mm, true.displacement_mm, atol=1e-9)
+
+
+def still(strain: float, N: float, *, linear: bool = False, seed: int = 0) -> GelRecord:
+    """A pad that touches for a while, then nothing again, warming all the time; some markers never touch."""
+    rng = np.random.default_rng(seed)
+    time_s = np.linspace(0.0, 10.0, 60)
+    axis = np.linspace(-9.5, 9.5, 20)
+    flat = np.column_stack([g.ravel() for g in np.meshgrid(axis, axis)] + [np.zeros(400)])
+    air = (time_s < 2.5) | (time_s > 8.0)
+    inside = np.linalg.norm(flat, axis=1) < 5
+    force, moved = (sd * rng.normal(size=(60, 400, 3)) for sd in (1e-3, 4e-3))
+    push = np.where(~air[:, None] & inside, 0.03, 0.0)
+    force[..., 2] += push
+    moved[..., 2] -= push / GEL_N_PER_MM[2]
+    root = time_s if linear else np.sqrt(time_s)
+    force[..., 2] += N / 400 * root[:, None]
+    moved += strain * root[:, None, None] * flat
+    before = time_s < 2.3
+    return GelRecord(
+        grasp="grasp-1", pad="left", time_s=time_s, rest_mm=flat,
+        force_N=force - force[before].mean(axis=0), displacement_mm=moved - moved[before].mean(axis=0),
+        turn=np.tile(np.eye(3), (60, 1, 1)), ever=inside, firm=inside, air=air,
+        force_sd_N=1e-3, displacement_sd_mm=4e-3, lag1=0.0, largest_N=0.03, markers=400,
+    )  # fmt: skip
+
+
+def test_a_warming_gel_is_measured_where_it_touches_nothing():
+    found = thermal_drift.still_pads([still(1e-3, 0.3), still(1e-3, 0.3, seed=1)])
+    assert found is not None
+    assert found.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
+    assert found.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
+    assert found.evidence > 100
+
+
+def test_a_drift_of_the_force_alone_is_no_warming():
+    assert thermal_drift.still_pads([still(0.0, 0.3), still(0.0, 0.3, seed=1)]) is None
