@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array, csr_array, eye_array, kron
 from scipy.spatial.transform import Rotation
 
 from samples.hexahedra import Bricks, lagrange
@@ -44,11 +44,11 @@ class BrickFlesh:
 
     def displacement(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "n 3"]:
         """Nodal displacement, mm, of the unknowns q."""
-        u = np.empty_like(self.bricks.nodes_mm)
+        u = np.zeros_like(self.bricks.nodes_mm)
         u[self.free_nodes] = q[:-6].reshape(-1, 3)
         arms = self.bricks.nodes_mm[self.bricks.pit_nodes] - self.pit_centre_mm
         u[self.bricks.pit_nodes] = q[-6:-3] + Rotation.from_rotvec(q[-3:]).apply(arms) - arms
-        return u
+        return u if self.bricks.follows is None else np.asarray(self.bricks.follows @ u)
 
     def excess(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
         """Internal force less `stiffness @ q` (zero under the linear law); moment about the pit's centre."""
@@ -56,6 +56,8 @@ class BrickFlesh:
             return np.zeros_like(q)
         u = self.displacement(q)
         nodal = self._internal_force(u)
+        if self.bricks.follows is not None:
+            nodal = np.asarray(self.bricks.follows.T @ nodal)
         force = np.empty_like(q)
         force[:-6] = nodal[self.free_nodes].ravel()
         pit = nodal[self.bricks.pit_nodes]
@@ -95,9 +97,7 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float, law: Law) ->
     if volumes.min() <= 0:
         raise ValueError(f"{int((volumes.min(axis=1) <= 0).sum())} bricks of the sample mesh are inside out")
     count = len(bricks.nodes_mm)
-    is_pit = np.zeros(count, dtype=bool)
-    is_pit[bricks.pit_nodes] = True
-    free = np.flatnonzero(~is_pit)
+    free = bricks.free_nodes
     centre = bricks.nodes_mm[bricks.pit_nodes].mean(axis=0)
     full = assembled(bricks.cells, slopes, volumes, mu, lam, count)
     tie = rigid_tie(bricks, free, centre)
@@ -163,7 +163,7 @@ def assembled(
 
 
 def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:
-    """Nodal displacement of small unknowns: pit nodes follow shift + rotation x arm."""
+    """Nodal displacement of small unknowns: pit nodes follow shift + rotation x arm, hanging nodes theirs."""
     f, pit = len(free), bricks.pit_nodes
     axes = np.arange(3)
     own_rows = (3 * free[:, None] + axes).ravel()
@@ -178,4 +178,5 @@ def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndar
         [np.arange(3 * f), np.tile(3 * f + axes, len(pit)), np.tile(3 * f + 3 + axes, 3 * len(pit))]
     )
     values = np.concatenate([np.ones(3 * f + 3 * len(pit)), turn.ravel()])
-    return csr_array(coo_array((values, (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * f + 6)))
+    tie = csr_array(coo_array((values, (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * f + 6)))
+    return tie if bricks.follows is None else csr_array(kron(bricks.follows, eye_array(3)) @ tie)

@@ -25,6 +25,10 @@ class Gel:
     reach_mm: float = 0.0
 
 
+DEFAULT_GEL = Gel()
+"""Of the sample batch."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Anchors:
     """What the gel remembers of each skin node: its gel point, whether it touches, where it was."""

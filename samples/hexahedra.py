@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import csr_array
 
 from samples.cubed_sphere import cubed_sphere
 from samples.fruit import SampleFruit
@@ -29,12 +30,27 @@ COARSE = Fineness(degrees=(0, 6.5, 14, 45), along=2, depths=(0, 0.3, 1))
 
 @dataclass(frozen=True, kw_only=True)
 class Bricks:
-    """Nodes, 27-node cells (radial index slowest, outward), the skin's nine-node cells, the pit's nodes."""
+    """Nodes, 27-node cells (radial index slowest, outward), the skin's nine-node cells, the pit's nodes.
+
+    `relative_depth` of each node: 0 at the skin, 1 at the pit. `follows`: each node's displacement from those
+    of all, where some hang on the interpolation of larger bricks (None: none does).
+    """
 
     nodes_mm: Float[np.ndarray, "n 3"]
     cells: Int[np.ndarray, "m 27"]
     skin_cells: Int[np.ndarray, "k 3 3"]
     pit_nodes: Int[np.ndarray, " p"]
+    relative_depth: Float[np.ndarray, " n"]
+    follows: csr_array | None = None
+
+    @property
+    def free_nodes(self) -> Int[np.ndarray, " f"]:
+        """Nodes that move for themselves: neither the pit's nor such as hang on larger bricks."""
+        own = np.ones(len(self.nodes_mm), dtype=bool)
+        own[self.pit_nodes] = False
+        if self.follows is not None:
+            own &= self.follows.diagonal() == 1.0
+        return np.flatnonzero(own)
 
 
 def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fineness) -> Bricks:
@@ -47,7 +63,7 @@ def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fi
     graded = np.concatenate([-fine[:0:-1], fine])
     even = np.linspace(-np.pi / 4, np.pi / 4, 2 * fineness.along + 1)
     sphere = cubed_sphere(even, graded, graded)
-    directions = sphere.directions @ _frame(axis)
+    directions = sphere.directions @ frame_of(axis)
     skin, pit = fruit.skin.points_mm(directions), fruit.pit.points_mm(directions)
     stations = with_midpoints(np.asarray(fineness.depths))[::-1]
     nodes = np.concatenate([(1 - s) * skin + s * pit for s in stations])
@@ -62,6 +78,7 @@ def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fi
         cells=np.concatenate(cells),
         skin_cells=skin_cells + (len(stations) - 1) * per_shell,
         pit_nodes=np.arange(per_shell),
+        relative_depth=np.repeat(stations, per_shell),
     )
 
 
@@ -73,7 +90,7 @@ def with_midpoints(borders: Float[np.ndarray, " a"]) -> Float[np.ndarray, " b"]:
     return full
 
 
-def _frame(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def frame_of(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Rows: the axis and two directions across it."""
     across = np.cross([0.0, 0.0, 1.0], axis)
     across /= np.linalg.norm(across)

@@ -14,7 +14,7 @@ from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
-from samples.mismatch.freestone import LoosePitBody, loose_stiffness, pit_contact
+from samples.mismatch.freestone import LoosePitBody, loose_compliance, pit_contact
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
@@ -43,7 +43,7 @@ from samples.mismatch.out_of_catalogue import (
     out_of_catalogue_body,
     out_of_catalogue_recorded,
 )
-from samples.mismatch.schur import schur_complement
+from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import NotInEquilibrium, SampleFailure
@@ -180,15 +180,15 @@ def body_of(
         names = " and ".join(p.effect for p in laws)
         raise SampleFailure(f"{names} cannot be injected together: each needs a flesh of its own.")
     if laws and laws[0].effect == "loose_pit":
-        dense = loose_stiffness(flesh, stands.dofs, extra=csr_array(stiffness - flesh.stiffness))
-        return LoosePitBody(dense), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
-    dense = schur_complement(stiffness, stands.dofs)
+        loose = loose_compliance(flesh, stands.dofs, extra=csr_array(stiffness - flesh.stiffness))
+        return LoosePitBody(loose), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
     if not laws:
-        return ElasticBody(dense), None
+        return ElasticBody(skin_compliance(stiffness, stands.dofs)), None
     if laws[0].effect == "viscoelastic":
-        return RelaxingBody(dense, arms=((laws[0].number("g"), laws[0].number("tau_s")),)), None
+        compliance = skin_compliance(stiffness, stands.dofs)
+        return RelaxingBody(compliance, arms=((laws[0].number("g"), laws[0].number("tau_s")),)), None
     law, firmer = flesh_law(laws[0], flesh)
-    return NonlinearBody(whole_fruit(flesh, stiffness, stands.dofs), dense, law, firmer=firmer), None
+    return NonlinearBody(whole_fruit(flesh, stiffness, stands.dofs), law, firmer=firmer), None
 
 
 def as_recorded(

@@ -21,10 +21,4 @@ def integration_points_mm(bricks: Bricks) -> Float[np.ndarray, "m 27 3"]:
 
 def relative_depths(bricks: Bricks) -> Float[np.ndarray, "m 27"]:
     """Depth of every integration point: 0 at the skin, 1 at the pit, even along each ray."""
-    per_shell = len(bricks.pit_nodes)
-    shells = len(bricks.nodes_mm) // per_shell
-    rays = bricks.nodes_mm.reshape(shells, per_shell, 3)
-    pit, skin = rays[0], rays[-1]
-    length = np.linalg.norm(skin - pit, axis=1)
-    depth = np.linalg.norm(rays - skin, axis=2) / length
-    return np.asarray(np.einsum("gn,mn->mg", _shares(), depth.ravel()[bricks.cells]))
+    return np.asarray(np.einsum("gn,mn->mg", _shares(), bricks.relative_depth[bricks.cells]))

@@ -5,8 +5,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_array, csr_array, diags_array, hstack
 
 from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
-from samples.mismatch.grip import Grip, InnerContact, Instant, KeptTangent, next_instant
-from samples.mismatch.schur import schur_complement
+from samples.mismatch.grip import Grip, InnerContact, Instant, next_instant
+from samples.mismatch.skin_compliance import SkinCompliance, skin_compliance
 
 THREADS_N_PER_MM = 0.05
 """All round, hair-fine threads hold the flesh to the pit; they keep it from floating off."""
@@ -22,26 +22,24 @@ class LoosePitBody:
 
     still = True
 
-    def __init__(self, stiffness: Float[np.ndarray, "d d"]) -> None:
-        self._stiffness, self._kept = stiffness, KeptTangent()
+    def __init__(self, compliance: SkinCompliance) -> None:
+        self._compliance = compliance
 
     def begin(self) -> Float[np.ndarray, " d"]:
         """Centred, open all round."""
-        return np.zeros(len(self._stiffness))
+        return np.zeros(len(self._compliance))
 
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
     ) -> Instant:  # fmt: skip
         """Equilibrium with the pads and the pit."""
-        return next_instant(
-            grip, before, origins, self._stiffness, np.zeros(len(self._stiffness)), kept=self._kept
-        )
+        return next_instant(grip, before, origins, self._compliance, np.zeros(len(self._compliance)))
 
 
-def loose_stiffness(
+def loose_compliance(
     flesh: BrickFlesh, skin_dofs: Int[np.ndarray, " d"], *, extra: csr_array | None = None
-) -> Float[np.ndarray, "e e"]:
-    """Dense stiffness on the skin's unknowns, then the opening of every pit node.
+) -> SkinCompliance:
+    """Compliance of the skin's unknowns, then of the opening of every pit node.
 
     `extra`: stiffness on the flesh's own unknowns to add, with the pit's nodes bonded (a skin).
     """
@@ -63,7 +61,7 @@ def loose_stiffness(
         padded = coo_array((padded.data, padded.coords), shape=stiffness.shape)
         stiffness = csr_array(stiffness + padded.tocsr())
     openings = count + 3 * np.arange(nodes)
-    return schur_complement(stiffness, np.concatenate([skin_dofs, openings]))
+    return skin_compliance(stiffness, np.concatenate([skin_dofs, openings]))
 
 
 def pit_contact(flesh: BrickFlesh, *, gap_mm: float) -> InnerContact:

@@ -1,16 +1,15 @@
 """Two pads on a fruit, one instant after the other, each in equilibrium.
 
-The fruit answers through a dense stiffness S on the skin nodes that pads can reach: S (u - freely) = f(u),
-where f is what the gel's springs put on the nodes and `freely` is where unloaded flesh would stand (not zero
-once it has crept or yielded). Solved by Newton's method with a tangent that is kept while it serves.
+The fruit answers through the compliance C of the skin nodes that pads can reach: u = freely + C f(u), where f
+is what the gel's springs put on the nodes and `freely` is where unloaded flesh would stand (not zero once it
+has crept or yielded). Solved by Newton's method, its linear systems by conjugate gradients.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import cho_factor, cho_solve
+from scipy.sparse import csr_array
 
 from samples.gel_contact import Gel, traction
 from samples.mismatch.gel_bed import (
@@ -24,18 +23,23 @@ from samples.mismatch.gel_bed import (
     marker_values,
     nothing_held,
 )
+from samples.mismatch.skin_compliance import SkinCompliance, Slices, parts_of
 from samples.mismatch.skin_patch import SkinPatch
 from samples.sample_failure import NotInEquilibrium
 
-TOLERANCE_N = 2e-7
-"""N, norm over all nodes: seven orders below the pads' force of some newtons."""
+TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
+"""N, norm over all nodes: six orders below the pads' force of some newtons; and three, as long as it is not
+yet known which skin each gel point meets."""
 LOOKS = 4
 """How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
 CONVERGED_MM = 2e-4
 """mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
 (samples.sensor_noise)."""
-SERVES = 0.4
-"""A kept tangent serves while a round leaves less than this share of the miss."""
+CG_SHARE, CG_ROUNDS = 0.01, 60
+"""What conjugate gradients leave of a Newton step's miss, and their rounds at most (set by hand)."""
+FEW, ROUNDED = 300, 1e-5
+"""Up to so many forces a step is solved by elimination; a miss below this share of the first is rounding
+(single precision)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,7 +68,7 @@ class Grip:
 
     patches: tuple[SkinPatch, ...]
     rest_mm: tuple[Float[np.ndarray, "_n 3"], ...]
-    bed: Bed
+    beds: tuple[Bed, ...]
     gel: Gel
     inner: InnerContact | None = None
 
@@ -84,9 +88,14 @@ class Grip:
 
 @dataclass(frozen=True, kw_only=True)
 class Instant:
-    """One instant: skin displacement, nodal forces (fruit frame, N), pads' origins, what the gels hold."""
+    """One instant: skin displacement, nodal forces (fruit frame, N), pads' origins, what the gels hold.
+
+    `step_N`: the change of the forces since the instant before, `travel` that of the origins.
+    """
 
     u: Float[np.ndarray, " d"]
+    step_N: Float[np.ndarray, " d"]
+    travel: Float[np.ndarray, "2 3"]
     force_N: Float[np.ndarray, " d"]
     origins: Float[np.ndarray, "2 3"]
     held: tuple[Held, ...]
@@ -94,19 +103,13 @@ class Instant:
     marker_force_N: tuple[Float[np.ndarray, "m 3"], ...]
 
 
-class KeptTangent:
-    """A factorised tangent that outlives its step: used again for as long as it serves."""
-
-    solve: Callable[[Float[np.ndarray, " d"]], Float[np.ndarray, " d"]] | None = None
-
-
 def before_touch(grip: Grip, origins: Float[np.ndarray, "2 3"], u: Float[np.ndarray, " d"]) -> Instant:
     """The first instant, in the air; the skin stands off its rest by u."""
     zero = np.zeros(len(u))
-    still = np.zeros((grip.bed.markers, 3))
+    still = np.zeros((grip.beds[0].markers, 3))
     return Instant(
-        u=u, force_N=zero, origins=origins,
-        held=(nothing_held(grip.bed), nothing_held(grip.bed)),
+        u=u, force_N=zero, step_N=zero, travel=np.zeros((2, 3)), origins=origins,
+        held=(nothing_held(grip.beds[0]), nothing_held(grip.beds[1])),
         marker_shift_mm=(still, still), marker_force_N=(still, still),
     )  # fmt: skip
 
@@ -115,28 +118,33 @@ def next_instant(
     grip: Grip,
     before: Instant,
     origins: Float[np.ndarray, "2 3"],
-    stiffness: Float[np.ndarray, "d d"],
+    compliance: SkinCompliance,
     freely: Float[np.ndarray, " d"],
     *,
     start: Float[np.ndarray, " d"] | None = None,
-    kept: KeptTangent | None = None,
 ) -> Instant:
-    """The instant with the pads' faces at `origins`. Raises NotInEquilibrium where Newton's method stalls."""
-    u = before.u if start is None else start
-    kept = kept or KeptTangent()
+    """The instant with the pads' faces at `origins`; `start`: forces to begin from.
+
+    Raises NotInEquilibrium where Newton's method stalls.
+    """
+    force = _continued(before, origins) if start is None else start
+    columns = _reach(grip, force)
+    u = freely + compliance.times(_picked(force, columns), columns)
     was = [grip.local(s, before.u, before.origins) for s in (0, 1)]
     kept_on, look = list(before.held), 0
     while look < LOOKS:
         held = [
-            looked_up(grip.bed, kept_on[s], grip.patches[s].cells, was[s], grip.local(s, u, origins))
+            looked_up(grip.beds[s], kept_on[s], grip.patches[s].cells, was[s], grip.local(s, u, origins))
             for s in (0, 1)
         ]
         links = [
-            link_of(grip.gel, grip.bed, held[s], grip.patches[s].cells, len(grip.rest_mm[s])) for s in (0, 1)
+            link_of(grip.gel, grip.beds[s], held[s], grip.patches[s].cells, len(grip.rest_mm[s]))
+            for s in (0, 1)
         ]
-        moved = _balanced(grip, links, origins, stiffness, freely, u, kept)
-        change = np.abs(moved - u).max()
-        u = moved
+        enough = ROUGHLY_N if look == 0 and start is None else TOLERANCE_N
+        found = _balanced(grip, links, origins, compliance, freely, force, enough)
+        change = np.abs(found.u - u).max()
+        force, u = found.force_N, found.u
         lost = [let_go(grip.gel, kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
         if any(new is not None for new in lost):  # fewer hold each time: this ends
             kept_on = [old if new is None else new for old, new in zip(kept_on, lost, strict=True)]
@@ -148,106 +156,191 @@ def next_instant(
     now = [grip.local(s, u, origins) for s in (0, 1)]
     if any(np.any(x[p.rim, 2] < 0) for x, p in zip(now, grip.patches, strict=True)):
         raise NotInEquilibrium("the contact patch outgrew the skin that was meshed for it: press less")
-    force, _ = _pushed(grip, links, origins, u)
-    seen = [marker_values(grip.gel, grip.bed, links[s], now[s]) for s in (0, 1)]
+    seen = [marker_values(grip.gel, grip.beds[s], links[s], now[s]) for s in (0, 1)]
     memory = [
-        after_step(grip.gel, grip.bed, held[s], grip.patches[s].cells, now[s], links[s]) for s in (0, 1)
+        after_step(grip.gel, grip.beds[s], held[s], grip.patches[s].cells, now[s], links[s]) for s in (0, 1)
     ]
     return Instant(
-        u=u, force_N=force, origins=origins, held=(memory[0], memory[1]),
+        u=u, force_N=force, step_N=force - before.force_N, travel=origins - before.origins, origins=origins,
+        held=(memory[0], memory[1]),
         marker_shift_mm=(seen[0][0], seen[1][0]), marker_force_N=(seen[0][1], seen[1][1]),
     )  # fmt: skip
 
 
+def _continued(before: Instant, origins: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, " d"]:
+    """The forces if they go on as in the last step, for as far as the pads go on."""
+    size = float((before.travel**2).sum())
+    share = float((before.travel * (origins - before.origins)).sum()) / size if size else 0.0
+    return np.asarray(before.force_N + np.clip(share, 0.0, 2.0) * before.step_N)
+
+
+@dataclass(frozen=True)
+class _State:
+    """Forces that the skin is taken to bear, where they bring it, and what the gels then really do."""
+
+    force_N: Float[np.ndarray, " d"]
+    u: Float[np.ndarray, " d"]
+    push: "_Push"
+
+    @property
+    def miss_N(self) -> Float[np.ndarray, " d"]:
+        return np.asarray(self.push.force_N - self.force_N)
+
+    @property
+    def size_N(self) -> float:
+        return float(np.linalg.norm(self.miss_N))
+
+
 def _balanced(
-    grip: Grip, links: list[Link], origins: np.ndarray, stiffness: np.ndarray, freely: np.ndarray,
-    start: np.ndarray, kept: KeptTangent,
-) -> Float[np.ndarray, " d"]:  # fmt: skip
-    """Newton's method with a factorised tangent that is kept for as long as it serves."""
-    u = start
-    force, tangent = _pushed(grip, links, origins, u)
-    miss = stiffness @ (u - freely) - force
-    size = float(np.linalg.norm(miss))
+    grip: Grip, links: list[Link], origins: np.ndarray, compliance: SkinCompliance, freely: np.ndarray,
+    start: np.ndarray, enough_N: float,
+) -> _State:  # fmt: skip
+    """Newton's method for the forces, with shorter steps where a whole one makes the miss larger."""
+
+    def state(force: np.ndarray) -> _State:
+        columns = _reach(grip, force)
+        u = freely + compliance.times(_picked(force, columns), columns)
+        return _State(force, u, _Push(grip, links, origins, u))
+
+    now = state(start)
     for _ in range(200):
-        if size < TOLERANCE_N:
-            return u
-        fresh = kept.solve is None
-        solve = kept.solve or _factorised(stiffness, tangent())
-        move = -solve(miss)
-        for share in (1.0, 0.5, 0.25, 0.125, 0.06) if fresh else (1.0,):
-            trial = u + share * move
-            force, slope_there = _pushed(grip, links, origins, trial)
-            left = stiffness @ (trial - freely) - force
-            found = float(np.linalg.norm(left))
-            if found < size:
+        if now.size_N < enough_N:
+            return now
+        move = _newton_step(grip, now, compliance)
+        for share in (1.0, 0.5, 0.25, 0.125, 0.06):
+            trial = state(now.force_N + share * move)
+            if trial.size_N < now.size_N:
                 break
-        kept.solve = solve if found < SERVES * size else None
-        if fresh or found < size:
-            u, miss, size, tangent = trial, left, found, slope_there
-    raise NotInEquilibrium(f"a step of the grip stopped {size:.1e} N out of balance")
+        now = trial
+    raise NotInEquilibrium(f"a step of the grip stopped {now.size_N:.1e} N out of balance")
 
 
-def _factorised(
-    stiffness: np.ndarray, tangent: list[np.ndarray]
-) -> Callable[[Float[np.ndarray, " d"]], Float[np.ndarray, " d"]]:
-    matrix = stiffness.copy()
-    first = 0
-    for block in tangent:
-        part = slice(first, first + len(block))
-        matrix[part, part] += block
-        first += len(block)
-    factor = cho_factor(matrix, overwrite_a=True, check_finite=False)
-    return lambda b: np.asarray(cho_solve(factor, b, check_finite=False))
+def _newton_step(grip: Grip, now: _State, compliance: SkinCompliance) -> Float[np.ndarray, " d"]:
+    """y with (1 + B C) y = miss, B the gels' stiffness: y = miss - B x, where (1 + C B) x = C miss.
 
-
-def _pushed(
-    grip: Grip, links: list[Link], origins: np.ndarray, u: np.ndarray
-) -> tuple[Float[np.ndarray, " d"], Callable[[], list[np.ndarray]]]:
-    """Nodal forces of both gels and the inner contact; on demand, block by block, minus their derivative."""
-    forces, states = [], []
-    for side, link in enumerate(links):
-        turn = grip.patches[side].turn
-        position = np.asarray(link.shares @ grip.local(side, u, origins))
-        load, change = traction(grip.gel, position, link.anchors_mm, link.stuck)
-        forces.append((link.shares.T @ (load * link.areas_mm2[:, None])) @ turn.T)
-        states.append((link, position, change, turn))
-    opening = u[grip.part(1).stop :]
-    if grip.inner is not None:
-        forces.append(grip.inner.push(opening))
-
-    def tangents() -> list[np.ndarray]:
-        found = [_tangent(grip.gel, *s) for s in states]
-        return found if grip.inner is None else [*found, np.diag(grip.inner.slope(opening))]
-
-    return np.concatenate([f.ravel() for f in forces]), tangents
-
-
-def _tangent(
-    gel: Gel, link: Link, position: np.ndarray, change: np.ndarray, turn: np.ndarray
-) -> Float[np.ndarray, "n n"]:
-    """Stick: one Gram matrix of the interpolation times the springs; slipping points take some of it away.
-
-    How the shear of a slipping point follows its pressure is left out: the matrix stays symmetric.
+    By conjugate gradients in the energy of B, in which 1 + C B is symmetric, after the flesh's softest
+    motions have been solved for (deflation; Saad and others, SIAM J. Sci. Comput. 21, 2000).
     """
-    holds = position[:, 2] < 0 if link.stuck is None else (position[:, 2] < 0) | link.stuck
-    inside = holds & (link.areas_mm2 > 0)
-    block = np.diag([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
-    slips = inside & (np.abs(change + block).max(axis=(1, 2)) > 1e-12)
-    shares = link.shares[inside]
-    gram = (shares.T @ (shares * link.areas_mm2[inside][:, None])).toarray()
-    gram = (gram + gram.T) / 2
-    n = len(gram)
-    whole = np.einsum("ab,ij->aibj", gram, turn @ block @ turn.T)
-    whole = whole.reshape(3 * n, 3 * n)
-    if not np.any(slips):
-        return np.asarray((whole + whole.T) / 2)
-    shares = link.shares[slips]
-    less = change[slips] + block
-    less[:, :2, 2] = 0.0
-    lacking = np.einsum("ij,njk,lk->nil", turn, less, turn) * link.areas_mm2[slips][:, None, None]
-    extra = np.zeros((n, 3, n, 3))
-    for i in range(3):
-        for k in range(3):
-            extra[:, i, :, k] = (shares.T @ (shares * lacking[:, i, k][:, None])).toarray()
-    whole -= extra.reshape(3 * n, 3 * n)
-    return np.asarray((whole + whole.T) / 2)
+    push, miss = now.push, now.miss_N
+    columns = _reach(grip, np.abs(now.force_N) + np.abs(push.force_N))
+    if sum(c.stop - c.start for c in columns) <= FEW:
+        return _small_step(push, miss, columns, compliance)
+    left = compliance.times(_picked(miss, columns), columns, columns)
+    total = float(left @ push.held_by(left[:, None], columns)[:, 0])
+    soft = np.concatenate([compliance.softest[c] for c in columns])
+    soft_force = push.held_by(soft, columns)
+    soft_moved = soft + compliance.times(soft_force, columns, columns)
+    values, vectors = np.linalg.eigh(soft_force.T @ soft_moved)
+    firm = values > ROUNDED * max(float(values.max()), 1e-300)
+    inverse = (vectors[:, firm] / values[firm]) @ vectors[:, firm].T
+    first = inverse @ (soft_force.T @ left)
+    force, left = soft_force @ first, left - soft_moved @ first
+    held = push.held_by(left[:, None], columns)[:, 0]
+    energy = float(left @ held)
+    enough = max(CG_SHARE**2 * energy, ROUNDED**2 * total)
+    along = left - soft @ (inverse @ (soft_moved.T @ held))
+    worst = 1e3 * energy
+    for _ in range(CG_ROUNDS):
+        if energy <= enough or energy > worst:
+            break
+        pull = push.held_by(along[:, None], columns)[:, 0]
+        moved = along + compliance.times(pull, columns, columns)
+        share = energy / float(pull @ moved)
+        force = force + share * pull
+        left = left - share * moved
+        held = push.held_by(left[:, None], columns)[:, 0]
+        before, energy = energy, float(left @ held)
+        along = left + energy / before * along - soft @ (inverse @ (soft_moved.T @ held))
+    if energy > enough:  # a gel far stiffer than the flesh
+        return _small_step(push, miss, columns, compliance)
+    return _less(miss, force, columns)
+
+
+def _small_step(
+    push: "_Push", miss: Float[np.ndarray, " d"], columns: Slices, compliance: SkinCompliance
+) -> Float[np.ndarray, " d"]:
+    """The same with few forces, by elimination."""
+    count = sum(c.stop - c.start for c in columns)
+    moved = compliance.times(np.eye(count), columns, columns)
+    x = np.linalg.solve(
+        np.eye(count) + moved @ push.held_by(np.eye(count), columns), moved @ _picked(miss, columns)
+    )
+    return _less(miss, push.held_by(x[:, None], columns)[:, 0], columns)
+
+
+def _less(
+    miss: Float[np.ndarray, " d"], force: Float[np.ndarray, " a"], columns: Slices
+) -> Float[np.ndarray, " d"]:
+    move = miss.copy()
+    for c, part in parts_of(force, columns):
+        move[c] -= part
+    return move
+
+
+def _reach(grip: Grip, force: Float[np.ndarray, " d"]) -> Slices:
+    """Where there are forces: of each patch the nodes up to the last that bears one, all inner points."""
+    found = []
+    for side in (0, 1):
+        part = grip.part(side)
+        bearing = np.flatnonzero(force[part])
+        if len(bearing):
+            found.append(slice(part.start, part.start + 3 * (int(bearing[-1]) // 3 + 1)))
+    if grip.part(1).stop < len(force):
+        found.append(slice(grip.part(1).stop, len(force)))
+    return tuple(found)
+
+
+def _picked(values: Float[np.ndarray, " d"], columns: Slices) -> Float[np.ndarray, " a"]:
+    return np.concatenate([values[c] for c in columns]) if columns else values[:0]
+
+
+class _Push:
+    """What both gels and the inner contact do at displacements u: nodal forces, and minus their slope."""
+
+    def __init__(
+        self, grip: Grip, links: list[Link], origins: Float[np.ndarray, "2 3"], u: Float[np.ndarray, " d"]
+    ) -> None:
+        self._grip, self._links = grip, links
+        self._kept: dict[int, tuple[csr_array, np.ndarray]] = {}
+        self._blocks, forces = [], []
+        for side, link in enumerate(links):
+            turn = grip.patches[side].turn
+            position = np.asarray(link.shares @ grip.local(side, u, origins))
+            load, change = traction(grip.gel, position, link.anchors_mm, link.stuck)
+            forces.append(((link.shares.T @ (load * link.areas_mm2[:, None])) @ turn.T).ravel())
+            # how the shear of a slipping point follows its pressure is left out: this keeps it symmetric
+            change[:, :2, 2] = 0.0
+            self._blocks.append(turn @ (-change * link.areas_mm2[:, None, None]) @ turn.T)
+        self._opening = u[grip.part(1).stop :]
+        if grip.inner is not None:
+            forces.append(grip.inner.push(self._opening))
+        self.force_N = np.concatenate(forces)
+
+    def held_by(self, x: Float[np.ndarray, "a k"], columns: Slices) -> Float[np.ndarray, "a k"]:
+        """B x on the columns, for motions x there."""
+        found = []
+        rest = x
+        for c in columns:
+            here, rest = rest[: c.stop - c.start], rest[c.stop - c.start :]
+            sides = [s for s in (0, 1) if self._grip.part(s).start <= c.start < self._grip.part(s).stop]
+            if not sides:
+                found.append(self._inner_slope()[:, None] * here)
+                continue
+            shares, block = self._touching(sides[0], (c.stop - c.start) // 3)
+            count = x.shape[1]
+            at = np.asarray(shares @ here.reshape(-1, 3 * count)).reshape(-1, 3, count)
+            found.append(np.asarray(shares.T @ (block @ at).reshape(-1, 3 * count)).reshape(-1, count))
+        return np.concatenate(found)
+
+    def _inner_slope(self) -> Float[np.ndarray, " p"]:
+        if self._grip.inner is None:
+            return np.zeros(len(self._opening))
+        return self._grip.inner.slope(self._opening)
+
+    def _touching(self, side: int, nodes: int) -> tuple[csr_array, Float[np.ndarray, "s 3 3"]]:
+        """Of the gel points that feel anything: their shares of the first nodes, their stiffness."""
+        if side not in self._kept:
+            block = self._blocks[side]
+            touched = np.flatnonzero(np.abs(block).max(axis=(1, 2)) > 0)
+            self._kept[side] = (csr_array(self._links[side].shares[touched][:, :nodes]), block[touched])
+        return self._kept[side]

@@ -6,46 +6,77 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.brick_flesh import BrickFlesh, flesh_of
-from samples.hexahedra import Fineness, flesh_bricks
+from samples.gel_contact import DEFAULT_GEL, Gel
+from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
+from samples.hexahedra import Bricks, Fineness, flesh_bricks
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp
 from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
 
-CASE = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3, 0.6, 1))
-"""Cells of 3.3 mm under the pads of a 60 mm fruit."""
-TOUCHED_SHARE, SHARE_PER_MPA, SPARE_MM = 0.72, 0.1, 0.1
-"""Skin touches a pad where its height above the first touch is below this share of the travel."""
+CASE = BrickGrading(cells=5, layers=3)
+"""Bricks of 0.039 of the fruit's radius (1.1 mm on one of 27 mm) at the skin under the pads; what that
+leaves is measured by benchmarks/truth_convergence.py (docs/validation.md, Mismatch finder)."""
+EVEN = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3, 0.6, 1))
+"""Cells of 3.3 mm under the pads of a 60 mm fruit: of earlier cases."""
+RIGID_SHARE, HALF, FIRMNESS_MM, SPARE_MM = 1.2, 0.5, 2.4, 0.1
+"""Skin touches a pad where its height above the first touch is below a share of the travel: half of it for
+flesh much softer than the gel (Hertz), all of it for flesh much firmer. In between about 1 - 0.5 / (1 + E /
+(2.4 mm kn)), seen on 6 pads of one fruit; 0.2 and 0.1 mm are to spare, for patches end with whole cells."""
 WIDE_SHARE = 0.3
 """So much greater is that share where flesh gives way less: then it may reach the whole travel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeshedFruit:
-    """One mesh of one fruit (E as true of it): its linear flesh, its two patches, their unknowns."""
+    """One mesh of one fruit (E as true of it): its linear flesh, its two patches, their unknowns.
+
+    `touch_mm`: where the middle of each pad's face is at the first touch (fruit frame).
+    """
 
     flesh: BrickFlesh
     patches: tuple[SkinPatch, SkinPatch]
     dofs: Int[np.ndarray, " d"]
+    touch_mm: Float[np.ndarray, "2 3"]
 
 
 def meshed_fruit(
-    drawn: DrawnFruit, grasp: CaseGrasp, *, fineness: Fineness = CASE, wide: bool = False
+    drawn: DrawnFruit,
+    grasp: CaseGrasp,
+    *,
+    fineness: BrickGrading | Fineness = CASE,
+    wide: bool = False,
+    gel: Gel = DEFAULT_GEL,
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
     `wide`: it gives way less than plain flesh of its modulus.
     """
     fruit = drawn.fruit
-    bricks = flesh_bricks(fruit, grasp.hold.turns[0][:, 2], fineness)
-    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law="linear")
-    share = TOUCHED_SHARE + SHARE_PER_MPA * fruit.E_MPa + (WIDE_SHARE if wide else 0.0)
+    firmness = fruit.E_MPa / (FIRMNESS_MM * gel.kn_MPa_per_mm)
+    share = RIGID_SHARE - HALF / (1 + firmness) + (WIDE_SHARE if wide else 0.0)
     overlap = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
+    bricks = _bricks(drawn, grasp, fineness, overlap)
+    flesh = flesh_of(bricks, E_MPa=fruit.E_MPa, poisson_ratio=fruit.poisson_ratio, law="linear")
     left, right = (
         patch_of(bricks, turn, touch_mm=touch, overlap_mm=overlap)
         for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
     )
     dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
-    return MeshedFruit(flesh=flesh, patches=(left, right), dofs=dofs)
+    return MeshedFruit(flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm)
+
+
+def _bricks(
+    drawn: DrawnFruit, grasp: CaseGrasp, fineness: BrickGrading | Fineness, overlap_mm: float
+) -> Bricks:
+    fruit, hold = drawn.fruit, grasp.hold
+    axis = hold.turns[0][:, 2]
+    if isinstance(fineness, Fineness):
+        return flesh_bricks(fruit, axis, fineness)
+    touched = [
+        touched_skin_mm(fruit, turn, touch_mm=touch, overlap_mm=overlap_mm)
+        for turn, touch in zip(hold.turns, hold.touch_mm, strict=True)
+    ]
+    return graded_bricks(fruit, axis, fineness, touched_mm=np.concatenate(touched))
 
 
 def nodes_of(stands: MeshedFruit) -> Float[np.ndarray, "n 3"]:

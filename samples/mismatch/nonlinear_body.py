@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from samples.anderson_mixing import AndersonMixing
 from samples.mismatch.flesh_laws import FleshLaw, State
-from samples.mismatch.grip import Grip, Instant, KeptTangent, next_instant
+from samples.mismatch.grip import Grip, Instant, next_instant
 from samples.mismatch.whole_fruit import WholeFruit
 from samples.sample_failure import NotInEquilibrium
 
@@ -29,14 +29,11 @@ HALVINGS = 3
 class NonlinearBody:
     """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
 
-    def __init__(
-        self, whole: WholeFruit, stiffness: Float[np.ndarray, "d d"], law: FleshLaw, *, firmer: float = 1.0
-    ) -> None:
+    def __init__(self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0) -> None:
         """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
-        self._whole, self._stiffness, self._law = whole, firmer * stiffness, law
+        self._whole, self._compliance, self._law = whole, whole.compliance.scaled(1 / firmer), law
         self._firmer = firmer
         self.still = law.still
-        self._kept = KeptTangent()
         self._state: State = law.at_first(whole.flesh.volumes.shape)
         self._shift = np.zeros(whole.flesh.unknowns)
         self._trend = np.zeros(whole.flesh.unknowns)
@@ -68,7 +65,6 @@ class NonlinearBody:
             if not halvings:
                 raise
         self._trend = np.zeros_like(self._trend)
-        self._kept.solve = None
         half = (before.origins + origins) / 2
         middle = self._in_steps(grip, before, half, pause_s / 2, halvings - 1)
         return self._in_steps(grip, middle, origins, pause_s / 2, halvings - 1)
@@ -77,15 +73,13 @@ class NonlinearBody:
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
         whole = self._whole
-        shift, start = self._shift + self._trend, before.u
+        shift, start = self._shift + self._trend, None
         mixing = AndersonMixing(DEPTH)
         for _ in range(ROUNDS):
-            instant = next_instant(
-                grip, before, origins, self._stiffness, -shift[whole.dofs], start=start, kept=self._kept
-            )
+            instant = next_instant(grip, before, origins, self._compliance, -shift[whole.dofs], start=start)
             q = whole.solve(whole.spread(instant.force_N)) / self._firmer - shift
             mapped, state = self._mapped(q, pause_s)
-            start = instant.u
+            start = instant.force_N
             if np.abs((mapped - shift)[whole.dofs]).max() < CONVERGED_MM:
                 self._trend = (mapped - self._shift) if np.any(instant.force_N) else np.zeros_like(mapped)
                 self._state, self._shift = state, mapped

@@ -10,7 +10,7 @@ from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_
 from samples.mismatch.drawn_fruit import CATEGORIES, DrawnFruit, drawn_fruit, with_new_prior
 from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.meshed_fruit import meshed_fruit
-from samples.mismatch.schur import schur_complement
+from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.sample_failure import NotInEquilibrium
 
@@ -52,7 +52,7 @@ def elastic_truths(drawn: DrawnFruit, rng: np.random.Generator) -> tuple[TrueRec
     for mesh in range(3):
         here = [g for g in grasps if g.mesh == mesh]
         stands = meshed_fruit(drawn, here[0])
-        body = ElasticBody(schur_complement(stands.flesh.stiffness, stands.dofs))
+        body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
         for grasp in here:
             truths[grasp.name] = grasped(grasp, grip_of(stands, gel=Gel()), body)
     return tuple(truths[g.name] for g in grasps)

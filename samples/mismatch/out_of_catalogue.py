@@ -22,7 +22,7 @@ from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Lame
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.schur import schur_complement
+from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
@@ -67,17 +67,17 @@ def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue)
     """The fruit of one mesh, with what is not in the catalogue."""
     flesh, p = stands.flesh, out_of_catalogue.parameters
     if out_of_catalogue.name == "split_pit":
-        return ElasticBody(schur_complement(split_pit_stiffness(flesh), stands.dofs))
+        return ElasticBody(skin_compliance(split_pit_stiffness(flesh), stands.dofs))
     if out_of_catalogue.name == "palm":
-        return ElasticBody(schur_complement(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
-    dense = schur_complement(flesh.stiffness, stands.dofs)
+        return ElasticBody(skin_compliance(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
+    compliance = skin_compliance(flesh.stiffness, stands.dofs)
     if out_of_catalogue.name == "gel_creep":
-        return CreepingGelBody(dense, g=p["g"], tau_s=p["tau_s"])
+        return CreepingGelBody(compliance, g=p["g"], tau_s=p["tau_s"])
     if out_of_catalogue.name == "drainage":
         lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
         law = Draining(lame=lame, volume_share=p["volume_share"], tau_s=p["tau_s"])
-        return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), dense, law)
-    return ElasticBody(dense)
+        return NonlinearBody(whole_fruit(flesh, flesh.stiffness, stands.dofs), law)
+    return ElasticBody(compliance)
 
 
 def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:
@@ -122,7 +122,8 @@ def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> c
     skin = np.unique(bricks.skin_cells)
     places = bricks.nodes_mm[skin]
     lowest = places[np.argmin(places[:, 2])]
-    near = skin[(np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)]
+    under = (np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)
+    near = skin[under & np.isin(skin, flesh.free_nodes)]
     number = np.full(len(bricks.nodes_mm), -1)
     number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
     at = 3 * number[near] + 2

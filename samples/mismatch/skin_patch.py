@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.linalg import cho_factor, cho_solve
 
 from samples.hexahedra import Bricks
 
@@ -13,6 +12,7 @@ from samples.hexahedra import Bricks
 class SkinPatch:
     """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
 
+    Nodes are in the order in which a face that comes nearer would meet them.
     `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
     """
 
@@ -32,6 +32,8 @@ def patch_of(
     faces_it = normal[:, 2] < -0.3 * np.linalg.norm(normal, axis=1)
     near = faces_it & (corners[..., 2].min(axis=(1, 2)) < overlap_mm)
     nodes, cells = np.unique(bricks.skin_cells[near], return_inverse=True)
+    order = np.argsort(local[nodes, 2], kind="stable")
+    nodes, cells = nodes[order], np.argsort(order)[cells]
     rim = np.isin(nodes, bricks.skin_cells[~near])
     return SkinPatch(turn=turn, nodes=nodes, cells=cells.reshape(-1, 9), rim=np.flatnonzero(rim))
 
@@ -43,10 +45,6 @@ def degrees_of_freedom(
     number = np.full(count, -1)
     number[free_nodes] = np.arange(len(free_nodes))
     touched = np.concatenate([number[p.nodes] for p in patches])
+    if touched.min() < 0:
+        raise ValueError("a pad may touch skin whose nodes hang on larger bricks: refine a wider zone")
     return np.asarray((3 * touched[:, None] + np.arange(3)).ravel())
-
-
-def inverse(matrix: Float[np.ndarray, "d d"]) -> Float[np.ndarray, "d d"]:
-    """Inverse of a symmetric positive definite matrix, symmetric to the last digit."""
-    found = cho_solve(cho_factor(matrix), np.eye(len(matrix)))
-    return np.asarray((found + found.T) / 2)

@@ -10,7 +10,7 @@ from samples.gel_contact import Gel
 from samples.grasp_plan import Hold
 from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.four_grasps import CaseGrasp
-from samples.mismatch.gel_bed import bed_of
+from samples.mismatch.gel_bed import POINTS, bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
 from samples.mismatch.meshed_fruit import MeshedFruit, nodes_of
 from samples.mismatch.protocol import Motion
@@ -43,22 +43,30 @@ class TrueRecording:
         return max(float(p.force_N.sum(axis=1)[:, 2].max()) for p in self.pads)
 
 
-def grip_of(stands: MeshedFruit, *, gel: Gel, inner: InnerContact | None = None) -> Grip:
-    """The grip on a fruit as it was meshed, with both pads of the given gel."""
-    nodes = nodes_of(stands)
+def grip_of(
+    stands: MeshedFruit, *, gel: Gel, inner: InnerContact | None = None, points: int = POINTS
+) -> Grip:
+    """The grip on a fruit as it was meshed, with both pads of the given gel; `points`: see gel_bed.bed_of."""
+    nodes, rest = nodes_of(stands), marker_grid()
+    local = [
+        (nodes[p.nodes] - touch) @ p.turn for p, touch in zip(stands.patches, stands.touch_mm, strict=True)
+    ]
     return Grip(
         patches=stands.patches,
         rest_mm=tuple(nodes[p.nodes] for p in stands.patches),
-        bed=bed_of(marker_grid()),
+        beds=tuple(
+            bed_of(rest, x, p.cells, points=points) for p, x in zip(stands.patches, local, strict=True)
+        ),
         gel=gel,
         inner=inner,
     )
 
 
 def grasped(
-    grasp: CaseGrasp, grip: Grip, body: GrippedBody, progress: Callable[[str], None] | None = None
-) -> TrueRecording:
-    """Go through the motion, corner by corner, with the given body; keep the recorded corners.
+    grasp: CaseGrasp, grip: Grip, body: GrippedBody, progress: Callable[[str], None] | None = None,
+    *, steps: int = 1,
+) -> TrueRecording:  # fmt: skip
+    """Go through the motion, from corner to corner in `steps`; keep the recorded corners.
 
     Raises NotInEquilibrium where a step finds no balance.
     """
@@ -70,7 +78,9 @@ def grasped(
         origins = _origins(hold, motion, k)
         unmoved = np.array_equal(origins, instant.origins)
         if not (unmoved and body.still):
-            instant = body.advance(grip, instant, origins, pause)
+            first = instant.origins
+            for step in range(1, steps + 1):
+                instant = body.advance(grip, instant, first + step / steps * (origins - first), pause / steps)
         if motion.recorded[k]:
             frames.append(instant)
         if progress is not None:

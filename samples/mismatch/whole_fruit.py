@@ -6,16 +6,18 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
+from fem.sparse.solver import Factor, factorise
 from samples.brick_flesh import BrickFlesh, rigid_tie
-from samples.factors import Solve, factorise
+from samples.mismatch.skin_compliance import SkinCompliance, compliance_of
 
 
 @dataclass(frozen=True, kw_only=True)
 class WholeFruit:
-    """Flesh with its factorised stiffness; small rotations of the pit (`tie`)."""
+    """Flesh with its factorised stiffness, its patches' compliance; small rotations of the pit (`tie`)."""
 
     flesh: BrickFlesh
-    solve: Solve
+    factor: Factor
+    compliance: SkinCompliance
     tie: csr_array
     dofs: Int[np.ndarray, " d"]
 
@@ -38,6 +40,10 @@ class WholeFruit:
         nodal = [np.bincount(cells.ravel(), local[..., i].ravel(), minlength=count) for i in range(3)]
         return np.asarray(self.tie.T @ np.stack(nodal, axis=1).ravel())
 
+    def solve(self, force_N: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
+        """Displacement of all unknowns under forces on them."""
+        return self.factor.solve(force_N[:, None])[:, 0]
+
     def spread(self, force_N: Float[np.ndarray, " d"]) -> Float[np.ndarray, " u"]:
         """Forces on the patches' unknowns as forces on all."""
         full = np.zeros(self.flesh.unknowns)
@@ -48,4 +54,5 @@ class WholeFruit:
 def whole_fruit(flesh: BrickFlesh, stiffness: csr_array, dofs: Int[np.ndarray, " d"]) -> WholeFruit:
     """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
-    return WholeFruit(flesh=flesh, solve=factorise(stiffness), tie=tie, dofs=dofs)
+    factor = factorise(stiffness, last=dofs)
+    return WholeFruit(flesh=flesh, factor=factor, compliance=compliance_of(factor), tie=tie, dofs=dofs)

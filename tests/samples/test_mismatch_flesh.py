@@ -16,7 +16,7 @@ from samples.mismatch.flesh_laws import Damaged, Lame, StiffeningFlesh, Yielding
 from samples.mismatch.grip import before_touch
 from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.schur import schur_complement
+from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import grip_of
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
@@ -87,9 +87,9 @@ def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: BrickFlesh)
 
 
 def test_held_force_relaxes_by_g_and_tau() -> None:
-    # a gel much stiffer than flesh holds the skin still: force follows the modulus
+    # a gel much stiffer than flesh holds the skin still but for 4e-3: force follows the modulus
     grasp, stands = rough(drawn_ball(), motion([-0.001, 0.3]))
-    body = RelaxingBody(schur_complement(stands.flesh.stiffness, stands.dofs), arms=((0.4, 0.8),))
+    body = RelaxingBody(skin_compliance(stands.flesh.stiffness, stands.dofs), arms=((0.4, 0.8),))
     grip = grip_of(stands, gel=Gel(kn_MPa_per_mm=30.0, kt_MPa_per_mm=30.0, friction=5.0))
     instant = before_touch(grip, grasp.hold.origins(-0.001), body.begin())
     forces = []
@@ -97,7 +97,7 @@ def test_held_force_relaxes_by_g_and_tau() -> None:
         instant = body.advance(grip, instant, grasp.hold.origins(0.3), pause_s)
         forces.append(instant.force_N[grip.part(0)].reshape(-1, 3).sum(axis=0)[0])
     expected = 0.6 + 0.4 * np.exp(-0.25 * np.arange(7) / 0.8)
-    assert np.array(forces) / forces[0] == pytest.approx(expected, abs=2e-3)
+    assert np.array(forces) / forces[0] == pytest.approx(expected, abs=4e-3)
 
 
 def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
@@ -160,11 +160,11 @@ def test_drained_flesh_loses_its_share_of_the_volume_stress() -> None:
 def test_flesh_damaged_at_once_is_softer_flesh() -> None:
     drawn = drawn_ball()
     grasp, stands = rough(drawn, motion([-0.05, 0.3, 0.6]))
-    dense = schur_complement(stands.flesh.stiffness, stands.dofs)
+    whole = whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs)
     law = Damaged(lame=Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa), dmax=0.4, W0_MPa=1e-13)
-    body = NonlinearBody(whole_fruit(stands.flesh, stands.flesh.stiffness, stands.dofs), dense, law)
+    body = NonlinearBody(whole, law)
     damaged = total_N(grasped_ball(grasp, stands, body))
-    soft = total_N(grasped_ball(grasp, stands, ElasticBody(0.6 * dense)))
+    soft = total_N(grasped_ball(grasp, stands, ElasticBody(whole.compliance.scaled(1 / 0.6))))
     assert damaged == pytest.approx(soft, rel=0.01, abs=0.01)
 
 

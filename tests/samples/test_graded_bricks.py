@@ -1,0 +1,111 @@
+"""Bricks that are halved towards the skin: fields, volume, balance and contact as on even meshes."""
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
+
+from samples.brick_flesh import assembled, flesh_of, rigid_tie, shape_gradients
+from samples.fruit import SampleFruit
+from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
+from samples.hexahedra import Bricks, Fineness, lagrange
+from samples.mismatch.bodies import ElasticBody
+from samples.mismatch.meshed_fruit import meshed_fruit
+from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.skin_patch import patch_of
+
+SMALL = BrickGrading(cells=3, layers=2, levels=2)
+FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
+
+
+@pytest.fixture(scope="module")
+def fruit() -> SampleFruit:
+    return drawn_ball().fruit
+
+
+@pytest.fixture(scope="module")
+def bricks(fruit: SampleFruit) -> Bricks:
+    grasp = grasp_along_x(drawn_ball(), motion([-0.1, 0.6]))
+    touched = [
+        touched_skin_mm(fruit, turn, touch_mm=touch, overlap_mm=0.5)
+        for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
+    ]
+    return graded_bricks(fruit, np.array([1.0, 0.0, 0.0]), SMALL, touched_mm=np.concatenate(touched))
+
+
+def test_hanging_nodes_follow_the_larger_brick_in_place_too(bricks: Bricks) -> None:
+    assert bricks.follows is not None
+    hanging = len(bricks.nodes_mm) - len(bricks.free_nodes) - len(bricks.pit_nodes)
+    assert hanging > 100
+    assert bricks.follows @ bricks.nodes_mm == pytest.approx(bricks.nodes_mm, abs=1e-12)
+    assert bricks.follows @ np.ones(len(bricks.nodes_mm)) == pytest.approx(1.0, abs=1e-12)
+    assert (bricks.follows @ bricks.follows - bricks.follows).max() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_displacement_is_continuous_between_large_and_small_bricks(bricks: Bricks) -> None:
+    # any motion of the free nodes: what a small face's nodes do lies on the large face's own interpolation
+    assert bricks.follows is not None
+    moved = bricks.follows @ np.random.default_rng(0).normal(size=len(bricks.nodes_mm))
+    slopes, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
+    # the divergence theorem, integral of grad u = integral of u over the border, holds for continuous u only
+    inside = np.einsum("mg,mgni,mn->i", volumes, slopes, moved[bricks.cells])
+    outer = _flux(bricks, bricks.skin_cells.reshape(-1, 9), moved)
+    inner_cells = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9]
+    assert inside == pytest.approx(outer - _flux(bricks, inner_cells, moved), rel=1e-9, abs=1e-7)
+
+
+def _flux(bricks: Bricks, cells: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Integral of u times the outward area vector over nine-node cells."""
+    at, weight = np.polynomial.legendre.leggauss(4)
+    value, slope = lagrange(at)
+    x, f = bricks.nodes_mm[cells].reshape(-1, 3, 3, 3), u[cells].reshape(-1, 3, 3)
+    first = np.einsum("pi,qj,kijc->kpqc", slope, value, x)
+    second = np.einsum("pi,qj,kijc->kpqc", value, slope, x)
+    here = np.einsum("pi,qj,kij->kpq", value, value, f)
+    return np.einsum("p,q,kpq,kpqc->c", weight, weight, here, np.cross(first, second))
+
+
+def test_even_strain_leaves_no_force_inside(bricks: Bricks) -> None:
+    flesh = flesh_of(bricks, E_MPa=0.5, poisson_ratio=0.45, law="linear")
+    strain = np.random.default_rng(0).normal(size=(3, 3))
+    u = bricks.nodes_mm @ strain.T
+    full = assembled(
+        bricks.cells, flesh.slopes, flesh.volumes, flesh.mu_MPa, flesh.lam_MPa, len(bricks.nodes_mm)
+    )
+    force = (rigid_tie(bricks, flesh.free_nodes, flesh.pit_centre_mm).T @ (full @ u.ravel()))[:-6]
+    force = force.reshape(-1, 3)
+    on_skin = np.isin(flesh.free_nodes, bricks.skin_cells)
+    assert np.abs(force[on_skin]).max() > 1.0
+    assert force[~on_skin] == pytest.approx(0.0, abs=1e-10)
+
+
+def test_volume_is_that_of_the_flesh(bricks: Bricks) -> None:
+    _, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(4 / 3 * np.pi * (25.0**3 - 10.0**3), rel=2e-4)
+
+
+def test_bricks_are_small_where_the_pads_touch_and_no_pad_meets_a_hanging_node(bricks: Bricks) -> None:
+    grasp = grasp_along_x(drawn_ball(), motion([-0.1, 0.6]))
+    hanging = np.setdiff1d(np.arange(len(bricks.nodes_mm)), np.r_[bricks.free_nodes, bricks.pit_nodes])
+    edge = np.linalg.norm(
+        bricks.nodes_mm[bricks.skin_cells[:, 2, 1]] - bricks.nodes_mm[bricks.skin_cells[:, 0, 1]], axis=1
+    )
+    for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True):
+        patch = patch_of(bricks, turn, touch_mm=touch, overlap_mm=0.5)
+        assert not np.isin(patch.nodes, hanging).any()
+        here = np.isin(bricks.skin_cells, patch.nodes).all(axis=(1, 2))
+        assert edge[here].max() < 0.3 * edge.max()
+
+
+def test_contact_is_that_of_an_even_mesh() -> None:
+    drawn, way = drawn_ball(), motion([-0.1, 0.3, 0.6])
+    grasp, even = rough(drawn, way, FINE_AND_EVEN)
+    graded = meshed_fruit(drawn, grasp, fineness=BrickGrading(cells=3, layers=2, levels=2))
+    a, b = (
+        grasped_ball(grasp, s, ElasticBody(skin_compliance(s.flesh.stiffness, s.dofs)))
+        for s in (even, graded)
+    )
+    assert total_N(b)[1:] == pytest.approx(total_N(a)[1:], rel=0.005)
+    pressed = a.pads[0].force_N[2, :, 2] > 0
+    miss = (a.pads[0].displacement_mm - b.pads[0].displacement_mm)[2][pressed]
+    assert np.sqrt((miss**2).mean()) < 0.003
