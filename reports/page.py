@@ -16,7 +16,17 @@ from reports.entries import OR, BatchEntry, ForceCurve, FruitEntry, ranked, with
 from reports.palette import UNKNOWN, class_marks
 from reports.svg import element, marker
 from reports.words import UNKNOWN as UNKNOWN_WORD
-from reports.words import advice, duration, effect_name, number, percent, remarks, verdict, with_sd
+from reports.words import (
+    advice,
+    duration,
+    effect_name,
+    number,
+    p_words,
+    percent,
+    remarks,
+    verdict,
+    with_sd,
+)
 
 _EXIT_STATUS = {
     0: "all graded",
@@ -54,6 +64,7 @@ def report_html(batch: BatchEntry) -> str:
         "force_chart": force_chart,
         "grasps_chart": grasps_chart,
         "number": number,
+        "p_words": p_words,
         "percent": percent,
         "remarks": remarks,
         "screened": _screened,
@@ -91,7 +102,7 @@ def _screened(fruit: FruitEntry) -> str:
         return UNKNOWN_WORD
     if screen.why_not:
         return "not screened"
-    p = "" if screen.p_value is None else f" (p = {number(screen.p_value, figures=2)})"
+    p = p_words(screen.p_value)
     first = [effect_name(one.name) for one in screen.suspects[:1]]
     return f"{first[0]}?{p}" if first else f"none found{p}"
 

@@ -8,6 +8,8 @@ from reports.entries import OR, FruitEntry, ScreenEntry, ranked
 
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
+SMALLEST_P = 0.001
+"""p-values are not told apart below this: so far out the null reference has no recordings."""
 
 _ADVICE = {
     "no-shape": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
@@ -79,6 +81,22 @@ def screen_words(screen: ScreenEntry) -> str:
     first, *others = screen.suspects
     like = f", or {' or '.join(effect_name(one.name) for one in others)}" if others else ""
     return f"missing physics suspected, {first.short}{like} (drupe explain says more)"
+
+
+def p_words(p_value: float | None) -> str:
+    """A p-value in brackets, with a space before; empty where there is none.
+
+    >>> [p_words(p).replace(NO_BREAK, " ") for p in (0.432, 0.0123, 1e-7, None)]
+    [' (p = 0.43)', ' (p = 0.012)', ' (p < 0.001)', '']
+    """
+    if p_value is None or not math.isfinite(p_value):
+        return ""
+    said = f"< {SMALLEST_P:g}" if p_value < SMALLEST_P else f"= {number(p_value, figures=2)}"
+    return (
+        f" (p {said})".replace("p ", f"p{NO_BREAK}")
+        .replace("= ", f"={NO_BREAK}")
+        .replace("< ", f"<{NO_BREAK}")
+    )
 
 
 def effect_name(effect: str) -> str:

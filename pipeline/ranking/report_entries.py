@@ -33,7 +33,7 @@ from reports.entries import (
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
     LARGE_DEFORMATION: EffectWords(
-        short="the flesh deforms largely, which is no fault: the model's law is that of small strain",
+        short="large deformation of the flesh (no fault: the model's law is that of small strain)",
         meaning="Under the same force soft flesh moves otherwise than the linear law says.",
         advice='[flesh] model = "neo-hookean" in batch.toml takes it into account.',
     ),

@@ -54,22 +54,30 @@ def batch_of(count, rng, *, gain=0.0, between=0.0):
     return found
 
 
-@pytest.mark.parametrize("between", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("between", [0.0, 0.006, 0.018])
 def test_sound_batches_raise_no_more_alarms_than_stated(between):
+    """Fruit that differ by nothing, by FLOOR and by three times that."""
     rng = np.random.default_rng(1)
     batches = [batch_of(int(rng.integers(3, 13)), rng, between=between) for _ in range(1000)]
     alarms = sum(bool(batch_faults(batch)) for batch in batches)
     assert alarms <= 1000 * FALSE_ALARM + 3 * math.sqrt(1000 * FALSE_ALARM)
 
 
-def test_the_test_is_exact_at_its_floor():
-    """Fruit that differ, with a mean at the floor: p is below 0.05 in one of forty, on the one side."""
+def test_p_is_that_of_students_t_where_fruit_differ_as_known_beforehand():
+    """A mean at the floor, fruit about it by as much: p is below 0.05 in one of forty, on the one side."""
     rng = np.random.default_rng(2)
-    p = []
+    floor, p = FLOOR["gain"], []
     for _ in range(2000):
-        values = FLOOR["gain"] + 0.02 * rng.normal(size=8) + 0.003 * rng.normal(size=8)
-        p.append(combined(values, np.full(8, 0.003), floor=FLOOR["gain"]).p_value)
-    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.025, abs=0.012)
+        values = floor + floor * rng.normal(size=8) + 0.003 * rng.normal(size=8)
+        p.append(combined(values, np.full(8, 0.003), floor=floor).p_value)
+    assert np.mean(np.array(p) < 0.05) == pytest.approx(0.025, abs=0.015)
+
+
+@pytest.mark.parametrize("count", [4, 10])
+def test_a_gain_of_four_percent_is_found_in_nearly_every_batch(count):
+    rng = np.random.default_rng(7)
+    batches = [batch_of(count, rng, gain=1 - 1 / 1.04, between=FLOOR["gain"]) for _ in range(100)]
+    assert sum(bool(batch_faults(batch)) for batch in batches) >= 90
 
 
 def test_a_gain_of_four_percent_in_ten_fruit_is_said_once_with_its_size():

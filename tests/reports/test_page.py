@@ -212,7 +212,9 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
         FruitEntry(fruit_id=f"f{k}", ok=True, outcome="graded", rank=k, E_MPa=0.3, screen=screen)
         for k, screen in enumerate(screens, start=1)
     )
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits, screened=True))).text)
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=fruits, screened=True))).text).replace(
+        "\u00a0", " "
+    )
     assert "none found (p = 0.40)" in shown
     assert "large deformation? (p = 0.012)" in shown
     assert "Missing physics suspected (p = 0.012): the flesh deforms largely. The screen cannot" in shown
@@ -229,6 +231,8 @@ def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(
         fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3,
         mismatch="viscoelastic", mismatch_taken=True, screen=ScreenEntry(p_value=0.4),
     )  # fmt: skip
-    shown = "".join(Page(report_html(replace(empty_batch, fruits=(fruit,), screened=True))).text)
+    shown = "".join(Page(report_html(replace(empty_batch, fruits=(fruit,), screened=True))).text).replace(
+        "\u00a0", " "
+    )
     assert "Taken into account: viscoelastic" in shown
     assert "Missing physics: none found beyond that (p = 0.40)." in shown
