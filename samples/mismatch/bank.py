@@ -16,8 +16,9 @@ _MORE_SINGLES = (
     ("graded_modulus", 1),
 )  # fmt: skip
 """Effects that come again with another fruit, and their level (set by hand)."""
-_LATER = ("adhesion",)
-"""Effects that came after the first bank: their cases stand last, so that the others keep their draws."""
+_LATER = (("adhesion",), ("sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift"))
+"""Effects that came after the first bank, as they came: their cases stand last, so that the others keep their
+draws."""
 _PAIRS = (
     ("pit_offset", "viscoelastic"), ("clock_lag", "skin"), ("graded_modulus", "sensor_gain"),
     ("pose_error", "viscoelastic"), ("slip", "soft_spot"), ("gripper_compliance", "pit_size"),
@@ -38,9 +39,10 @@ class BankCase:
 
 def singles() -> tuple[BankCase, ...]:
     """Every effect at three levels, then some again with other fruits."""
-    wanted = [(effect, level) for level in (1, 2, 0) for effect in EFFECTS if effect not in _LATER]
+    first = [effect for effect in EFFECTS if not any(effect in later for later in _LATER)]
+    wanted = [(effect, level) for level in (1, 2, 0) for effect in first]
     wanted += list(_MORE_SINGLES)
-    wanted += [(effect, level) for level in (1, 2, 0) for effect in _LATER]
+    wanted += [(effect, level) for later in _LATER for level in (1, 2, 0) for effect in later]
     return tuple(
         BankCase(case_id=f"single-{k + 1:02d}", effects=(one,), seed=(SEED, 1, k))
         for k, one in enumerate(wanted)

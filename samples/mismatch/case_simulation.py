@@ -15,6 +15,12 @@ from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.freestone import LoosePitBody, loose_compliance, pit_contact
+from samples.mismatch.gel_faults import (
+    with_bent_reading,
+    with_gel_creep,
+    with_hysteresis,
+    with_thermal_drift,
+)
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
@@ -35,7 +41,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
+from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
@@ -49,6 +55,13 @@ from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import NotInEquilibrium, SampleFailure
 
 Progress = Callable[[str], None]
+GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
+    "sensor_nonlinear": with_bent_reading,
+    "gel_creep": with_gel_creep,
+    "gel_hysteresis": with_hysteresis,
+    "thermal_drift": with_thermal_drift,
+}
+"""What makes each fault of the gels, by its effect's name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +150,10 @@ def _label(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
 
 
 def _with_amount(one: InjectedEffect, peak_N: float) -> InjectedEffect:
-    """A drift is planned as a share of the peak force per second; its label is in newtons."""
+    """Drifts are planned as shares of the peak force per time; their labels are in newtons."""
+    if one.effect == "thermal_drift":
+        strain, share = one.number("strain_per_root_s"), one.number("peak_share_per_root_s")
+        return replace(one, parameters={"strain_per_root_s": strain, "N_per_root_s": share * peak_N})
     if one.effect != "sensor_drift":
         return one
     amount = one.number("share_per_s") * peak_N
@@ -150,10 +166,10 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.injected))
+        stands = meshed_fruit(plan.drawn, here[0], wide=touches_widely(plan.injected))
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue)
         for grasp in here:
-            grip = grip_of(stands, gel=gel_of(plan.injected), inner=inner)
+            grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
                 found[grasp.name] = grasped(grasp, grip, body, progress)
                 continue
@@ -199,7 +215,9 @@ def as_recorded(
         return out_of_catalogue_recorded(truth, out_of_catalogue)
     for one in injected:
         p: dict[str, Any] = one.parameters
-        if one.effect == "sensor_gain":
+        if one.effect in GEL_FAULTS:
+            truth = GEL_FAULTS[one.effect](truth, **p)
+        elif one.effect == "sensor_gain":
             truth = with_gain(truth, pad=p["pad"], gain=p["gain"])
         elif one.effect == "sensor_drift":
             truth = with_drift(truth, pad=p["pad"], newton_per_s=p["newton_per_s"])

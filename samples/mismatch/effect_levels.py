@@ -30,6 +30,10 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "gripper_compliance": {"mm_per_N": ((0.003, 0.006), (0.009, 0.014), (0.02, 0.035))},
     "clock_lag": {"lag_s": ((0.04, 0.06), (0.09, 0.13), (0.17, 0.25))},
     "adhesion": {"reach_mm": ((0.05, 0.08), (0.1, 0.14), (0.18, 0.25))},
+    "sensor_nonlinear": {"a": ((0.06, 0.1), (0.15, 0.22), (0.28, 0.38))},
+    "gel_creep": {"creep": ((0.04, 0.07), (0.1, 0.16), (0.2, 0.3))},
+    "gel_hysteresis": {"share": ((0.03, 0.05), (0.06, 0.09), (0.1, 0.14))},
+    "thermal_drift": {"strain_per_root_s": ((2e-4, 4e-4), (6e-4, 1e-3), (1.3e-3, 2.1e-3))},
     "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
 }
 """From and to at each level, in the parameter's own unit (docs/formats.md; `change` and `share_per_s` are
@@ -67,6 +71,12 @@ def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[
         return {"pad": pad, "share_per_s": sign * size}
     if effect == "clock_lag":
         return {"lag_s": sign * size}
+    if effect == "sensor_nonlinear":
+        return {"a": sign * size}
+    if effect == "gel_creep":
+        return {"creep": size, "creep_tau_s": float(np.exp(rng.uniform(np.log(0.5), np.log(6.0))))}
+    if effect == "thermal_drift":
+        return {name: size, "peak_share_per_root_s": size * float(rng.uniform(15.0, 25.0))}
     if effect == "pose_error":
         angle = rng.uniform(0, 2 * np.pi)
         shift = 4.0 * size * np.array([np.cos(angle), np.sin(angle)])

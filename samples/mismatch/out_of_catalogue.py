@@ -2,9 +2,7 @@
 
 split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
 palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp
-gel_hysteresis   the gel's force falls behind its displacement while it is let go
-thermal_drift    both gels swell and their forces wander, fast at first, with the square root of time
-gel_creep        both gels soften while they are held; the sensor goes on believing their nominal stiffness
+gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
 drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
 """
 
@@ -17,17 +15,17 @@ from scipy.sparse import coo_array, csr_array
 from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
 from samples.gel_contact import Gel
 from samples.mismatch.bodies import ElasticBody, GrippedBody
-from samples.mismatch.creeping_gel import CreepingGelBody
 from samples.mismatch.draining import Draining
 from samples.mismatch.flesh_laws import Lame
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import PadTruth, TrueRecording
+from samples.mismatch.softening_gel import SofteningGelBody
+from samples.mismatch.true_recording import TrueRecording
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import SampleFailure
 
-OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_hysteresis", "thermal_drift", "gel_creep", "drainage")
+OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_softening", "drainage")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +49,7 @@ def _parameters(name: str, rng: np.random.Generator) -> dict[str, Any]:
     """Parameters of an effect outside of the catalogue, drawn at random."""
     if name == "palm":
         return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
-    if name == "gel_hysteresis":
-        return {"share": float(rng.uniform(0.06, 0.12))}
-    if name == "thermal_drift":
-        swell, force = rng.uniform(0.01, 0.02), rng.uniform(0.02, 0.04)
-        return {"swell_mm_per_root_s": float(swell), "peak_share_per_root_s": float(force)}
-    if name == "gel_creep":
+    if name == "gel_softening":
         return {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
     if name == "drainage":
         return {"volume_share": float(rng.uniform(0.6, 0.9)), "tau_s": float(rng.uniform(0.5, 2.5))}
@@ -71,8 +64,8 @@ def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue)
     if out_of_catalogue.name == "palm":
         return ElasticBody(skin_compliance(csr_array(flesh.stiffness + on_a_palm(flesh, **p)), stands.dofs))
     compliance = skin_compliance(flesh.stiffness, stands.dofs)
-    if out_of_catalogue.name == "gel_creep":
-        return CreepingGelBody(compliance, g=p["g"], tau_s=p["tau_s"])
+    if out_of_catalogue.name == "gel_softening":
+        return SofteningGelBody(compliance, g=p["g"], tau_s=p["tau_s"])
     if out_of_catalogue.name == "drainage":
         lame = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa)
         law = Draining(lame=lame, volume_share=p["volume_share"], tau_s=p["tau_s"])
@@ -82,12 +75,8 @@ def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue)
 
 def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:
     """What the sensor makes of it."""
-    if out_of_catalogue.name == "gel_hysteresis":
-        return with_hysteresis(truth, **out_of_catalogue.parameters)
-    if out_of_catalogue.name == "thermal_drift":
-        return with_thermal_drift(truth, **out_of_catalogue.parameters)
-    if out_of_catalogue.name == "gel_creep":
-        return believed(truth, Gel())
+    if out_of_catalogue.name == "gel_softening":
+        return believed(truth, truth.gel)
     return truth
 
 
@@ -131,36 +120,8 @@ def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> c
     return csr_array(coo_array((values, (at, at)), shape=(flesh.unknowns, flesh.unknowns)))
 
 
-def with_hysteresis(truth: TrueRecording, *, share: float) -> TrueRecording:
-    """While a pad's force is below its peak so far, the recorded force falls short by up to `share` of it."""
-    pads = []
-    for pad in truth.pads:
-        total = pad.force_N.sum(axis=1)[:, 2]
-        peak = np.maximum.accumulate(np.maximum(total, 1e-9))
-        short = 1 - share * 4 * (total / peak) * (1 - total / peak)
-        pads.append(replace(pad, force_N=pad.force_N * short[:, None, None]))
-    return replace(truth, pads=(pads[0], pads[1]))
-
-
-def with_thermal_drift(
-    truth: TrueRecording, *, swell_mm_per_root_s: float, peak_share_per_root_s: float
-) -> TrueRecording:
-    """Markers move away from the gel's middle and the normal force grows, both with the root of time."""
-    root = np.sqrt(truth.time_s - truth.time_s[0])
-    outward = np.zeros_like(truth.rest_mm)
-    outward[:, :2] = truth.rest_mm[:, :2] / np.abs(truth.rest_mm[:, :2]).max()
-    swell = swell_mm_per_root_s * root[:, None, None] * outward
-    growth = peak_share_per_root_s * truth.peak_force_N / len(truth.rest_mm) * root
-    pads = []
-    for pad in truth.pads:
-        force = pad.force_N.copy()
-        force[..., 2] += growth[:, None]
-        pads.append(PadTruth(pose=pad.pose, displacement_mm=pad.displacement_mm + swell, force_N=force))
-    return replace(truth, pads=(pads[0], pads[1]))
-
-
 def believed(truth: TrueRecording, gel: Gel) -> TrueRecording:
     """The force that a sensor computes from the markers' displacement with the gel's nominal stiffness."""
     stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
-    pads = [replace(p, force_N=-stiffness * p.displacement_mm) for p in truth.pads]
+    pads = [replace(p, force_N=-truth.marker_area_mm2 * stiffness * p.displacement_mm) for p in truth.pads]
     return replace(truth, gel=gel, pads=(pads[0], pads[1]))

@@ -7,6 +7,12 @@ import pytest
 from mismatch_ball import drawn_ball, grasp_along_x, motion
 
 from samples.gel_contact import Gel
+from samples.mismatch.gel_faults import (
+    with_bent_reading,
+    with_gel_creep,
+    with_hysteresis,
+    with_thermal_drift,
+)
 from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.lagged_motion import at_times, recorded_late, with_instants
 from samples.mismatch.machine_effects import (
@@ -15,7 +21,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.out_of_catalogue import believed, with_hysteresis, with_thermal_drift
+from samples.mismatch.out_of_catalogue import believed
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 from samples.simulated_grasp import marker_grid
 
@@ -127,12 +133,41 @@ def test_hysteresis_spares_the_load_and_the_peak(truth: TrueRecording) -> None:
 
 
 def test_thermal_drift_goes_with_the_root_of_time_on_both_pads(truth: TrueRecording) -> None:
-    found = with_thermal_drift(truth, swell_mm_per_root_s=0.02, peak_share_per_root_s=0.03)
+    found = with_thermal_drift(truth, strain_per_root_s=0.002, N_per_root_s=0.3)
+    reach = np.abs(truth.rest_mm[:, 0]).max()
     for before, after in zip(truth.pads, found.pads, strict=True):
         added = total_N(after) - total_N(before)
-        assert added == pytest.approx(0.03 * truth.peak_force_N * np.sqrt(truth.time_s))
+        assert added == pytest.approx(0.3 * np.sqrt(truth.time_s))
         moved = (after.displacement_mm - before.displacement_mm)[-1]
-        assert np.abs(moved).max() == pytest.approx(0.02 * np.sqrt(2.0))
+        assert np.abs(moved).max() == pytest.approx(0.002 * reach * np.sqrt(2.0))
+
+
+def test_a_bent_reading_is_off_by_its_share_at_the_largest_force_and_by_half_at_half(
+    truth: TrueRecording,
+) -> None:
+    found = with_bent_reading(truth, a=-0.3)
+    size, read = (np.linalg.norm(one.pads[0].force_N, axis=2) for one in (truth, found))
+    assert read.max() == pytest.approx(0.7 * size.max())
+    assert (read[4] / size[4])[size[4] == size[4].max()] == pytest.approx(0.85)
+
+
+def test_a_gel_face_creeps_on_under_a_steady_load(truth: TrueRecording) -> None:
+    held = np.r_[0:9, [8] * 40]
+    pads = [
+        PadTruth(pose=p.pose[held], displacement_mm=p.displacement_mm[held], force_N=p.force_N[held])
+        for p in truth.pads
+    ]
+    still = replace(
+        truth,
+        time_s=np.arange(len(held)) * 0.25,
+        aperture_mm=truth.aperture_mm[held],
+        pads=(pads[0], pads[1]),
+    )
+    found = with_gel_creep(still, creep=0.2, creep_tau_s=1.0)
+    more = found.pads[0].displacement_mm[:, 0, 2] / still.pads[0].displacement_mm[-1, 0, 2]
+    assert more[8] < 1.15
+    assert more[-1] == pytest.approx(1.2, abs=1e-3)
+    assert np.array_equal(found.pads[0].force_N, still.pads[0].force_N)
 
 
 def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:

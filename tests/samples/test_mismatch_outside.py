@@ -41,17 +41,17 @@ def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
     on_palm = force_on_fruit(grasped_ball(grasp, stands, out_of_catalogue_body(stands, palm)))
     free = force_on_fruit(
         grasped_ball(
-            grasp, stands, out_of_catalogue_body(stands, OutOfCatalogue(name="gel_hysteresis", parameters={}))
+            grasp, stands, out_of_catalogue_body(stands, OutOfCatalogue(name="sound", parameters={}))
         )
     )
     assert np.abs(free[:, 2]).max() < 0.03
     assert np.abs(on_palm[:, 2]).max() > 2 * np.abs(free[:, 2]).max()
 
 
-def test_a_creeping_gel_is_pressed_deeper_while_it_is_held() -> None:
+def test_a_softening_gel_is_pressed_deeper_while_it_is_held() -> None:
     grasp, stands = rough(drawn_ball(), WAY)
     body = out_of_catalogue_body(
-        stands, OutOfCatalogue(name="gel_creep", parameters={"g": 0.3, "tau_s": 0.5})
+        stands, OutOfCatalogue(name="gel_softening", parameters={"g": 0.3, "tau_s": 0.5})
     )
     depth = -grasped_ball(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
     assert depth[4] > depth[3] > depth[2]

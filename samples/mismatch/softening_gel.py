@@ -10,7 +10,7 @@ from samples.mismatch.grip import Grip, Instant, next_instant
 from samples.mismatch.skin_compliance import SkinCompliance
 
 
-class CreepingGelBody:
+class SofteningGelBody:
     """Linear flesh; the gel's stiffnesses go as 1 - g + g exp(-t/tau), t the time it has been pressed."""
 
     still = False
