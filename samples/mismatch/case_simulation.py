@@ -41,7 +41,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
+from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
@@ -166,10 +166,10 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], wide=touches_widely(plan.injected))
+        stands = meshed_fruit(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.injected))
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue)
         for grasp in here:
-            grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
+            grip = grip_of(stands, gel=gel_of(plan.injected), inner=inner)
             if lag is None:
                 found[grasp.name] = grasped(grasp, grip, body, progress)
                 continue
