@@ -221,6 +221,8 @@ class ScreenRecord(_Record):
     amounts: tuple[AmountRecord, ...] = ()
     note: str = ""
     failure: str = ""
+    again: bool = False
+    """Whether what failed may come out otherwise when it is tried again."""
 
 
 class FruitRecord(_Record):

@@ -92,9 +92,9 @@ def screened_fruit(
     except Exception as error:  # noqa: BLE001 - whatever goes wrong here, the fruit is graded
         ending, particulars = ending_of(error)
         if ending is not Outcome.INTERNAL:
-            return ScreenRecord(failure=ending.sentence(particulars))
+            return ScreenRecord(failure=ending.sentence(particulars), again=True)
         write_whole(task.results.traceback, traceback.format_exc())
-        return ScreenRecord(failure=INTERNAL)
+        return ScreenRecord(failure=INTERNAL, again=True)
 
 
 def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[PlacedGrasp]) -> ScreenRecord:

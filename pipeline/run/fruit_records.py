@@ -95,7 +95,7 @@ def kept_records(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRec
             continue
         if record.graded and not task.results.fruit_ply.is_file():
             continue
-        if record.graded and task.screen and record.screen is None:
+        if record.graded and task.screen and (record.screen is None or record.screen.again):
             continue
         record = record.model_copy(update={"given": task.given})
         if record != kept:

@@ -62,8 +62,10 @@ def test_its_spread_is_in_the_error_bar_and_shared_by_all_fruit(true_and_confirm
 
 def test_ranking_and_report_say_what_was_taken_into_account_and_what_was_not(true_and_confirmed):
     (true, _, _), (confirmed, record, page) = true_and_confirmed
-    assert np.isnan(true.mismatch)
+    assert (true.mismatch_by, confirmed.mismatch_by) == ("screen", "settings")
+    assert true.mismatch.startswith("not screened: one recording alone cannot tell missing physics from")
     assert confirmed.mismatch == "sensor_gain"
+    assert confirmed.screen == true.screen == true.mismatch
     assert "Taken into account" in page
     assert "sensor gain (taken into account)" in page
     (warning,) = [w for w in record["warnings"] if "batch.toml" in w]

@@ -237,6 +237,10 @@ def test_a_fruit_that_was_not_screened_is_graded_anew_by_a_run_that_screens(batc
     assert run()[1] == ""
     _, worked, again = run(screen=False)
     assert (worked, again) == ("", rows)  # what is known stays
+    path = batch / "results" / "fruits" / "B" / "record.json"
+    failed = ScreenRecord(failure="no memory", again=True)
+    write_record(path, held(batch, "B")[1].model_copy(update={"screen": failed}))
+    assert run()[1] == "B"  # and what may come out otherwise is tried again
 
 
 def test_a_fault_of_the_whole_batch_stands_in_report_and_provenance(batch, run, monkeypatch):

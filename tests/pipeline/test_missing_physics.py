@@ -113,12 +113,13 @@ def test_a_failure_of_the_mechanics_is_a_sentence(place):
     place.answers(FemFailure(FemProblem.NO_LOAD, "pad left never presses"))
     record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
     assert (record.p_value, record.names, record.failure) == (None, (), "pad left never presses")
+    assert not record.again
 
 
 def test_a_fault_of_the_screen_costs_the_screen_alone_and_leaves_its_traceback(place):
     place.answers(ZeroDivisionError("by nothing"))
     record = stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate()), {})
-    assert record.failure == stage.INTERNAL
+    assert (record.failure, record.again) == (stage.INTERNAL, True)
     assert "ZeroDivisionError: by nothing" in (place.folder / "traceback.txt").read_text()
 
 

@@ -1,0 +1,73 @@
+"""A batch of two grasps a fruit, one pad of which reads too much: screened, resumed, and left unscreened."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from sample_batches import SHIPPED, drupe, ready_batch
+
+pytestmark = pytest.mark.slow
+GAIN = 1.08
+FRUIT = 3
+
+
+@pytest.fixture(scope="module")
+def screened(tmp_path_factory):
+    """The batch, its left pad a gain too high in every recording, and its results."""
+    batch = ready_batch(tmp_path_factory.mktemp("screened") / "batch", FRUIT)
+    for fruit in sorted((batch / "fruits").iterdir()):
+        second = SHIPPED / "fruits" / fruit.name / "grasps" / "grasp-2.h5"
+        shutil.copyfile(second, fruit / "grasps" / "grasp-2.h5")
+        for path in sorted((fruit / "grasps").glob("*.h5")):
+            with h5py.File(path, "r+") as file:
+                force = file["pads/left/force_N"]
+                force[...] = (GAIN * force[...].astype(float)).astype(np.float32)
+    done = drupe("grade", batch, "--jobs", "1")
+    assert done.status == 0, done.err
+    return batch, done
+
+
+def test_the_pad_is_at_fault_in_the_whole_batch_and_that_is_said_once(screened):
+    batch, done = screened
+    (fault,) = json.loads((batch / "results" / "batch.json").read_text())["faults"]
+    assert (fault["effect"], fault["fruit"]) == ("sensor_gain", FRUIT)
+    assert done.out.count("fault of the whole batch: ") == 1
+    gain = 1 / (1 - fault["value"])
+    truth = GAIN if fault["pad"] == "left" else 1 / GAIN
+    assert gain == pytest.approx(truth, abs=0.03)
+
+
+def test_every_fruit_has_a_p_its_time_and_the_amount_of_the_gain(screened):
+    batch, _ = screened
+    table = pd.read_csv(batch / "results" / "ranking.csv")
+    assert (table.mismatch_by == "screen").all()
+    assert table.screen_p.between(0, 1).all()
+    for name in table.fruit_id:
+        record = json.loads((batch / "results" / "fruits" / name / "record.json").read_text())
+        assert record["seconds"]["screen"] > 0
+        left = next(one for one in record["screen"]["amounts"] if one["effect"] == "sensor_gain")
+        assert left["pad"] == "left"
+        assert left["value"] == pytest.approx(1 - 1 / GAIN, abs=0.03)
+
+
+def test_a_second_run_screens_nothing_and_says_the_same(screened):
+    batch, first = screened
+    again = drupe("grade", batch, "--jobs", "1")
+    assert f"{FRUIT} of {FRUIT} fruit unchanged" in again.err
+    assert ": screen" not in again.err
+    assert again.out == first.out
+
+
+def test_without_the_screen_its_column_is_empty_and_E_is_the_same(screened, tmp_path):
+    batch, _ = screened
+    out = tmp_path / "plain"
+    done = drupe("grade", batch, "--out", out, "--jobs", "1", "--no-screen")
+    assert done.status == 0
+    assert ": screen" not in done.err
+    plain, with_it = (pd.read_csv(folder / "ranking.csv") for folder in (out, batch / "results"))
+    assert plain.screen.isna().all()
+    assert plain.mismatch.isna().all()
+    assert (plain.set_index("fruit_id").E_MPa == with_it.set_index("fruit_id").E_MPa).all()
