@@ -1,5 +1,6 @@
 """A mismatch case on disk: mesh, pit prior, settings, recordings; labels sealed first, answers after."""
 
+import fcntl
 import hashlib
 import json
 import shutil
@@ -12,18 +13,15 @@ from jaxtyping import Float
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
-from samples.fruit import MESH_ERROR_MM, POISSON_RATIO
+from samples.fruit import POISSON_RATIO
 from samples.mismatch.drawn_fruit import DrawnFruit, scanned_skin
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.mismatch.true_recording import TrueRecording
-from samples.sensor_noise import SensorNoise, measured
-from samples.simulated_grasp import SENSOR
+from samples.sensor_noise import measured
 from tactile.io.recording import GelPad, Recording, write_recording
 
 MESH_CELLS = 33
 """Along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
-FORCE_NOISE_SHARE = 2e-4
-"""Noise of one marker's force over the pad's peak force."""
 
 _SETTINGS = """\
 category = "{category}"
@@ -58,7 +56,9 @@ def write_case_files(
     shutil.rmtree(partial, ignore_errors=True)
     partial.mkdir(parents=True)
     origin = np.array(drawn.prior.centre_mm)
-    vertices, triangles = scanned_skin(drawn.fruit.skin, cells=MESH_CELLS, error_mm=MESH_ERROR_MM, rng=rng)
+    vertices, triangles = scanned_skin(
+        drawn.fruit.skin, cells=MESH_CELLS, error_mm=drawn.mesh_error_mm, rng=rng
+    )
     write_mesh(partial / "fruit.ply", vertices - origin, triangles)
     sphere = even_sphere(MESH_CELLS)
     write_mesh(partial / "pit.ply", drawn.prior.points_mm(sphere.directions) - origin, sphere.triangles())
@@ -81,8 +81,7 @@ def sensed(
     rng: np.random.Generator,
 ) -> Recording:
     """The recording as the sensor gives it, in the frame whose origin is at `origin_mm`."""
-    size = FORCE_NOISE_SHARE * peak_N
-    noise = SensorNoise(force_N=size, reference_N=size / 2, force_step_N=2.0**-17)
+    noise = drawn.sensor.noise(peak_N)
     pads = []
     for name, pad in zip(PAD_NAMES, truth.pads, strict=True):
         felt, pushed = measured(pad.displacement_mm, pad.force_N, noise, rng)
@@ -104,7 +103,7 @@ def sensed(
         category=drawn.category,
         loading="grasp",
         support="free",
-        sensor=SENSOR,
+        sensor=drawn.sensor.name,
         time_s=np.round(truth.time_s, 3),
         aperture_mm=np.round(truth.aperture_mm, 4),
         pads=tuple(pads),
@@ -145,9 +144,12 @@ def _text(entry: dict[str, Any]) -> str:
 
 
 def _update(path: Path, key: str, value: Any) -> None:
+    """Add one entry to a JSON file, which several processes may do at once."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-    known[key] = value
-    partial = path.with_suffix(".partial")
-    partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-    partial.replace(path)
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        known[key] = value
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        partial.replace(path)

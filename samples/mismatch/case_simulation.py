@@ -9,9 +9,10 @@ import numpy as np
 from scipy.sparse import csr_array
 
 from samples.fruit import POISSON_RATIO
+from samples.graded_bricks import BrickGrading
 from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
-from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit
+from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.freestone import LoosePitBody, loose_compliance, pit_contact
@@ -41,7 +42,7 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_pose_error,
 )
-from samples.mismatch.meshed_fruit import CASE, MeshedFruit, meshed_fruit
+from samples.mismatch.meshed_fruit import CASE, NONLINEAR_CASE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
@@ -105,6 +106,7 @@ def planned(
     grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
     injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
     foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
+    drawn = seen_by_drawn_sensor(drawn, rng)
     return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
 
 
@@ -166,10 +168,12 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
     found: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
-        stands = meshed_fruit(plan.drawn, here[0], fineness=CASE, wide=touches_widely(plan.injected))
+        stands = meshed_fruit(
+            plan.drawn, here[0], fineness=_fineness(plan), wide=touches_widely(plan.injected)
+        )
         body, inner = body_of(stands, plan.injected, plan.out_of_catalogue)
         for grasp in here:
-            grip = grip_of(stands, gel=gel_of(plan.injected), inner=inner)
+            grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
                 found[grasp.name] = grasped(grasp, grip, body, progress)
                 continue
@@ -178,6 +182,12 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
             everything = grasped(with_instants(grasp, frames - lag_s), grip, body, progress)
             found[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
     return tuple(found[g.name] for g in plan.grasps)
+
+
+def _fineness(plan: CasePlan) -> BrickGrading:
+    nonlinear = any(p.effect in MATERIAL_LAWS for p in plan.injected)
+    foreign = plan.out_of_catalogue
+    return NONLINEAR_CASE if nonlinear or (foreign is not None and foreign.name == "drainage") else CASE
 
 
 def body_of(

@@ -7,7 +7,16 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.cubed_sphere import even_sphere
-from samples.fruit import PIT_OFFSET_SD_MM, PIT_SIZE_SD, POISSON_RATIO, SampleFruit, SamplePit, Skin
+from samples.fruit import (
+    MESH_ERROR_MM,
+    PIT_OFFSET_SD_MM,
+    PIT_SIZE_SD,
+    POISSON_RATIO,
+    SampleFruit,
+    SamplePit,
+    Skin,
+)
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor, drawn_sensor, with_drawn_noise
 
 Category = Literal["nectarine", "plum", "pdms_ball"]
 CATEGORIES: tuple[Category, ...] = ("nectarine", "plum", "pdms_ball")
@@ -16,14 +25,25 @@ SOFTEST_MPA, FIRMEST_MPA = 0.15, 1.4
 to 1.4 MPa) and a little softer."""
 
 
+MESH_ERRORS_MM = (0.05, 0.12)
+"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Photos to mesh)."""
+LARGEST_SHARE = 0.9
+"""Of the travel that goes into the height of the contact at most, for a gel that is to be wide enough."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DrawnFruit:
-    """The truth of one fruit, the pit that its category would have, and how deep its first grasp goes."""
+    """The truth of one fruit, the pit that its category would have, and how deep its first grasp goes.
+
+    `sensor`: what presses and sees it; `mesh_error_mm`: RMS of its scanned mesh.
+    """
 
     category: Category
     fruit: SampleFruit
     prior: SamplePit
     depth_mm: float
+    sensor: MarkerSensor = DEFAULT_SENSOR
+    mesh_error_mm: float = MESH_ERROR_MM
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +131,23 @@ def with_new_prior(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
     centre = np.array(drawn.fruit.pit.centre_mm) - rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     sizes = np.array(drawn.fruit.pit.semi_axes_mm) / rng.normal(1.0, PIT_SIZE_SD, 3)
     return replace(drawn, prior=SamplePit(centre_mm=_triple(centre), semi_axes_mm=_triple(sizes)))
+
+
+def seen_by_drawn_sensor(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
+    """The same fruit pressed by sensors drawn wide, its mesh off by 0.05 to 0.12 mm."""
+    radius = float(np.mean(drawn.fruit.skin.half_axes_mm))
+    contact = float(np.sqrt(2 * radius * LARGEST_SHARE * drawn.depth_mm))
+    return _with_error(replace(drawn, sensor=drawn_sensor(rng, contact_mm=contact)), rng)
+
+
+def seen_anew(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
+    """Another record of the same grasps: other noise, another scan, another draw of the prior's error."""
+    drawn = replace(with_new_prior(drawn, rng), sensor=with_drawn_noise(drawn.sensor, rng))
+    return _with_error(drawn, rng)
+
+
+def _with_error(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
+    return replace(drawn, mesh_error_mm=float(rng.uniform(*MESH_ERRORS_MM)))
 
 
 def scanned_skin(

@@ -14,30 +14,35 @@ from scipy.sparse import csr_array
 
 from samples.gel_contact import Gel, traction
 from samples.hexahedra import lagrange
+from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.skin_points import seen_from_above, settle_in_cell, weights
 from samples.sample_failure import NotInEquilibrium
 
-HALF_WIDTH_MM, POINTS = 10.0, 4
-"""Half the gel's side, mm, as wide as its 20 x 20 markers, and its points along each side of a skin cell."""
+POINTS = 4
+"""Gel points along each side of a skin cell: 3 or 6 change markers by less than 0.1 um and a pad's force by
+less than 0.02 % (benchmarks/truth_convergence.py)."""
 CLOSE_MM, SPACE_MM = 0.1, 1.0
 """Only gel points this near to skin this low look up."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bed:
-    """Gel points of one pad (pad frame), the gel area of each (mm^2); the markers come last, with none."""
+    """Gel points of one pad (pad frame), the gel area of each (mm^2); the markers come last, with none.
+
+    `marker_area_mm2`: of the square of gel that a marker stands for.
+    """
 
     points_mm: Float[np.ndarray, "g 2"]
     areas_mm2: Float[np.ndarray, " g"]
     markers: int
+    marker_area_mm2: float
 
 
 def bed_of(
-    rest_mm: Float[np.ndarray, "m 3"],
+    sensor: MarkerSensor,
     skin_mm: Float[np.ndarray, "n 3"],
     cells: Int[np.ndarray, "k 9"],
     *,
-    half_width_mm: float = HALF_WIDTH_MM,
     points: int = POINTS,
 ) -> Bed:
     """Gauss points of the skin's cells as they face the gel (pad frame, mm), then the markers.
@@ -53,11 +58,13 @@ def bed_of(
     second = np.einsum("pi,qj,kijc->kpqc", value, slope, corners).reshape(-1, 2)
     size = np.abs(first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0])
     areas = size * np.tile(np.outer(weight, weight).ravel(), len(cells))
-    inside = np.abs(places).max(axis=1) <= half_width_mm
+    inside = np.abs(places).max(axis=1) <= sensor.half_width_mm
+    rest = sensor.rest_mm[:, :2]
     return Bed(
-        points_mm=np.concatenate([places[inside], rest_mm[:, :2]]),
-        areas_mm2=np.concatenate([areas[inside], np.zeros(len(rest_mm))]),
-        markers=len(rest_mm),
+        points_mm=np.concatenate([places[inside], rest]),
+        areas_mm2=np.concatenate([areas[inside], np.zeros(len(rest))]),
+        markers=len(rest),
+        marker_area_mm2=sensor.pitch_mm**2,
     )
 
 
@@ -178,11 +185,11 @@ def after_step(
 def marker_values(
     gel: Gel, bed: Bed, link: Link, now: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
-    """Shift of every marker (mm) and traction there (MPa), pad frame; zero where nothing touches."""
+    """Shift of every marker (mm) and force on its square of gel (N), pad frame; zero without touch."""
     position = np.asarray(link.shares @ now)
     force, _ = traction(gel, position, link.anchors_mm, link.stuck)
     load = np.zeros((len(bed.points_mm), 3))
     load[link.points] = force
     load = load[-bed.markers :]
     stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
-    return -load / stiffness, load
+    return -load / stiffness, bed.marker_area_mm2 * load

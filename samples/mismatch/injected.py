@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.brick_flesh import BrickFlesh
-from samples.gel_contact import Gel
+from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, StiffeningFlesh, Yielding
@@ -65,10 +65,10 @@ def joined_parameters(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
     return {p.effect: dict(p.parameters) for p in injected}
 
 
-def gel_of(injected: tuple[InjectedEffect, ...]) -> Gel:
-    """The pads' gel; with slip its friction is low, else high enough never to matter. It may stick."""
+def gel_of(injected: tuple[InjectedEffect, ...], gel: Gel = DEFAULT_GEL) -> Gel:
+    """The pads' gel; with slip its friction is low. It may stick."""
     slip, adhesion = named(injected, "slip"), named(injected, "adhesion")
-    gel = Gel() if slip is None else Gel(friction=slip.number("mu"))
+    gel = gel if slip is None else replace(gel, friction=slip.number("mu"))
     return gel if adhesion is None else replace(gel, reach_mm=adhesion.number("reach_mm"))
 
 

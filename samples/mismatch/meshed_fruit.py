@@ -6,16 +6,18 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from samples.brick_flesh import BrickFlesh, flesh_of
-from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
 from samples.hexahedra import Bricks, Fineness, flesh_bricks
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import CaseGrasp
+from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.skin_patch import SkinPatch, degrees_of_freedom, patch_of
 
 CASE = BrickGrading(cells=5, layers=3)
 """Bricks of 0.039 of the fruit's radius (1.1 mm on one of 27 mm) at the skin under the pads; what that
 leaves is measured by benchmarks/truth_convergence.py (docs/validation.md, Mismatch finder)."""
+NONLINEAR_CASE = BrickGrading(cells=4, layers=2)
+"""The same for flesh whose every point is visited again and again: bricks of 0.049 of the radius."""
 EVEN = Fineness(degrees=(0, 6.4, 12.8, 19.4, 45), along=2, depths=(0, 0.12, 0.3, 0.6, 1))
 """Cells of 3.3 mm under the pads of a 60 mm fruit: of earlier cases."""
 RIGID_SHARE, HALF, FIRMNESS_MM, SPARE_MM = 1.2, 0.5, 2.4, 0.1
@@ -30,13 +32,14 @@ WIDE_SHARE = 0.3
 class MeshedFruit:
     """One mesh of one fruit (E as true of it): its linear flesh, its two patches, their unknowns.
 
-    `touch_mm`: where the middle of each pad's face is at the first touch (fruit frame).
+    `touch_mm`: where the middle of each pad's face is at the first touch (fruit frame); `sensor`: both pads'.
     """
 
     flesh: BrickFlesh
     patches: tuple[SkinPatch, SkinPatch]
     dofs: Int[np.ndarray, " d"]
     touch_mm: Float[np.ndarray, "2 3"]
+    sensor: MarkerSensor
 
 
 def meshed_fruit(
@@ -45,14 +48,13 @@ def meshed_fruit(
     *,
     fineness: BrickGrading | Fineness = CASE,
     wide: bool = False,
-    gel: Gel = DEFAULT_GEL,
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
     `wide`: it gives way less than plain flesh of its modulus.
     """
     fruit = drawn.fruit
-    firmness = fruit.E_MPa / (FIRMNESS_MM * gel.kn_MPa_per_mm)
+    firmness = fruit.E_MPa / (FIRMNESS_MM * drawn.sensor.gel.kn_MPa_per_mm)
     share = RIGID_SHARE - HALF / (1 + firmness) + (WIDE_SHARE if wide else 0.0)
     overlap = share * float(grasp.motion.travel_mm.max()) + SPARE_MM
     bricks = _bricks(drawn, grasp, fineness, overlap)
@@ -62,7 +64,9 @@ def meshed_fruit(
         for turn, touch in zip(grasp.hold.turns, grasp.hold.touch_mm, strict=True)
     )
     dofs = degrees_of_freedom((left, right), flesh.free_nodes, len(bricks.nodes_mm))
-    return MeshedFruit(flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm)
+    return MeshedFruit(
+        flesh=flesh, patches=(left, right), dofs=dofs, touch_mm=grasp.hold.touch_mm, sensor=drawn.sensor
+    )
 
 
 def _bricks(

@@ -14,7 +14,6 @@ from samples.mismatch.gel_bed import POINTS, bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
 from samples.mismatch.meshed_fruit import MeshedFruit, nodes_of
 from samples.mismatch.protocol import Motion
-from samples.simulated_grasp import marker_grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +37,12 @@ class TrueRecording:
     pads: tuple[PadTruth, PadTruth]
 
     @property
+    def marker_area_mm2(self) -> float:
+        """Of the square of gel that each marker stands for."""
+        places = np.unique(self.rest_mm[:, 0])
+        return float(places[1] - places[0]) ** 2
+
+    @property
     def peak_force_N(self) -> float:
         """Largest total normal force of a pad over the recording."""
         return max(float(p.force_N.sum(axis=1)[:, 2].max()) for p in self.pads)
@@ -47,7 +52,7 @@ def grip_of(
     stands: MeshedFruit, *, gel: Gel, inner: InnerContact | None = None, points: int = POINTS
 ) -> Grip:
     """The grip on a fruit as it was meshed, with both pads of the given gel; `points`: see gel_bed.bed_of."""
-    nodes, rest = nodes_of(stands), marker_grid()
+    nodes = nodes_of(stands)
     local = [
         (nodes[p.nodes] - touch) @ p.turn for p, touch in zip(stands.patches, stands.touch_mm, strict=True)
     ]
@@ -55,7 +60,8 @@ def grip_of(
         patches=stands.patches,
         rest_mm=tuple(nodes[p.nodes] for p in stands.patches),
         beds=tuple(
-            bed_of(rest, x, p.cells, points=points) for p, x in zip(stands.patches, local, strict=True)
+            bed_of(stands.sensor, x, p.cells, points=points)
+            for p, x in zip(stands.patches, local, strict=True)
         ),
         gel=gel,
         inner=inner,
@@ -85,7 +91,12 @@ def grasped(
             frames.append(instant)
         if progress is not None:
             progress(f"{grasp.name}: {k + 1} of {len(motion.time_s)}")
-    return _at_frames(grasp, grip, frames)
+    return _at_frames(grasp, grip, frames, _markers_mm(grip))
+
+
+def _markers_mm(grip: Grip) -> Float[np.ndarray, "n 3"]:
+    places = grip.beds[0].points_mm[-grip.beds[0].markers :]
+    return np.concatenate([places, np.zeros((len(places), 1))], axis=1)
 
 
 def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
@@ -93,7 +104,9 @@ def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
     return np.asarray(origins + np.stack([motion.shear_mm[k] * hold.turns[0][:, 0], np.zeros(3)]))
 
 
-def _at_frames(grasp: CaseGrasp, grip: Grip, frames: list[Instant]) -> TrueRecording:
+def _at_frames(
+    grasp: CaseGrasp, grip: Grip, frames: list[Instant], rest_mm: Float[np.ndarray, "n 3"]
+) -> TrueRecording:
     """The recording at the frames that are kept, in the pads' own order."""
     hold, motion = grasp.hold, grasp.motion
     shown = motion.recorded
@@ -112,6 +125,6 @@ def _at_frames(grasp: CaseGrasp, grip: Grip, frames: list[Instant]) -> TrueRecor
             )
         )
     return TrueRecording(
-        name=grasp.name, time_s=motion.time_s[shown], aperture_mm=gap - 2 * travel, rest_mm=marker_grid(),
+        name=grasp.name, time_s=motion.time_s[shown], aperture_mm=gap - 2 * travel, rest_mm=rest_mm,
         gel=grip.gel, pads=(pads[0], pads[1]),
     )  # fmt: skip

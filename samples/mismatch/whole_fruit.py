@@ -13,29 +13,30 @@ from samples.mismatch.skin_compliance import SkinCompliance, compliance_of
 
 @dataclass(frozen=True, kw_only=True)
 class WholeFruit:
-    """Flesh with its factorised stiffness, its patches' compliance; small rotations of the pit (`tie`)."""
+    """Flesh with its factorised stiffness, its patches' compliance; small rotations of the pit (`tie`).
+
+    `slopes`: gradients of the shape functions at the integration points, three rows for each.
+    """
 
     flesh: BrickFlesh
     factor: Factor
     compliance: SkinCompliance
     tie: csr_array
+    slopes: Float[np.ndarray, "m 81 27"]
     dofs: Int[np.ndarray, " d"]
 
     def gradients(self, q: Float[np.ndarray, " u"]) -> Float[np.ndarray, "m 27 3 3"]:
         """Displacement gradient du_i/dx_k at the integration points for the unknowns q."""
         u = np.asarray(self.tie @ q).reshape(-1, 3)
-        cells = self.flesh.bricks.cells
-        m = len(cells)
-        found = np.matmul(self.flesh.slopes.transpose(0, 1, 3, 2).reshape(m, 81, 27), u[cells])
-        return np.asarray(found.reshape(m, 27, 3, 3).transpose(0, 1, 3, 2))
+        found = np.matmul(self.slopes, u[self.flesh.bricks.cells])
+        return np.asarray(found.reshape(-1, 27, 3, 3).transpose(0, 1, 3, 2))
 
     def forces(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, " u"]:
         """Internal forces on the unknowns of a stress field P_ik (first index the force's)."""
         cells = self.flesh.bricks.cells
         m = len(cells)
-        weighted = stress * self.flesh.volumes[..., None, None]
-        stacked = weighted.transpose(0, 1, 3, 2).reshape(m, 81, 3)
-        local = np.matmul(self.flesh.slopes.transpose(0, 2, 1, 3).reshape(m, 27, 81), stacked)
+        weighted = stress.transpose(0, 1, 3, 2) * self.flesh.volumes[..., None, None]
+        local = np.matmul(self.slopes.transpose(0, 2, 1), weighted.reshape(m, 81, 3))
         count = len(self.flesh.bricks.nodes_mm)
         nodal = [np.bincount(cells.ravel(), local[..., i].ravel(), minlength=count) for i in range(3)]
         return np.asarray(self.tie.T @ np.stack(nodal, axis=1).ravel())
@@ -55,4 +56,7 @@ def whole_fruit(flesh: BrickFlesh, stiffness: csr_array, dofs: Int[np.ndarray, "
     """Factorise; `stiffness` may differ from the flesh's own by what else is linear in it."""
     tie = rigid_tie(flesh.bricks, flesh.free_nodes, flesh.pit_centre_mm)
     factor = factorise(stiffness, last=dofs)
-    return WholeFruit(flesh=flesh, factor=factor, compliance=compliance_of(factor), tie=tie, dofs=dofs)
+    slopes = np.ascontiguousarray(flesh.slopes.transpose(0, 1, 3, 2)).reshape(-1, 81, 27)
+    return WholeFruit(
+        flesh=flesh, factor=factor, compliance=compliance_of(factor), tie=tie, slopes=slopes, dofs=dofs
+    )

@@ -1,0 +1,91 @@
+"""The gel sensors of a case and how well they see: as in the sample batch, or drawn wide."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from samples.gel_contact import DEFAULT_GEL, Gel
+from samples.sensor_noise import SensorNoise
+
+LEAST_MARKERS, MOST_MARKERS, PITCH_MM = 14, 22, (0.8, 1.3)
+"""Markers along each side, and the distance between two, mm: of gels with markers as published (set by
+hand)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerSensor:
+    """Both pads' gel, its square grid of markers, its noise.
+
+    `force_share`: noise of one marker's force over the pad's peak force.
+    """
+
+    gel: Gel = DEFAULT_GEL
+    markers: int = 20
+    pitch_mm: float = 1.0
+    displacement_mm: float = 0.004
+    force_share: float = 2e-4
+    displacement_scale: float = 0.004
+    force_scale: float = 0.01
+    correlation: float = 0.3
+
+    @property
+    def rest_mm(self) -> Float[np.ndarray, "m 3"]:
+        """The markers on the flat gel face."""
+        line = (np.arange(self.markers) - (self.markers - 1) / 2) * self.pitch_mm
+        x, y = np.meshgrid(line, line, indexing="ij")
+        return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], axis=1)
+
+    @property
+    def half_width_mm(self) -> float:
+        """Half the gel's side: every marker stands for a square of gel."""
+        return self.markers * self.pitch_mm / 2
+
+    @property
+    def name(self) -> str:
+        """As recordings call it."""
+        return f"{self.markers}x{self.markers} marker gel"
+
+    def noise(self, peak_N: float) -> SensorNoise:
+        """For a recording whose pads push with `peak_N` at most."""
+        size = self.force_share * peak_N
+        return SensorNoise(
+            displacement_mm=self.displacement_mm, reference_mm=self.displacement_mm / 2, force_N=size,
+            reference_N=size / 2, force_step_N=2.0**-17, displacement_scale=self.displacement_scale,
+            force_scale=self.force_scale, correlation=self.correlation,
+        )  # fmt: skip
+
+
+DEFAULT_SENSOR = MarkerSensor()
+"""Of the sample batch."""
+
+
+def drawn_sensor(rng: np.random.Generator, *, contact_mm: float) -> MarkerSensor:
+    """A sensor drawn at random whose gel is wider than a contact of that radius.
+
+    kn log-uniform in 0.1 to 0.5 MPa/mm, kt 0.2 to 0.35 of it, friction 0.5 to 1.1.
+    """
+    kn = float(np.exp(rng.uniform(np.log(0.1), np.log(0.5))))
+    gel = Gel(
+        kn_MPa_per_mm=kn, kt_MPa_per_mm=kn * float(rng.uniform(0.2, 0.35)),
+        friction=float(rng.uniform(0.5, 1.1)),
+    )  # fmt: skip
+    sensor = MarkerSensor(gel=gel, markers=MOST_MARKERS, pitch_mm=PITCH_MM[1])
+    for _ in range(40):
+        markers, pitch = int(rng.integers(LEAST_MARKERS, MOST_MARKERS + 1)), float(rng.uniform(*PITCH_MM))
+        if markers * pitch / 2 > contact_mm + pitch / 2:
+            sensor = replace(sensor, markers=markers, pitch_mm=round(pitch, 2))
+            break
+    return with_drawn_noise(sensor, rng)
+
+
+def with_drawn_noise(sensor: MarkerSensor, rng: np.random.Generator) -> MarkerSensor:
+    """The same gel and markers seen by another camera: noise and scale errors drawn anew."""
+    return replace(
+        sensor,
+        displacement_mm=float(rng.uniform(0.002, 0.006)),
+        force_share=float(np.exp(rng.uniform(np.log(1e-4), np.log(4e-4)))),
+        displacement_scale=float(rng.uniform(0.002, 0.006)),
+        force_scale=float(rng.uniform(0.005, 0.015)),
+        correlation=float(rng.uniform(0.1, 0.5)),
+    )

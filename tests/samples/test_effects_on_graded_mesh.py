@@ -1,0 +1,50 @@
+"""Every effect that can be injected runs on bricks that are halved towards the skin."""
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, total_N
+
+from samples.graded_bricks import BrickGrading
+from samples.mismatch.bodies import GrippedBody
+from samples.mismatch.case_simulation import body_of
+from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
+from samples.mismatch.meshed_fruit import meshed_fruit
+from samples.mismatch.nulls import sound_body
+from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
+
+SMALL = BrickGrading(cells=3, layers=2, levels=2)
+WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", [*EFFECTS, "split_pit", "palm", "drainage"])
+def test_an_effect_runs_on_a_graded_mesh(effect: str) -> None:
+    rng = np.random.default_rng(3)
+    drawn = drawn_ball()
+    grasp = grasp_along_x(drawn, WAY)
+    stands = meshed_fruit(drawn, grasp, fineness=SMALL)
+    body: GrippedBody
+    if effect in EFFECTS:
+        parameters = drawn_parameters(effect, 1, rng)
+        if effect == "soft_spot":
+            parameters["centre_mm"] = [21.0, 0.0, 0.0]
+        injected = (InjectedEffect(effect=effect, parameters=parameters),)
+        body, inner = body_of(stands, injected)
+        truth = grasped_ball(grasp, stands, body, gel=gel_of(injected), inner=inner)
+    else:
+        body = out_of_catalogue_body(stands, drawn_out_of_catalogue(effect, rng))
+        truth = grasped_ball(grasp, stands, body)
+    assert 0.1 < total_N(truth)[1] < total_N(truth)[2] < 10.0
+
+
+@pytest.mark.slow
+def test_finite_strain_stiffens_a_pressed_ball_a_little() -> None:
+    drawn = drawn_ball()
+    grasp = grasp_along_x(drawn, WAY)
+    stands = meshed_fruit(drawn, grasp, fineness=SMALL)
+    linear, large = (
+        total_N(grasped_ball(grasp, stands, sound_body(stands, law))) for law in ("linear", "neo-hookean")
+    )
+    assert large[1:] == pytest.approx(linear[1:], rel=0.05)
+    assert np.abs(large[2] / linear[2] - 1) > 1e-3
