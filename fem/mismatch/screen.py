@@ -63,7 +63,7 @@ MOST_FRAMES = 96
 has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of CPU more."""
 PATH_SHARE = 0.25
 """Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
-sample batch large deformation then gains 11.9, with all of them 12.4; the screen takes 8.4 s of CPU, not 11.6."""
+sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
 LARGE_DEFORMATION = "large_deformation"
 """How the screen names `stiffening` by the Neo-Hookean law alone: what soft flesh does without stiffening."""
 LARGE_DEFORMATION_KIND = "stiffening neo-hookean"
