@@ -14,9 +14,12 @@ from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.mismatch_case import GraspCase
 from fem.mismatch.screen import Amount, Screened
+from pipeline.batch.records import FruitRecord, Given, ModulusRecord, ScreenRecord
 from pipeline.batch.settings import Settings
+from pipeline.ranking.report_entries import _screen
 
 MESH = FleshMesh(
     nodes_mm=np.zeros((10, 3)),
@@ -129,3 +132,42 @@ def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place
     record = stage.screened_fruit(place.task, place.fruit, found, {})
     assert [grasp.name for grasp in place.asked[0][0].grasps] == ["grasp-1"]
     assert record.note == "without grasp-2, of which E could not be had from first touch"
+
+
+def graded_record(**screen):
+    return FruitRecord(
+        fruit_id="N01",
+        outcome="graded",
+        key="k",
+        given=Given(),
+        modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.01),
+        screen=ScreenRecord(**screen),
+    )
+
+
+def test_large_deformation_is_said_as_what_it_is_and_not_as_stiffening():
+    said = _screen(graded_record(p_value=0.01, names=("large_deformation", "skin")))
+    assert said.verdict == "large_deformation|skin"
+    first, second = said.suspects
+    assert first.short.startswith("large deformation of the flesh (no fault")
+    assert 'model = "neo-hookean"' in first.advice
+    assert "stiff" not in first.short + first.advice
+    assert second.short == SPECS["skin"].words.short
+
+
+def test_two_effects_at_once_are_told_with_the_words_of_both():
+    (both,) = _screen(graded_record(p_value=0.01, names=("pit_offset+slip",))).suspects
+    assert both.name == "pit_offset+slip"
+    assert all(SPECS[name].words.short in both.short for name in ("pit_offset", "slip"))
+
+
+def test_every_name_that_the_screen_may_suggest_has_words():
+    for name in (*SPECS, "large_deformation", "unknown"):
+        (suspect,) = _screen(graded_record(p_value=0.01, names=(name,))).suspects
+        assert suspect.short
+
+
+def test_a_fruit_that_was_not_graded_shows_no_screen():
+    lost = graded_record(p_value=0.01).model_copy(update={"outcome": "implausible-modulus"})
+    assert _screen(lost) is None
+    assert _screen(graded_record(failure="too few.")).verdict == "not screened: too few"
