@@ -9,8 +9,10 @@ import pandas as pd
 import pytest
 from sample_batches import SHIPPED, drupe, ready_batch
 
+from pipeline.exit_status import DONE, DOUBTED
+
 pytestmark = pytest.mark.slow
-GAIN = 1.08
+GAIN = 1.06
 FRUIT = 3
 
 
@@ -26,7 +28,7 @@ def screened(tmp_path_factory):
                 force = file["pads/left/force_N"]
                 force[...] = (GAIN * force[...].astype(float)).astype(np.float32)
     done = drupe("grade", batch, "--jobs", "1")
-    assert done.status == 0, done.err
+    assert done.status in {DONE, DOUBTED}, done.err  # the checks of inputs may doubt such a gain too
     return batch, done
 
 
@@ -61,13 +63,14 @@ def test_a_second_run_screens_nothing_and_says_the_same(screened):
     assert again.out == first.out
 
 
-def test_without_the_screen_its_column_is_empty_and_E_is_the_same(screened, tmp_path):
+def test_without_the_screen_its_column_is_empty_and_E_is_that_of_another_mesh(screened, tmp_path):
     batch, _ = screened
     out = tmp_path / "plain"
     done = drupe("grade", batch, "--out", out, "--jobs", "1", "--no-screen")
-    assert done.status == 0
+    assert done.status in {DONE, DOUBTED}
     assert ": screen" not in done.err
     plain, with_it = (pd.read_csv(folder / "ranking.csv") for folder in (out, batch / "results"))
     assert plain.screen.isna().all()
     assert plain.mismatch.isna().all()
-    assert (plain.set_index("fruit_id").E_MPa == with_it.set_index("fruit_id").E_MPa).all()
+    ratio = plain.set_index("fruit_id").E_MPa / with_it.set_index("fruit_id").E_MPa
+    assert (ratio - 1).abs().max() < 0.01  # two meshes of one fruit
