@@ -2,9 +2,10 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array, csr_array, diags_array, hstack
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array, hstack, kron
 
 from samples.brick_flesh import HOLDING_N_PER_MM, BrickFlesh, assembled, rigid_tie
+from samples.hexahedra import Bricks
 from samples.mismatch.grip import Grip, InnerContact, Instant, next_instant
 from samples.mismatch.skin_compliance import SkinCompliance, skin_compliance
 
@@ -51,7 +52,7 @@ def loose_compliance(
     own = _own_motion(flesh)
     tie = csr_array(coo_array(_side_by_side(bonded, own)))
     stiffness = csr_array(tie.T @ full @ tie)
-    count, nodes = flesh.unknowns, len(bricks.pit_nodes)
+    count, nodes = flesh.unknowns, len(_opening_nodes(bricks))
     diagonal = np.zeros(stiffness.shape[0])
     diagonal[count - 6 : count] = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
     diagonal[count:] = THREADS_N_PER_MM / nodes
@@ -72,20 +73,30 @@ def pit_contact(flesh: BrickFlesh, *, gap_mm: float) -> InnerContact:
 
 
 def _normals(flesh: BrickFlesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-    """Outward unit normals of the pit's nodes, and the area that each stands for."""
+    """Outward unit normals of the pit's opening nodes, and the area that each stands for."""
     bricks = flesh.bricks
     quads = _pit_quads(flesh)
     x = bricks.nodes_mm
     cross = np.cross(x[quads[:, 2]] - x[quads[:, 0]], x[quads[:, 3]] - x[quads[:, 1]]) / 2
-    total = np.zeros((len(bricks.pit_nodes), 3))
+    total = np.zeros_like(x)
     for corner in quads.T:
         np.add.at(total, corner, cross / 4)
+    if bricks.follows is not None:
+        total = np.asarray(bricks.follows.T @ total)
+    total = total[_opening_nodes(bricks)]
     size = np.linalg.norm(total, axis=1)
     return total / size[:, None], size
 
 
+def _opening_nodes(bricks: Bricks) -> Int[np.ndarray, " p"]:
+    """Nodes of the pit that move for themselves once it is loose: all but hanging ones."""
+    if bricks.follows is None:
+        return bricks.pit_nodes
+    return np.asarray(bricks.pit_nodes[bricks.follows.diagonal()[bricks.pit_nodes] == 1.0])
+
+
 def _pit_quads(flesh: BrickFlesh) -> Int[np.ndarray, "k 4"]:
-    """Four small quadrilaterals per innermost cell, outward, in pit node numbers."""
+    """Four small quadrilaterals per innermost cell, outward."""
     bricks = flesh.bricks
     inner = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9].reshape(-1, 3, 3)
     found = [
@@ -104,10 +115,12 @@ def _own_motion(flesh: BrickFlesh) -> coo_array:
     first = np.cross(normal, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     frames = np.stack([normal, first, np.cross(normal, first)], axis=2)
-    nodes = len(bricks.pit_nodes)
-    rows = np.repeat(3 * bricks.pit_nodes[:, None] + np.arange(3), 3, axis=1).ravel()
+    opening = _opening_nodes(bricks)
+    nodes = len(opening)
+    rows = np.repeat(3 * opening[:, None] + np.arange(3), 3, axis=1).ravel()
     columns = np.tile(3 * np.arange(nodes)[:, None] + np.arange(3), (1, 3)).ravel()
-    return coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
+    own = coo_array((frames.ravel(), (rows, columns)), shape=(3 * len(bricks.nodes_mm), 3 * nodes))
+    return own if bricks.follows is None else coo_array(kron(bricks.follows, eye_array(3)) @ own.tocsr())
 
 
 def _side_by_side(a: csr_array, b: coo_array) -> coo_array:

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, motion, rough, total_N
 
 from samples.graded_bricks import BrickGrading
+from samples.hexahedra import Fineness
 from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.effect_levels import drawn_parameters
@@ -14,6 +15,7 @@ from samples.mismatch.nulls import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
+FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
 WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
 
 
@@ -48,3 +50,14 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little() -> None:
     )
     assert large[1:] == pytest.approx(linear[1:], rel=0.05)
     assert np.abs(large[2] / linear[2] - 1) > 1e-3
+
+
+@pytest.mark.slow
+def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one() -> None:
+    injected = (InjectedEffect(effect="loose_pit", parameters={"gap_mm": 0.05}),)
+    grasp, even = rough(drawn_ball(), WAY, FINE_AND_EVEN)
+    found = []
+    for stands in (even, meshed_fruit(drawn_ball(), grasp, fineness=SMALL)):
+        body, inner = body_of(stands, injected)
+        found.append(total_N(grasped_ball(grasp, stands, body, inner=inner)))
+    assert found[1][1:] == pytest.approx(found[0][1:], rel=0.02)
