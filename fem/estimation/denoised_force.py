@@ -34,6 +34,18 @@ class DenoisedForce:
     stiffness_N_per_mm: Float[np.ndarray, "3"]
     kept: Float[np.ndarray, "q d"] | None
 
+    def noise(
+        self, displacement_mm: Float[np.ndarray, "t n 3"], force_N: Float[np.ndarray, "t n 3"]
+    ) -> Float[np.ndarray, "t n 3"]:
+        """What noise of displacement and of force (fruit frame, as many frames as asked for) leaves in it."""
+        moved, force = displacement_mm @ self.turn, force_N @ self.turn
+        if self.kept is None:
+            return np.asarray(force @ self.turn.T)
+        springs = moved * self.stiffness_N_per_mm
+        beyond = (force - springs).reshape(len(force), -1)
+        more = ((beyond @ self.kept.T) @ self.kept).reshape(force.shape)
+        return np.asarray((springs + more) @ self.turn.T)
+
     def noise_of(
         self, patterns: Float[np.ndarray, "r n 3"]
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r n 3"]]:

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fem.estimation.coloured_noise import variance_inflation
-from fem.estimation.denoised_force import ABOVE_NOISE, denoised_force
+from fem.estimation.denoised_force import ABOVE_NOISE, DenoisedForce, denoised_force
 from fem.estimation.frame_thinning import loaded_frames, thinned
 from fem.estimation.zero_drift import zero_drift
 from fem.fem_failure import FemFailure, FemProblem
@@ -44,7 +44,8 @@ class PreparedGrasp:
 
     `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
     `force_sd_N`: noise of one component in one frame of them, `coloured_sd_N` that of white noise which
-    averages out over frames as slowly as it does. `patterns` and `shares`: f_r and a_r(t).
+    averages out over frames as slowly as it does. `patterns` and `shares`: f_r and a_r(t). `denoised`: how
+    each pad's forces were denoised.
     """
 
     history: GraspHistory
@@ -54,6 +55,7 @@ class PreparedGrasp:
     coloured_sd_N: float
     patterns: Float[np.ndarray, "r n 3"]
     shares: Float[np.ndarray, "f r"]
+    denoised: tuple[DenoisedForce, ...]
 
 
 def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> PreparedGrasp:
@@ -100,6 +102,7 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
         coloured_sd_N=coloured_sd_N,
         patterns=np.concatenate([patterns, drift]),
         shares=np.column_stack([shares, grown[used]]),
+        denoised=tuple(felt),
     )
 
 

@@ -9,6 +9,7 @@ from scipy.sparse import bsr_array, csr_array
 
 from fem.mismatch.effect import Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, ParameterSpec
+from fem.mismatch.model.force_products import OfFlesh
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, reduced_laws
@@ -44,11 +45,19 @@ class LinearLaw:
         if self.needs_pit and not len(forward.base.mesh.pit_nodes):
             return []
         fields = [ObservationDelta(markers=forward.compliance * law.first) for law in self._laws(forward)]
+        derivative, _ = self.operators(forward)
+        of_forces = OfFlesh(lambda recording, moved: -derivative(moved))
         return [
             Signature(
                 variant=ONE_WAY,
                 columns=(
-                    Regressor(name=self.parameter.name, sd=self.sd, fields=fields, positive=self.positive),
+                    Regressor(
+                        name=self.parameter.name,
+                        sd=self.sd,
+                        fields=fields,
+                        positive=self.positive,
+                        of_forces=of_forces,
+                    ),
                 ),
             )
         ]

@@ -10,7 +10,7 @@ from fem.estimation.sensitivity import PIT_OFFSET
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, vector
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import inner_changes
+from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import ONE_WAY, Variant
@@ -62,6 +62,7 @@ class PitOffset:
                 name=cause,
                 sd=2.0,
                 fields=[ObservationDelta(markers=forward.compliance * own[cause]) for own in changes],
+                of_forces=OfInnerChange(cause),
             )
             for cause in PIT_OFFSET
         )

@@ -10,7 +10,7 @@ from fem.estimation.sensitivity import PIT_SIZE
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, NextGrasp, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import inner_changes
+from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
 from fem.mismatch.model.moved_pit_response import pit_responses
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import ONE_WAY, Variant
@@ -49,7 +49,8 @@ class PitSize:
         if any(PIT_SIZE not in change for change in changes):
             return []
         fields = [ObservationDelta(markers=forward.compliance * change[PIT_SIZE]) for change in changes]
-        return [Signature(variant=ONE_WAY, columns=(Regressor(name="ln scale", sd=0.2, fields=fields),))]
+        column = Regressor(name="ln scale", sd=0.2, fields=fields, of_forces=OfInnerChange(PIT_SIZE))
+        return [Signature(variant=ONE_WAY, columns=(column,))]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]

@@ -6,7 +6,7 @@ gain is E too, but for the gel: a pad's force over its gel's displacement, again
 calibration says of it, grows by the gain.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -17,6 +17,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.force_products import OfSomeForces
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
@@ -70,7 +71,9 @@ class SensorGain:
                 ObservationDelta(markers=-forward.compliance * alone, balance=balance)
                 for alone, balance in _of_pad(forward, pad)
             ]
-            columns = (Regressor(name=f"{pad} gain", sd=0.15, fields=fields),)
+            columns = (
+                Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=OfSomeForces(_of(pad))),
+            )
             found.append(Signature(variant=OfPad(pad=pad), columns=columns))
         return found
 
@@ -105,6 +108,17 @@ class SensorGain:
             ],
             balance=[share * balance for _, balance in parts],
         )
+
+
+def _of(pad: str) -> Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]:
+    """Minus the forces of one pad."""
+
+    def part(recording: GraspResponse, force_N: Float[np.ndarray, "q n 3"]) -> Float[np.ndarray, "q n 3"]:
+        if pad not in recording.pad_names:
+            return np.zeros_like(force_N)
+        return np.where(own_markers(recording, recording.pad_names.index(pad)), -force_N, 0.0)
+
+    return part
 
 
 def _stiffer(forward: ForwardModel, pad: str) -> float | None:

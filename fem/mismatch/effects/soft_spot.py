@@ -16,12 +16,13 @@ from scipy.sparse import csr_array
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, NextGrasp, Scope, number, vector
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
+from fem.mismatch.model.force_products import OfFlesh
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.spot_response import softened, to_first_order
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import AtPlace, Variant
-from fem.solid.inclusion import ball_stiffness, drop_of
+from fem.solid.inclusion import ball_stiffness, drop_of, times
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"
@@ -100,7 +101,15 @@ class SoftSpot:
         return [
             Signature(
                 variant=variant_of(spot),
-                columns=(Regressor(name="drop", sd=sd, fields=_fields(forward, spot), positive=True),),
+                columns=(
+                    Regressor(
+                        name="drop",
+                        sd=sd,
+                        fields=_fields(forward, spot),
+                        positive=True,
+                        of_forces=_of_forces(forward, spot),
+                    ),
+                ),
             )
             for spot in spots
         ]
@@ -157,6 +166,11 @@ def variant_of(spot: Spot) -> AtPlace:
 def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
     mesh, nu = forward.base.mesh, forward.poisson_ratio
     return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
+
+
+def _of_forces(forward: ForwardModel, spot: Spot) -> OfFlesh:
+    inside = _inside(forward, spot.centre_mm, spot.radius_mm)
+    return OfFlesh(lambda recording, moved: times(inside, moved))
 
 
 def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:

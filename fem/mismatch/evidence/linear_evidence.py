@@ -16,13 +16,14 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.evidence.nuisances import own_nuisances
 from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.force_products import ForceNoise, OfAll
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -68,26 +69,48 @@ class GraspEquations:
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
         return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
 
-    def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
-        """The fields and their W-images, laid out flat: markers in contact, sums of force, pads at rest."""
+    def flat(self, field: ObservationDelta | None) -> Float[np.ndarray, " d"]:
+        """A field laid out flat: markers in contact, sums of force, pads at rest."""
+        touching, cut, end = self._ends()
+        found = np.zeros(end + len(self.rest.measured))
+        if field is not None and field.markers is not None:
+            found[:cut] = field.markers[touching].ravel()
+        if field is not None and field.balance is not None and self.balance is not None:
+            found[cut:end] = field.balance.ravel()
+        if field is not None and field.rest is not None:
+            found[end:] = field.rest
+        return found
+
+    def _ends(self) -> tuple[Bool[np.ndarray, "f n"], int, int]:
+        """Which markers touch, and where they and the sums of force end in a flat field."""
         touching = self.recording.tracks.episode >= 0
         cut = 3 * int(touching.sum())
-        end = cut + (0 if self.balance is None else self.balance.measured.size)
+        return touching, cut, cut + (0 if self.balance is None else self.balance.measured.size)
+
+    def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
+        """The fields and their W-images, each laid out flat."""
+        touching, cut, end = self._ends()
         width = end + len(self.rest.measured)
         plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
         for row, field in enumerate(fields):
+            plain[row] = self.flat(field)
             if field is not None and field.markers is not None:
-                plain[row, :cut] = field.markers[touching].ravel()
                 weighed[row, :cut] = self.markers.weighed(field.markers)[touching].ravel()
             if field is not None and field.balance is not None and self.balance is not None:
-                plain[row, cut:end] = field.balance.ravel()
                 weighed[row, cut:end] = self.balance.weighed(field.balance).ravel()
             if field is not None and field.rest is not None:
-                plain[row, end:] = field.rest
                 weighed[row, end:] = self.rest.weight * field.rest
         if len(self.inverse):
             weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
         return plain, weighed
+
+    def weighed_markers(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """The W-image of a field of the markers, at the markers; zero out of contact."""
+        touching = self.recording.tracks.episode >= 0
+        _, weighed = self.rows([ObservationDelta(markers=field)])
+        found = np.zeros_like(field)
+        found[touching] = weighed[0, : 3 * int(touching.sum())].reshape(-1, 3)
+        return found
 
 
 def plain_data(
@@ -132,16 +155,28 @@ class GramMatrix:
 
     Row 0 is the data (less all columns' prior means), row 1 the plain model (its response s c), then the
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
-    given, counted from one.
+    given, counted from one. Products with the data are corrected by what the forces' noise adds to them
+    (fem.mismatch.model.force_products): `bias` by recording and column.
     """
 
     def __init__(
-        self, forward: ForwardModel, recorded: Sequence[GraspEquations], columns: Sequence[Regressor]
+        self,
+        forward: ForwardModel,
+        recorded: Sequence[GraspEquations],
+        columns: Sequence[Regressor],
+        *,
+        noise: Sequence[ForceNoise] = (),
     ) -> None:
+        plain_fields = [_plain(forward, one) for one in recorded]
         self.columns = [
-            Regressor(name="1/E", sd=PLAIN_SD, fields=[_plain(forward, one) for one in recorded]),
+            Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=OfAll()),
             *columns,
         ]
+        self.bias = np.array(
+            [[_bias(column, own, k) for column in self.columns] for k, own in enumerate(noise)]
+        ).reshape(len(noise), len(self.columns))
+        if not len(noise):
+            self.bias = np.zeros((len(recorded), len(self.columns)))
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
@@ -155,7 +190,7 @@ class GramMatrix:
 
         for known, plain, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
             self.rows.append(np.array(known, dtype=np.int64))
-            self.products.append(heavy @ plain.T)
+            self.products.append(_corrected(heavy @ plain.T, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
         self._recorded = recorded
 
@@ -165,11 +200,20 @@ class GramMatrix:
         response: Response,
         chosen: Sequence[int],
         more: Sequence[Regressor] = (),
+        *,
+        signatures: Sequence[int] = (),
     ) -> tuple["GramMatrix", tuple[int, ...]]:
         """The chosen columns and `more`, linearised about a nonlinear model instead; columns are
         renumbered.
+
+        `signatures`: columns that the model is like while it is small. The noise of forces in it, and in
+        `more`, is taken for theirs, in the amounts in which the model and `more` are like them.
         """
         other = copy(self)
+        biased = [j for j in signatures if self.bias[:, j].any()]
+        changes = [_change(forward, self._recorded, response), *(column.fields for column in more)]
+        like_signatures = self._amounts_of(biased, changes)
+        other.bias = np.hstack([self.bias[:, [0, *chosen]], self.bias[:, biased] @ like_signatures[1:].T])
         old = [self.columns[j] for j in chosen]
         plain_fields = [ObservationDelta(markers=forward.compliance * unit) for unit in response.unit]
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
@@ -198,11 +242,29 @@ class GramMatrix:
             own[2 : 2 + len(at), new] = across
             own[new, 2 : 2 + len(at)] = across.T
             own[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
+            own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
+            own = _corrected(own, other.bias[k, own_rows])
+            own[0, 0] += 2 * like_signatures[0] @ self.bias[k, biased]
             other.products.append(own)
             other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
-            own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
             other.rows.append(np.array(own_rows, dtype=np.int64))
         return other, tuple(range(1, len(other.columns)))
+
+    def _amounts_of(
+        self, columns: Sequence[int], changes: Sequence[Sequence[ObservationDelta | None]]
+    ) -> Float[np.ndarray, "c b"]:
+        """Amounts of these columns in each of several fields (each by recording), by least squares."""
+        normal, right = np.zeros((len(columns),) * 2), np.zeros((len(changes), len(columns)))
+        if not columns:
+            return right
+        for k, one in enumerate(self._recorded):
+            place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
+            to = [b for b, j in enumerate(columns) if j in place]
+            at = [place[columns[b]] for b in to]
+            normal[np.ix_(to, to)] += self.products[k][np.ix_(at, at)]
+            own = np.stack([one.flat(change[k]) for change in changes])
+            right[:, to] += own @ self.weighed[k][at].T
+        return np.asarray(np.linalg.lstsq(normal, right.T)[0].T)
 
     def marker_residual(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
         """Residual of a fit at recording k's markers, mm; places, scales and motions are fitted out."""
@@ -253,6 +315,31 @@ def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: i
         if field.rest is not None and data.rest is not None:
             data = replace(data, rest=data.rest - column.mean * field.rest)
     return data
+
+
+def _bias(column: Regressor, noise: ForceNoise, k: int) -> float:
+    known = column.of_forces is not None and column.fields[k] is not None
+    return column.of_forces.product(noise) if known and column.of_forces is not None else 0.0
+
+
+def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]) -> Float[np.ndarray, "k k"]:
+    """Products of data and columns, less what noise adds to those of the data with each column."""
+    found = products.copy()
+    found[0, 1:] -= bias
+    found[1:, 0] -= bias
+    return found
+
+
+def _change(
+    forward: ForwardModel, recorded: Sequence[GraspEquations], response: Response
+) -> list[ObservationDelta]:
+    """What a model adds to the plain one's response of the markers, recording by recording."""
+    return [
+        ObservationDelta(
+            markers=forward.compliance * (response.unit[k] - one.recording.tracks.unit_displacement)
+        )
+        for k, one in enumerate(recorded)
+    ]
 
 
 def _plain(forward: ForwardModel, one: GraspEquations) -> ObservationDelta:

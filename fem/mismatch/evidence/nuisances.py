@@ -15,8 +15,9 @@ from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.force_products import OfResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import inner_changes
+from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import own_markers, slid_response
 
@@ -45,12 +46,19 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
     inner = [_inner(forward, recording) for recording in forward.base.grasps]
     names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
     columns = [
-        Regressor(name=name, sd=_sd(name, budget), fields=[own.get(name) for own in inner]) for name in names
+        Regressor(
+            name=name,
+            sd=_sd(name, budget),
+            fields=[own.get(name) for own in inner],
+            of_forces=OfInnerChange(name),
+        )
+        for name in names
     ]
     dents = [
-        ObservationDelta(markers=forward.compliance * _dent(recording)) for recording in forward.base.grasps
+        ObservationDelta(markers=forward.compliance * _dent(recording, recording.tracks.unit_displacement))
+        for recording in forward.base.grasps
     ]
-    return [*columns, Regressor(name="dent", sd=DENT, fields=dents)]
+    return [*columns, Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent))]
 
 
 def own_nuisances(
@@ -88,9 +96,9 @@ def _places(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, 
     ]
 
 
-def _dent(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
+def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
     """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
-    response, touching = recording.tracks.unit_displacement, recording.tracks.episode >= 0
+    touching = recording.tracks.episode >= 0
     dent = np.zeros_like(response)
     for pad in range(len(recording.links)):
         mine = recording.pad_of_marker == pad

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import MarkerTracks
+from fem.estimation.denoised_force import DenoisedForce
 from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp, thinned_grasp
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
@@ -44,6 +45,7 @@ class GraspResponse:
     the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
     patterns. `kept`: the share of the loaded frames that are used. `compliance`: the response of
     all markers to a force on each, for E = 1 MPa, where it is known (fem.estimation.grasp_model), else None.
+    `denoised`: how each pad's forces were denoised.
     """
 
     case: GraspCase
@@ -60,6 +62,7 @@ class GraspResponse:
     pose: Float[np.ndarray, "p f 4 4"]
     load: Float[np.ndarray, " f"]
     uneven: Float[np.ndarray, "n 3"]
+    denoised: tuple[DenoisedForce, ...]
     kept: float = 1.0
     compliance: Float[np.ndarray, "d d"] | None = None
 
@@ -214,6 +217,7 @@ def project_recording(
         load=size / size.max(),
         uneven=_spread(links, probed[:, solid.contact_nodes]),
         kept=float(used.sum() / whole),
+        denoised=prepared.denoised,
     )
 
 

@@ -1,12 +1,14 @@
 """How a recording's response changes with what is inside the fruit and with its surface, to first order."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.sensitivity import inner_forces
 from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.force_products import ForceNoise
 from fem.mismatch.model.forward_model import ForwardModel
 
 LEADING = 4
@@ -35,3 +37,14 @@ def store_inner_changes(
 ) -> None:
     """Takes dc/dp as known from elsewhere (grading's own sensitivities), so that they are not computed."""
     forward.memoised(("inner", recording.case.name), lambda: dict(changes))
+
+
+@dataclass(frozen=True)
+class OfInnerChange:
+    """How s dc/dp of a cause inside the fruit follows from forces (fem.mismatch.model.force_products)."""
+
+    cause: str
+
+    def product(self, noise: ForceNoise) -> float:
+        """n of the cause; zero where the fruit has no such one."""
+        return noise.compliance * noise.inner_products.get(self.cause, 0.0)

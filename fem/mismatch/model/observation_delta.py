@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectSpec
+from fem.mismatch.model.force_products import LinearInForces
 
 ARM_MM = 20.0
 """Length by which moments are divided to compare with forces."""
@@ -32,6 +33,8 @@ class Regressor:
 
     None: the recording does not depend on it. `positive`: an amount below zero has no meaning.
     `discrepancy_of`: the effect that the model's own error resembles, for the amount of such an error.
+    `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
+    from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
     """
 
     name: str
@@ -40,6 +43,7 @@ class Regressor:
     positive: bool = False
     mean: float = 0.0
     discrepancy_of: EffectSpec | None = None
+    of_forces: LinearInForces | None = None
 
 
 def wrench(

@@ -199,6 +199,7 @@ class _Search:
         self.linear, self.linear_fits = linear, linear_fits
         effects = [one.effect for one in linear_fits]
         self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
+        self.signatures = tuple(j for one in linear_fits for j in one.columns)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
@@ -323,7 +324,9 @@ class _Search:
         key = at.tobytes()
         if key not in self.known:
             response = self.respond(at)
-            products, chosen = self.linear.products.about(self.forward, response, self.nuisances)
+            products, chosen = self.linear.products.about(
+                self.forward, response, self.nuisances, signatures=self.signatures
+            )
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
 
@@ -348,7 +351,9 @@ class _Search:
                     name=f"slope {k}", sd=float(spread), fields=_slope(self.forward, response, ahead, step)
                 )
             )
-        products, chosen = self.linear.products.about(self.forward, response, self.nuisances, slopes)
+        products, chosen = self.linear.products.about(
+            self.forward, response, self.nuisances, slopes, signatures=self.signatures
+        )
         fit = products.fit(chosen)
         own = slice(len(fit.amounts) - len(slopes), None)
         still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2

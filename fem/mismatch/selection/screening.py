@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +11,7 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
+from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
@@ -87,7 +89,8 @@ def screened(
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    products = GramMatrix(forward, recorded, columns)
+    noise = parallel_map(partial(drawn_force_noise, forward), recorded, workers=forward.workers)
+    products = GramMatrix(forward, recorded, columns, noise=noise)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
     linear_fits = tuple(_linear_fit(forward, products, own, null, *one) for one in found)

@@ -1,0 +1,129 @@
+"""The noise of the forces is no effect: what it adds to the equations is known, and taken out of them."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from injected_mismatch import injected_case, only_grasp
+
+from fem.mismatch.effects.sensor_gain import EFFECT as GAIN
+from fem.mismatch.effects.skin import EFFECT as SKIN
+from fem.mismatch.evidence.force_noise import drawn_force_noise
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.nuisances import common_nuisances
+from fem.mismatch.model.force_products import ForceNoise, OfAll
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.pads import own_markers, response_to
+from fem.mismatch.procedure import plain_forward_model
+
+SEEDS = range(6)
+
+
+@cache
+def noisy() -> tuple[ForwardModel, GraspEquations, ForceNoise]:
+    forward, _ = plain_forward_model(injected_case())
+    equations = GraspEquations.of(forward, forward.base.grasps[0])
+    return forward, equations, drawn_force_noise(forward, equations)
+
+
+def directly(fields: np.ndarray, noise: ForceNoise) -> float:
+    """The product of the module's docstring with fields that were solved for."""
+    return float(np.mean([(field * own).sum() for field, own in zip(fields, noise.weighed, strict=True)]))
+
+
+def test_adjoint_product_of_a_law_of_flesh_is_that_of_its_solved_field() -> None:
+    forward, _, noise = noisy()
+    recording = noise.recording
+    column = SKIN.signatures(forward)[0].columns[0]
+    derivative, _ = SKIN.operators(forward)  # type: ignore[attr-defined]
+    fields = []
+    for moved in noise.moved:
+        changed = forward.base.marker_response(recording, -derivative(moved))
+        fields.append(forward.compliance * np.tensordot(recording.shares[:, : len(moved)], changed, axes=1))
+    assert column.of_forces is not None
+    assert column.of_forces.product(noise) == pytest.approx(directly(np.stack(fields), noise), rel=1e-6)
+
+
+def test_adjoint_product_of_one_pads_forces_is_that_of_their_response() -> None:
+    forward, _, noise = noisy()
+    recording = noise.recording
+    column: Regressor = GAIN.signatures(forward)[0].columns[0]
+    own = own_markers(recording, 0)
+    fields = [
+        -forward.compliance
+        * np.tensordot(
+            recording.shares[:, : len(force)],
+            response_to(forward, recording, np.where(own, force, 0.0)),
+            axes=1,
+        )
+        for force in noise.force_N
+    ]
+    assert column.of_forces is not None
+    assert column.of_forces.product(noise) == pytest.approx(directly(np.stack(fields), noise), rel=1e-6)
+
+
+def test_pit_and_poissons_ratio_follow_from_forces_like_their_own_fields() -> None:
+    """Of noise that is the recording's own forces: the product is that of the nuisances' fields."""
+    forward, equations, noise = noisy()
+    recording = noise.recording
+    count = min(noise.moved.shape[1], 4)
+    whole = ForceNoise(
+        compliance=forward.compliance,
+        recording=recording,
+        solid=noise.solid,
+        force_N=recording.patterns[None, :count],
+        moved=recording.moved[None, :count],
+        response=recording.response[None, :count],
+        weighed=noise.weighed[:1],
+        pulled=noise.pulled[:1, :count],
+        adjoint=noise.adjoint[:1, :count],
+        adjoint_response=noise.adjoint_response[:1, :count],
+    )
+    for column in common_nuisances(forward):
+        field = column.fields[0]
+        assert isinstance(field, ObservationDelta)
+        assert field.markers is not None
+        assert column.of_forces is not None
+        found = column.of_forces.product(whole)
+        expected = float((field.markers * noise.weighed[0]).sum())
+        scale = float(np.abs(field.markers * noise.weighed[0]).sum())
+        assert found == pytest.approx(expected, abs=0.02 * scale), column.name
+    assert equations.own.size
+
+
+def test_the_plain_models_product_is_negative() -> None:
+    """Noise in a regressor attenuates it."""
+    _, _, noise = noisy()
+    assert OfAll().product(noise) < 0
+
+
+@pytest.mark.slow
+def test_drawn_noise_of_the_response_is_as_large_as_the_real_one() -> None:
+    """As the equations weigh it: between recordings of one grasp with their noise and nearly without.
+
+    A common scale of all forces is left out: the gel's fitted stiffness is E, and no noise of single markers;
+    and what is not in the patterns' courses over time, which the equations leave out too.
+    """
+    quiet, _ = plain_forward_model(only_grasp(injected_case(noise=0.02), 0))
+    real, drawn = [], []
+    for seed in SEEDS:
+        forward, _ = plain_forward_model(only_grasp(injected_case(seed=seed), 0))
+        equations = GraspEquations.of(forward, forward.base.grasps[0])
+        recording, still = forward.base.grasps[0], quiet.base.grasps[0]
+        assert np.array_equal(recording.used, still.used)
+        unit = recording.tracks.unit_displacement
+        noise = drawn_force_noise(forward, equations)
+        shares = recording.shares[:, : noise.response.shape[1]]
+        course = np.linalg.qr(shares)[0]
+        off = np.tensordot(course @ course.T, unit - still.tracks.unit_displacement, axes=1)
+        real.append(energy(equations, off, unit))
+        drawn += [energy(equations, np.tensordot(shares, own, axes=1), unit) for own in noise.response]
+    assert np.mean(drawn) == pytest.approx(np.mean(real), rel=0.25)
+
+
+def energy(equations: GraspEquations, field: np.ndarray, without: np.ndarray) -> float:
+    """phi . W phi, the field's share of another taken out."""
+    heavy = equations.weighed_markers(without)
+    other = field - without * float((field * heavy).sum() / (without * heavy).sum())
+    return float((other * equations.weighed_markers(other)).sum())
