@@ -45,8 +45,6 @@ class LinearLaw:
         if self.needs_pit and not len(forward.base.mesh.pit_nodes):
             return []
         fields = [ObservationDelta(markers=forward.compliance * law.first) for law in self._laws(forward)]
-        derivative, _ = self.operators(forward)
-        of_forces = OfFlesh(lambda recording, moved: -derivative(moved))
         return [
             Signature(
                 variant=ONE_WAY,
@@ -56,11 +54,16 @@ class LinearLaw:
                         sd=self.sd,
                         fields=fields,
                         positive=self.positive,
-                        of_forces=of_forces,
+                        of_forces=self.of_forces(forward),
                     ),
                 ),
             )
         ]
+
+    def of_forces(self, forward: ForwardModel) -> OfFlesh:
+        """How dc/dtheta at the plain law follows from the forces: -K0^-1 (dK/dtheta) U."""
+        derivative, _ = self.operators(forward)
+        return OfFlesh(lambda recording, moved: -derivative(moved))
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]

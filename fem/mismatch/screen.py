@@ -121,7 +121,7 @@ def screen(
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     forward = _forward_model(case, E_MPa, models, solids or {})
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
-    linear = screened(forward, recorded, _screened_effects(forward))
+    linear = screened(forward, recorded, _screened_effects(forward), noise_draws=1)
     statistics = detection_statistics(linear, recorded, forward.compliance_ratio)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
     numbers = np.array([one.own.shape[1] for one in recorded])
@@ -320,6 +320,7 @@ def _first_orders(forward: ForwardModel, laws: Sequence[LinearLaw]) -> dict[str,
                         sd=law.sd,
                         positive=law.positive,
                         fields=[ObservationDelta(markers=s * change[law.spec.name]) for change in changes],
+                        of_forces=law.of_forces(forward),
                     ),
                 ),
             ),

@@ -24,12 +24,12 @@ DRAWS = 2
 by a tenth, and what is corrected is of the size of the amounts' standard deviations."""
 
 
-def drawn_force_noise(forward: ForwardModel, equations: GraspEquations) -> ForceNoise:
+def drawn_force_noise(forward: ForwardModel, equations: GraspEquations, *, draws: int = DRAWS) -> ForceNoise:
     """Draws of one recording's noise, as its own frames without contact show it, and their adjoint fields."""
     recording = equations.recording
     rng = np.random.default_rng(0)
     drawn = [
-        _of_pad(pad, denoised, recording.used, spacing(recording.used), forward.base.case.budget, rng)
+        _of_pad(pad, denoised, recording.used, forward.base.case.budget, draws, rng)
         for pad, denoised in zip(recording.case.history.pads, recording.denoised, strict=True)
     ]
     places, forces = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
@@ -59,17 +59,14 @@ def _of_pad(
     pad: PadHistory,
     denoised: DenoisedForce,
     used: Bool[np.ndarray, " t"],
-    apart: float,
     budget: ErrorBudget,
+    draws: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p f n 3"]]:
-    """Noise of the markers' places and of the denoised forces: of frames, and of the markers' scales.
-
-    `apart`: how many frames lie from one used to the next.
-    """
+    """Noise of the markers' places and of the denoised forces: of frames, and of the markers' scales."""
     moved, force = pad.gel_displacement_mm[used], pad.force_N[used]
-    shape, lag1 = (DRAWS, *moved.shape), pad.lag1**apart
-    one_each = (DRAWS, 1, moved.shape[1], 1)
+    shape, lag1 = (draws, *moved.shape), pad.lag1 ** spacing(used)
+    one_each = (draws, 1, moved.shape[1], 1)
     places = pad.displacement_sd_mm * _coloured(shape, lag1, rng)
     places += budget.gel_scale_sd * rng.normal(size=one_each) * moved
     felt = pad.force_sd_N * _coloured(shape, lag1, rng)

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
-from fem.mismatch.evidence.force_noise import drawn_force_noise
+from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix, GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
@@ -65,10 +65,12 @@ def screened(
     effects: Sequence[Effect],
     *,
     without_discrepancy_of: Collection[str] = (),
+    noise_draws: int = DRAWS,
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone and of all pairs.
 
-    `without_discrepancy_of`: effects of which the plain model holds no seeming amount.
+    `without_discrepancy_of`: effects of which the plain model holds no seeming amount. `noise_draws`: of the
+    noise of forces (fem.mismatch.evidence.force_noise).
     """
     recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
@@ -89,7 +91,8 @@ def screened(
         first = len(columns) + 1
         columns += signature.columns
         found.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    noise = parallel_map(partial(drawn_force_noise, forward), recorded, workers=forward.workers)
+    drawn = partial(drawn_force_noise, forward, draws=noise_draws)
+    noise = parallel_map(drawn, recorded, workers=forward.workers)
     products = GramMatrix(forward, recorded, columns, noise=noise)
     own = tuple(range(1, len(known) + 1))
     null = products.fit(own)
