@@ -4,8 +4,8 @@
 
 For each fruit a table: unknowns, CPU-s, and at the largest load the markers' displacement (um, rms and
 largest component over touched markers, both pads) and the pads' force (percent) against the finest mesh; then
-the gel points and the steps in time of the default. The last line of a fruit extrapolates the error of the default
-mesh to bricks of no size, with the order that the meshes of 4, 5 and 7 bricks along a cube side show.
+the gel points and the steps in time of the default. The last line of a fruit extrapolates the error of the
+default mesh to bricks of no size, with the order that the meshes of 4, 5 and 7 bricks along a cube side show.
 """
 
 import argparse
