@@ -1,11 +1,11 @@
 """The model-discrepancy prior: the model's own error resembles small amounts of some effects.
 
-A mesh resolves fine patterns incompletely, in the model as in another solver, which resembles a thin skin
-on the fruit. In null cases by another solver (fem.mismatch.selection.null_reference) such amounts are
-similar over sizes, shapes and moduli. They are part of the plain model, with their mean and spread over
-those fruit: only what exceeds them counts as an effect, and no parameter is known better than to that
-spread. (Calibrated on the fruit of the null reference set itself, so that its p-values are somewhat too small
-for others.)
+A model that is a little off resembles a thin skin on the fruit, or jaws that give way. In null cases by
+another solver (fem.mismatch.selection.null_reference) such amounts are small and similar over sizes, shapes
+and moduli, once the noise of the forces is taken out of the equations (fem.mismatch.evidence.force_noise).
+They are part of the plain model, with mean zero and a spread that covers those fruit: only what exceeds them
+counts as an effect, and no parameter is known better than to that spread. (Set on the fruit of the null
+reference set itself, so that its p-values are somewhat too small for others.)
 """
 
 from collections.abc import Collection, Iterable, Sequence
