@@ -5,8 +5,8 @@
 FOLDER holds answers.json and sound cases. The faults are put into what the sensors said (markers' force and
 displacement in pad axes), each at three sizes; at the end each case has a gel whose law truly bends and is
 read rightly, which no fault may be named for. A line each: the fault, its true amounts and those that force
-against displacement shows, the evidence and what the flesh's equations gain (fem.mismatch.gel_fault), E before
-and with it (mean of the recordings' own fits) against the truth.
+against displacement shows, the evidence and what the flesh's equations gain (fem.mismatch.gel_fault), E
+before and with it (mean of the recordings' own fits) against the truth.
 """
 
 import argparse
