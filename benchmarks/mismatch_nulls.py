@@ -1,12 +1,13 @@
 """Detection statistics of sound cases, and from them the bank that detection is calibrated on.
 
-    python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write]
+    python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL [--records R] [--write [--add]]
         [--without EFFECT ...] [--grasps K]
 
 FOLDER holds cases whose answers.json says "none" (`benchmarks/mismatch_bank.py FOLDER null`): several noisy
 records of each fruit, named null-FRUIT-RECORD, of which R (2) are taken. Each case adds one line to JSONL;
 those that are there are left alone. --write replaces null_reference.csv and null_quantiles.csv in
-fem/mismatch/selection by the rows in JSONL.
+fem/mismatch/selection by the rows in JSONL; with --add they are put to the fruits that stand there, and of
+two quantiles the greater is taken.
 --without leaves out of the plain model what it holds of an effect; the amounts in JSONL are then those that
 the effects' DiscrepancyPrior states. --grasps takes only the first K recordings of each case,
 into a JSONL of its own; their p-values beside the bank's other fruits, printed at the end, say how far it
@@ -34,6 +35,7 @@ from fem.mismatch.selection.null_reference import (
     QUANTILES_FILE,
     STATISTICS,
     STATISTICS_FILE,
+    NullReference,
     null_reference,
 )
 from fem.mismatch.selection.screening import screened
@@ -50,6 +52,9 @@ ORIGIN = """\
 # drawn anew and nothing is left out on purpose. {cases} cases of {fruits} fruits.
 # Pressed by the samples' own contact solver on hexahedra: python benchmarks/mismatch_bank.py FOLDER null
 # Written by: python benchmarks/mismatch_nulls.py FOLDER... --rows JSONL --write, {written:%Y-%m-%d}
+"""
+ADDED = """\
+# The first {first} fruits stood there before (--add): see the history of this file for how they were made.
 """
 OF_STATISTICS = """\
 # best single: gain (ln evidence) of the best effect over the compliance ratio of flesh to gel, beyond the
@@ -118,23 +123,46 @@ def _p_among_others(row: dict[str, Any]) -> float:
     return p_values_against(statistics, known.statistics[others], known.fruits[others])[0]
 
 
-def files_of(rows: list[dict[str, Any]], written: date) -> dict[str, str]:
-    """Name and text of the two files of the null reference, their origin in their first lines."""
-    fruits = {_fruit(row) for row in rows}
-    usual = _usual(rows)
+def files_of(
+    rows: list[dict[str, Any]], written: date, *, known: NullReference | None = None
+) -> dict[str, str]:
+    """Name and text of the two files of the null reference, their origin in their first lines.
+
+    `known`: a reference that the rows are put to.
+    """
+    usual = _most(_usual(rows), known)
     for row in rows:
         others = [one for one in rows if _fruit(one) != _fruit(row)]
-        apart = _usual(others or rows)
+        apart = _most(_usual(others or rows), known)
         row["best single"] = max(_gain(row, name) - apart.get(name, 0.0) for name in row["shown"])
     rows = sorted(rows, key=lambda row: str(row["case"]))
     numbers = {fruit: k for k, fruit in enumerate(dict.fromkeys(_fruit(row) for row in rows))}
-    origin = ORIGIN.format(cases=len(rows), fruits=len(fruits), written=written)
-    lines = [[str(numbers[_fruit(row)]), *(f"{row[name]:.4g}" for name in STATISTICS)] for row in rows]
-    kinds = [[kind, f"{value:.3g}"] for kind, value in usual.items()]
+    first = 0 if known is None else int(known.fruits.max()) + 1
+    lines = (
+        []
+        if known is None
+        else [
+            [str(fruit), *(f"{value:.4g}" for value in own)]
+            for fruit, own in zip(known.fruits, known.statistics, strict=True)
+        ]
+    )
+    lines += [
+        [str(first + numbers[_fruit(row)]), *(f"{row[name]:.4g}" for name in STATISTICS)] for row in rows
+    ]
+    origin = ORIGIN.format(cases=len(lines), fruits=first + len(numbers), written=written)
+    if known is not None:
+        origin += ADDED.format(first=first)
+    kinds = [[kind, f"{value:.3g}"] for kind, value in sorted(usual.items())]
     return {
         STATISTICS_FILE: origin + OF_STATISTICS + _csv([["fruit", *STATISTICS], *lines]),
         QUANTILES_FILE: origin + OF_QUANTILES + _csv([["kind", "quantile"], *kinds]),
     }
+
+
+def _most(quantiles: dict[str, float], known: NullReference | None) -> dict[str, float]:
+    """Of each kind the greater quantile."""
+    others = {} if known is None else dict(known.quantiles)
+    return {kind: max(quantiles.get(kind, 0.0), others.get(kind, 0.0)) for kind in {**others, **quantiles}}
 
 
 def _csv(rows: list[list[str]]) -> str:
@@ -152,6 +180,7 @@ def main() -> None:
     parser.add_argument("--rows", type=Path, required=True)
     parser.add_argument("--records", type=int, default=2)
     parser.add_argument("--write", action="store_true")
+    parser.add_argument("--add", action="store_true")
     parser.add_argument(
         "--without",
         nargs="+",
@@ -189,7 +218,8 @@ def main() -> None:
             f"p: {sum(x < DETECTION_P for x in p)} of {len(p)} below {DETECTION_P}, median {np.median(p):.2g}"
         )
     if chosen.write:
-        for name, text in files_of(known, datetime.now(UTC).date()).items():
+        reference = null_reference() if chosen.add else None
+        for name, text in files_of(known, datetime.now(UTC).date(), known=reference).items():
             (SELECTION / name).write_text(text)
 
 

@@ -12,8 +12,8 @@ them together name the right effect is what `benchmarks/mismatch.py` shows on 86
 """
 
 DETECTION_P = 0.05
-"""p-value below which there is a mismatch: the usual level. Of 14 null cases, each held against the other
-fruits, one lies below (`benchmarks/mismatch_nulls.py`)."""
+"""p-value below which there is a mismatch: the usual level. Of 128 null cases, each held against the other
+fruits, 6 lie below (`benchmarks/mismatch_nulls.py`)."""
 
 MOST_SINGLES, MOST_PAIRS = 5, 2
 """Explanations of the linear round that are refitted at most. Set by hand, to bound the time of a case."""

@@ -20,32 +20,34 @@ STATISTICS = (
 QUANTILES = "kind,quantile\nskin,0.185\n"
 
 
-def test_the_shipped_numbers_are_those_of_the_tuples_that_they_replaced():
-    """Digests of np.array(NULLS) and np.array(FRUITS) as they stood in null_reference.py on 2026-11-22."""
+def test_the_shipped_numbers_are_those_that_were_written():
+    """Digests of statistics and fruits as of 2026-11-22; the first 114 cases are of before."""
     known = null_reference()
-    assert hashlib.sha256(known.statistics.tobytes()).hexdigest().startswith("deb87974fbef3a4c687504db")
-    assert hashlib.sha256(known.fruits.astype("<i8").tobytes()).hexdigest().startswith("f26c07db2eab8644ad")
+    assert hashlib.sha256(known.statistics.tobytes()).hexdigest().startswith("e0a6e3e48db948a403b5c07c")
+    assert hashlib.sha256(known.fruits.astype("<i8").tobytes()).hexdigest().startswith("f5666da1e2bbeb43b1")
+    first = known.statistics[:114]
+    assert hashlib.sha256(first.tobytes()).hexdigest().startswith("deb87974fbef3a4c687504db")
     assert known.quantiles["stiffening"] == 5.68
-    assert known.quantiles["soft_spot"] == 1.93
+    assert known.quantiles["soft_spot"] == 4.5
     assert len(known.quantiles) == 18
 
 
-def test_detection_comes_out_as_it_did_with_those_tuples():
+def test_detection_comes_out_as_it_did_with_those_numbers():
     p, each = p_values({"best single": 20.0, "best pair": 25.0, "what is left": 0.06})
-    assert p == pytest.approx(0.00027521940712805815, rel=1e-12)
-    assert each["best pair"] == pytest.approx(0.029021771288547327, rel=1e-12)
+    assert p == pytest.approx(0.001217411105469125, rel=1e-12)
+    assert each["best pair"] == pytest.approx(0.01764352231747898, rel=1e-12)
     assert null_statistic("what is left") == np.median(null_reference().statistics[:, 2])
     assert null_gain("skin", 2.0) == 0.37
     assert null_gain("unheard of", 2.0) == 0
     assert null_gain_in_full([("stiffening", "stiffening neo-hookean")], 2.0) == 0
-    assert null_gain_in_full([("skin",), ("soft_spot",)], 1.0) == 1.93
+    assert null_gain_in_full([("skin",), ("soft_spot",)], 1.0) == 4.5
 
 
 def test_each_file_says_where_its_numbers_come_from():
     for name in ("null_reference.csv", "null_quantiles.csv"):
         text = (files("fem.mismatch.selection") / name).read_text("utf-8")
         head = "".join(line for line in text.splitlines() if line.startswith("#"))
-        assert "114 cases of 19 fruits" in head
+        assert "128 cases of 26 fruits" in head
         assert "benchmarks/mismatch_nulls.py" in head
 
 

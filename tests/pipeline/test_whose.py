@@ -15,7 +15,7 @@ from raw_folder import write_raw
 
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, write_record
+from pipeline.batch.records import FruitRecord, Given, GraspRecord, ModulusRecord, ScreenRecord, write_record
 from pipeline.batch.task import fruit_task
 from pipeline.cli import app
 from pipeline.fruit.grasped import grasped_fruit, said_once
@@ -181,7 +181,7 @@ def test_a_kept_record_holds_only_while_the_batch_has_the_same_strangers(batch):
     (batch / "results" / "fruits" / "N02" / "fruit.ply").write_text("made")
     record = FruitRecord(
         fruit_id="N02", outcome="graded", key=task.key, given=Given(), strangers={"N77": False},
-        modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.1),
+        modulus=ModulusRecord(E_MPa=0.5, E_sd_MPa=0.1), screen=ScreenRecord(p_value=0.5),
     )  # fmt: skip
     write_record(task.results.record, record)
     assert dict(kept_records({"N02": task})) == {"N02": record}
