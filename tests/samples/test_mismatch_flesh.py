@@ -87,8 +87,8 @@ def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: BrickFlesh)
 
 
 def test_held_force_relaxes_by_g_and_tau() -> None:
-    # a gel much stiffer than flesh holds the skin still but for 4e-3: force follows the modulus
-    grasp, stands = rough(drawn_ball(), motion([-0.001, 0.3]))
+    # a gel much stiffer than flesh holds the skin still: force follows the modulus
+    grasp, stands = rough(drawn_ball(E_MPa=0.125), motion([-0.001, 0.3]))
     body = RelaxingBody(skin_compliance(stands.flesh.stiffness, stands.dofs), arms=((0.4, 0.8),))
     grip = grip_of(stands, gel=Gel(kn_MPa_per_mm=30.0, kt_MPa_per_mm=30.0, friction=5.0))
     instant = before_touch(grip, grasp.hold.origins(-0.001), body.begin())
@@ -97,7 +97,7 @@ def test_held_force_relaxes_by_g_and_tau() -> None:
         instant = body.advance(grip, instant, grasp.hold.origins(0.3), pause_s)
         forces.append(instant.force_N[grip.part(0)].reshape(-1, 3).sum(axis=0)[0])
     expected = 0.6 + 0.4 * np.exp(-0.25 * np.arange(7) / 0.8)
-    assert np.array(forces) / forces[0] == pytest.approx(expected, abs=4e-3)
+    assert np.array(forces) / forces[0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
