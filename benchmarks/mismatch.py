@@ -6,7 +6,8 @@
 FOLDER holds one folder per case and answers.json, or is one case with answers.json beside it. One JSON line
 per case is kept beside the CSV as soon as the case is done: a run that was stopped goes on where it was.
 Ablations: whole (the default), load-only (no hold, no unloading), no-grasp-4 (the fruit never turned),
-noise-2, noise-4, noise-8 (that many times the noise).
+effect-left-out (the true effect is not in the catalogue: right is "unknown", or an effect that is kin to
+it), noise-2, noise-4, noise-8 (that many times the noise).
 """
 
 import argparse
@@ -51,7 +52,7 @@ def explained(folder: Path, truth: dict[str, Any], ablation: str, work: Path, jo
     forget_peak()
     started, busy = time.perf_counter(), time.process_time()
     try:
-        with altered(ablation):
+        with altered(ablation, truth["effect"]):
             case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
             found = finding(case, StageLog(str), jobs=jobs).explanation
         row = score(found, truth)

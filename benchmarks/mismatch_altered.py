@@ -1,4 +1,4 @@
-"""Recordings of a case altered as they are read: cut off, left out, or noisier."""
+"""Recordings of a case altered as they are read (cut off, left out, or noisier), or an effect left out."""
 
 import zlib
 from collections.abc import Callable, Iterator
@@ -9,20 +9,27 @@ from unittest.mock import patch
 
 import numpy as np
 
+from fem.mismatch.catalogue import EFFECTS
 from pipeline.batch.layout import CaseFolder
 from tactile.contact import Phase, find_contact
 from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.noise import Noise
 
-WHOLE, LOAD_ONLY, NOT_TURNED = "whole", "load-only", "no-grasp-4"
+WHOLE, LOAD_ONLY, NOT_TURNED, LEFT_OUT = "whole", "load-only", "no-grasp-4", "effect-left-out"
 NOISIER = {"noise-2": 2.0, "noise-4": 4.0, "noise-8": 8.0}
-ABLATIONS = (WHOLE, LOAD_ONLY, NOT_TURNED, *NOISIER)
-"""As recorded; up to the end of the first loading; without the fruit turned; noise so many times as large."""
+ABLATIONS = (WHOLE, LOAD_ONLY, NOT_TURNED, LEFT_OUT, *NOISIER)
+"""As recorded; up to the end of the first loading; without the fruit turned; the true effect not in the
+catalogue; noise so many times as large."""
 
 
 @contextmanager
-def altered(ablation: str) -> Iterator[None]:
-    """While it holds, the recordings of cases are read so."""
+def altered(ablation: str, truth: str = "") -> Iterator[None]:
+    """While it holds, the recordings of cases are read so; `truth`: the true effects, joined by +."""
+    if ablation == LEFT_OUT:
+        without = tuple(effect for effect in EFFECTS if effect.spec.name not in truth.split("+"))
+        with patch("fem.mismatch.procedure.EFFECTS", without):
+            yield
+        return
     if ablation == NOT_TURNED:
         files = CaseFolder.grasp_files
 

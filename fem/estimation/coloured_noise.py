@@ -1,4 +1,4 @@
-"""How much more slowly coloured noise averages out than white noise."""
+"""Coloured noise: how much more slowly it averages out than white noise, and draws of it."""
 
 import numpy as np
 from jaxtyping import Float
@@ -16,3 +16,13 @@ def variance_inflation(lag1: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]
     3.0
     """
     return np.asarray((1 + lag1) / (1 - lag1))
+
+
+def drawn_coloured_noise(
+    shape: tuple[int, ...], lag1: float, rng: np.random.Generator
+) -> Float[np.ndarray, "p f n 3"]:
+    """First-order autoregressive noise of unit variance along the second axis."""
+    drawn = rng.normal(size=shape)
+    for k in range(1, shape[1]):
+        drawn[:, k] = lag1 * drawn[:, k - 1] + np.sqrt(1 - lag1**2) * drawn[:, k]
+    return drawn

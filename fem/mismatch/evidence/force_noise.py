@@ -11,6 +11,7 @@ noise (corrected score: Nakamura 1990, Biometrika 77; Fuller 1987, Measurement E
 import numpy as np
 from jaxtyping import Bool, Float
 
+from fem.estimation.coloured_noise import drawn_coloured_noise
 from fem.estimation.denoised_force import DenoisedForce
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.frame_thinning import spacing
@@ -33,9 +34,10 @@ def drawn_force_noise(forward: ForwardModel, equations: GraspEquations, *, draws
         for pad, denoised in zip(recording.case.history.pads, recording.denoised, strict=True)
     ]
     places, forces = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
-    noise = recording.prepared.pattern_noise
-    shares = recording.shares[:, : len(recording.patterns) if noise is None else len(noise.patterns)]
-    by_pattern = np.einsum("fr,pfnx->prnx", shares / (shares**2).sum(axis=0), forces)
+    shares = recording.shares[:, : recording.finer.first + recording.finer.count]
+    by_pattern = recording.finer.of_noise(
+        np.einsum("fr,pfnx->prnx", shares / (shares**2).sum(axis=0), forces)
+    )
     moved, response = _solved(forward, equations, by_pattern)
     excess = places - forward.compliance * np.einsum("fr,prnx->pfnx", shares, response)
     weighed = np.stack([equations.weighed_markers(one) for one in excess])
@@ -67,20 +69,12 @@ def _of_pad(
     moved, force = pad.gel_displacement_mm[used], pad.force_N[used]
     shape, lag1 = (draws, *moved.shape), pad.lag1 ** spacing(used)
     one_each = (draws, 1, moved.shape[1], 1)
-    places = pad.displacement_sd_mm * _coloured(shape, lag1, rng)
+    places = pad.displacement_sd_mm * drawn_coloured_noise(shape, lag1, rng)
     places += budget.gel_scale_sd * rng.normal(size=one_each) * moved
-    felt = pad.force_sd_N * _coloured(shape, lag1, rng)
+    felt = pad.force_sd_N * drawn_coloured_noise(shape, lag1, rng)
     felt += budget.force_scale_sd * rng.normal(size=one_each) * force
     flat = (-1, *moved.shape[1:])
     return places, denoised.noise(places.reshape(flat), felt.reshape(flat)).reshape(shape)
-
-
-def _coloured(shape: tuple[int, ...], lag1: float, rng: np.random.Generator) -> Float[np.ndarray, "p f n 3"]:
-    """First-order autoregressive noise of unit variance along the second axis."""
-    drawn = rng.normal(size=shape)
-    for k in range(1, shape[1]):
-        drawn[:, k] = lag1 * drawn[:, k - 1] + np.sqrt(1 - lag1**2) * drawn[:, k]
-    return drawn
 
 
 def _solved(

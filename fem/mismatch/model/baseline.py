@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float, Int
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import MarkerTracks
 from fem.estimation.denoised_force import DenoisedForce
+from fem.estimation.finer_patterns import FinerPatterns, with_finer_patterns
 from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp, thinned_grasp
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
@@ -45,7 +46,7 @@ class GraspResponse:
     the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
     patterns. `kept`: the share of the loaded frames that are used. `compliance`: the response of
     all markers to a force on each, for E = 1 MPa, where it is known (fem.estimation.grasp_model), else None.
-    `denoised`: how each pad's forces were denoised.
+    `denoised`: how each pad's forces were denoised; `finer`: which of the patterns are smoothed, and how.
     """
 
     case: GraspCase
@@ -63,6 +64,7 @@ class GraspResponse:
     load: Float[np.ndarray, " f"]
     uneven: Float[np.ndarray, "n 3"]
     denoised: tuple[DenoisedForce, ...]
+    finer: FinerPatterns
     kept: float = 1.0
     compliance: Float[np.ndarray, "d d"] | None = None
 
@@ -80,6 +82,12 @@ class GraspResponse:
     def pad_names(self) -> tuple[str, ...]:
         """Names of the pads in order."""
         return tuple(pad.name for pad in self.case.history.pads)
+
+    @property
+    def leading(self) -> Int[np.ndarray, " r"]:
+        """Numbers of the patterns on which another law of flesh is followed: all but the finer ones."""
+        after = self.finer.first + self.finer.count
+        return np.asarray(np.r_[: self.finer.first, after : len(self.patterns)])
 
     def nodal_of(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r c 3"]:
         """Forces on the markers as forces on the skin's nodes."""
@@ -172,6 +180,7 @@ def project_recording(
         prepared = prepared_grasp(history, case.turns)
     except FemFailure as failure:
         raise FemFailure(failure.problem, f"{case.name}: {failure.detail}") from failure
+    prepared, finer = with_finer_patterns(prepared, history)
     whole = int(prepared.used.sum())
     prepared = prepared if most_frames is None else thinned_grasp(prepared, most_frames)
     used, patterns, shares = prepared.used, prepared.patterns, prepared.shares
@@ -218,6 +227,7 @@ def project_recording(
         uneven=_spread(links, probed[:, solid.contact_nodes]),
         kept=float(used.sum() / whole),
         denoised=prepared.denoised,
+        finer=finer,
     )
 
 

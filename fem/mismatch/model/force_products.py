@@ -52,11 +52,15 @@ class ForceNoise:
 
     @cached_property
     def inner_products(self) -> dict[str, float]:
-        """n / s of what is inside the fruit, cause by cause (fem.estimation.sensitivity)."""
-        draws, patterns, nodes, _ = self.moved.shape
-        moved = self.moved.reshape(draws * patterns, nodes, 3)
-        causes, loads = inner_forces(self.solid, moved, list(self.recording.links))
-        work = np.einsum("qmx,cqmx->cq", self.adjoint.reshape(moved.shape), loads, optimize=True)
+        """n / s of pit and Poisson's ratio, cause by cause (fem.estimation.sensitivity).
+
+        The surface's undulations are each recording's own, and eliminated without them.
+        """
+        draws, patterns, nodes = len(self.moved), self.recording.finer.first, self.moved.shape[2]
+        moved = self.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
+        causes, loads = inner_forces(self.solid, moved, list(self.recording.links), with_surface=False)
+        adjoint = self.adjoint[:, :patterns].reshape(moved.shape)
+        work = np.einsum("qmx,cqmx->cq", adjoint, loads, optimize=True)
         by_draw = work.reshape(len(causes), draws, patterns).sum(axis=2)
         return {cause: self.of_draws(own) for cause, own in zip(causes, by_draw, strict=True)}
 
@@ -71,15 +75,19 @@ class LinearInForces(Protocol):
 
 @dataclass(frozen=True)
 class OfFlesh:
-    """phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r); `load`: b of fields of a recording's flesh, nodal forces."""
+    """phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r), r the leading patterns (GraspResponse.leading).
+
+    `load`: b of fields of a recording's flesh, nodal forces.
+    """
 
     load: Callable[[GraspResponse, Float[np.ndarray, "q m 3"]], Float[np.ndarray, "q m 3"]]
 
     def product(self, noise: ForceNoise) -> float:
         """By the adjoint fields: no solve."""
-        draws, patterns, nodes, _ = noise.moved.shape
-        loads = self.load(noise.recording, noise.moved.reshape(draws * patterns, nodes, 3))
-        work = np.einsum("qmx,qmx->q", noise.adjoint.reshape(loads.shape), loads)
+        draws, patterns, nodes = len(noise.moved), noise.recording.finer.first, noise.moved.shape[2]
+        moved = noise.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
+        loads = self.load(noise.recording, moved)
+        work = np.einsum("qmx,qmx->q", noise.adjoint[:, :patterns].reshape(loads.shape), loads)
         return noise.compliance * noise.of_draws(work.reshape(draws, patterns).sum(axis=1))
 
 

@@ -6,7 +6,8 @@ K(theta) = sum_i a_i(theta) K_i is projected (Galerkin) on
 
 for the patterns U of a recording. Its response agrees with the full one to the seventh power of theta in the
 work done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems,
-chapter 11), and needs no solve of the full system.
+chapter 11), and needs no solve of the full system. What the finer patterns of a recording's forces do
+(fem.estimation.finer_patterns), hundredths of the response, is left as the plain law has it.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,13 +28,17 @@ Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 
 @dataclass(frozen=True)
 class ReducedLaw:
-    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V."""
+    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V.
+
+    `first`: dc/dtheta, `unchanged`: the finer patterns' response.
+    """
 
     parts: Float[np.ndarray, "i q q"]
     load: Float[np.ndarray, "q r"]
     recording: Float[np.ndarray, "q n 3"]
     shares: Float[np.ndarray, "f r"]
     first: Float[np.ndarray, "f n 3"]
+    unchanged: Float[np.ndarray, "f n 3"]
 
     def response(self, amounts: Sequence[float]) -> Float[np.ndarray, "f n 3"]:
         """c(t) where the law is sum_i amounts_i K_i, mm MPa."""
@@ -41,7 +46,7 @@ class ReducedLaw:
         size = np.sqrt(np.diag(self.parts[0]))
         scaled = stiffness / np.outer(size, size)
         moved = np.linalg.lstsq(scaled, self.load / size[:, None], rcond=1e-10)[0] / size[:, None]
-        return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)))
+        return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)) + self.unchanged)
 
 
 def reduced_laws(
@@ -49,8 +54,8 @@ def reduced_laws(
 ) -> list[ReducedLaw]:
     """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
     grasps = forward.base.grasps
-    first = np.cumsum([0, *(len(recording.moved) for recording in grasps)])
-    steps = [np.concatenate([recording.moved for recording in grasps])]
+    first = np.cumsum([0, *(len(recording.leading) for recording in grasps)])
+    steps = [np.concatenate([recording.moved[recording.leading] for recording in grasps])]
     for _ in range(CORRECTIONS):
         cost = np.split(derivative(steps[-1]), first[1:-1])
         steps.append(-np.concatenate(forward.base.displacements(cost)))
@@ -73,18 +78,21 @@ def _of_recording(
     pulled: Sequence[np.ndarray],
 ) -> ReducedLaw:
     """`pulled`: what each part's law costs of each field of the space."""
-    solid, count = forward.base.solid_of(recording), len(recording.moved)
+    solid, leading = forward.base.solid_of(recording), recording.leading
+    count = len(leading)
     flat = space.reshape(len(space), -1)
     projected = []
     for force in pulled:
         own = flat @ force.reshape(len(space), -1).T
         projected.append((own + own.T) / 2)
-    load = flat @ (solid.stiffness @ recording.moved.reshape(count, -1).T)
+    load = flat @ (solid.stiffness @ recording.moved[leading].reshape(count, -1).T)
     at_markers = recording.at_markers(space[:, solid.contact_nodes])
     return ReducedLaw(
         np.stack(projected),
         load,
         at_markers,
-        recording.shares,
-        recording.over_time(at_markers[count : 2 * count]),
+        recording.shares[:, leading],
+        np.tensordot(recording.shares[:, leading], at_markers[count : 2 * count], axes=1),
+        recording.tracks.unit_displacement
+        - np.tensordot(recording.shares[:, leading], recording.response[leading], axes=1),
     )

@@ -1,0 +1,121 @@
+"""Finer patterns: what the leading ones leave of a growing contact, without most of the noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fem.estimation.finer_patterns import MOST_FINER, SMOOTHING, with_finer_patterns
+from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
+from fem.grasp_history import GraspHistory, PadHistory
+
+TURN = np.eye(3)[None]
+SIDE, PITCH_MM, GEL_N_PER_MM, MOVED_SD_MM = 20, 1.0, 0.2, 0.004
+PLACE = PITCH_MM * np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), axis=-1).reshape(-1, 2)
+AIR, LOADED = 12, 40
+
+
+def growing_contact() -> np.ndarray:
+    """A ball that rolls over a bed of springs: pressure (1 - r^2/a^2)+ in a patch that grows and wanders."""
+    depth = np.pad(np.sin(np.linspace(0.05, np.pi / 2, LOADED)), (AIR, 0))
+    middle = PLACE.mean(axis=0) + np.column_stack([4.0 * depth**3, 2.0 * depth])
+    r2 = ((PLACE - middle[:, None]) ** 2).sum(axis=2)
+    pressed = np.maximum(depth[:, None] - r2 / 40.0, 0)
+    return 0.05 * np.stack([0.2 * pressed * depth[:, None], 0 * pressed, pressed], axis=2)
+
+
+def recorded(rng: np.random.Generator, *, sd_mm: float = MOVED_SD_MM) -> GraspHistory:
+    force = growing_contact()
+    place = np.column_stack([PLACE, np.zeros(len(PLACE))])
+    noise = rng.normal(0, sd_mm, force.shape)
+    pad = PadHistory(
+        name="left",
+        rest_mm=place,
+        surface_mm=place,
+        position_mm=place + noise,
+        gel_displacement_mm=-force / GEL_N_PER_MM + noise,
+        force_N=force + rng.normal(0, GEL_N_PER_MM * sd_mm, force.shape),
+        episode=np.where(force[:, :, 2] > 0, 0, -1),
+        displacement_sd_mm=sd_mm,
+        force_sd_N=GEL_N_PER_MM * sd_mm,
+        lag1=0.0,
+    )
+    phase = ("air",) * AIR + ("load",) * LOADED
+    return GraspHistory(time_s=0.1 * np.arange(len(force)), phase=phase, pads=(pad,))
+
+
+def off_N(ready: PreparedGrasp) -> np.ndarray:
+    """How far the forces of the patterns are from the true ones."""
+    return np.asarray(np.tensordot(ready.shares, ready.patterns, axes=1) - growing_contact()[ready.used])
+
+
+def smooth(values: np.ndarray) -> np.ndarray:
+    """Mean over squares of three by three markers."""
+    grid = values.reshape(len(values), SIDE, SIDE, 3)
+    return np.asarray(sum(np.roll(grid, (i, j), axis=(1, 2)) for i in (-1, 0, 1) for j in (-1, 0, 1)) / 9)
+
+
+def test_what_the_leading_patterns_leave_out_is_smaller_at_hardly_more_noise() -> None:
+    """Of the sums over some markers: their mean error over draws of the noise, and its spread."""
+    before, after, used = [], [], None
+    for seed in range(16):
+        history = recorded(np.random.default_rng(seed))
+        ready = prepared_grasp(history, TURN)
+        used = ready.used if used is None else used
+        if np.array_equal(ready.used, used):
+            finer, _ = with_finer_patterns(ready, history)
+            before.append(off_N(ready))
+            after.append(off_N(finer))
+    assert len(before) > 4
+    left_out, left = (mean_error([smooth(one) for one in errors]) for errors in (before, after))
+    assert left < 0.75 * left_out
+    assert np.std(after, axis=0).mean() < 1.05 * np.std(before, axis=0).mean()
+
+
+def mean_error(errors: list[np.ndarray]) -> float:
+    """Root mean square of the errors' mean, less what their noise leaves in it."""
+    found = np.stack(errors)
+    return float(np.sqrt((found.mean(axis=0) ** 2).mean() - (found.var(axis=0, ddof=1) / len(found)).mean()))
+
+
+def test_finer_patterns_come_between_the_leading_ones_and_those_of_a_drift() -> None:
+    history = recorded(np.random.default_rng(0))
+    ready = prepared_grasp(history, TURN)
+    drift = np.full((1, *ready.patterns.shape[1:]), 0.1)
+    drifting = replace(
+        ready,
+        patterns=np.concatenate([ready.patterns, drift]),
+        shares=np.column_stack([ready.shares, np.zeros(len(ready.shares))]),
+    )
+    finer, which = with_finer_patterns(drifting, history)
+    assert which.first == len(ready.patterns)
+    assert 0 < which.count <= MOST_FINER
+    np.testing.assert_array_equal(finer.patterns[: which.first], ready.patterns)
+    np.testing.assert_array_equal(finer.patterns[-1:], drift)
+
+
+def all_around(ever: np.ndarray, row: int, column: int, reach: int = 3) -> bool:
+    part = ever[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
+    return bool(part.all() and part.shape == (2 * reach + 1, 2 * reach + 1))
+
+
+def test_smoothing_leaves_a_twelfth_of_the_noise_and_a_sum_of_forces() -> None:
+    history = recorded(np.random.default_rng(0))
+    _, which = with_finer_patterns(prepared_grasp(history, TURN), history)
+    ever = (growing_contact()[:, :, 2] > 0).any(axis=0).reshape(SIDE, SIDE)
+    inner = [k for k in range(len(PLACE)) if all_around(ever, *divmod(k, SIDE))]
+    assert len(inner) > 5
+    left = (which.smoothing[inner] ** 2).sum(axis=1)
+    np.testing.assert_allclose(left, 1 / (4 * np.pi * SMOOTHING**2), rtol=0.1)
+    np.testing.assert_allclose(which.smoothing[inner].sum(axis=1), 1.0, atol=1e-3)
+
+
+def test_noise_of_the_finer_patterns_alone_is_smoothed() -> None:
+    history = recorded(np.random.default_rng(0))
+    _, which = with_finer_patterns(prepared_grasp(history, TURN), history)
+    noise = np.random.default_rng(1).normal(size=(500, which.first + which.count, len(PLACE), 3))
+    found = which.of_noise(noise)
+    np.testing.assert_array_equal(found[:, : which.first], noise[:, : which.first])
+    middle = int(np.argmax(growing_contact()[-1, :, 2]))
+    left = found[:, which.first :, middle].var()
+    assert left == pytest.approx(1 / (4 * np.pi * SMOOTHING**2), rel=0.15)
