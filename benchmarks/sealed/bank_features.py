@@ -74,6 +74,7 @@ def main() -> None:
             continue
         problem = problem_of(folder)
         problem.facts["truth"] = truth["effect"]
+        problem.facts["verdict"] = problem.linear_verdict(problem.linear())
         if chosen.stored is not None:
             chosen.stored.mkdir(parents=True, exist_ok=True)
             store(chosen.stored / f"{folder.name}.npz", problem)

@@ -19,9 +19,11 @@ from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.selection.detection import best_beyond_quantile
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.detection import best_beyond_quantile, null_gain, p_values
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY, InMode
+from fem.mismatch.thresholds import DETECTION_P
 
 PER_GRASP = 100
 """Residuals of single markers in single frames kept of each grasp, drawn at random: as many in all as a
@@ -94,6 +96,14 @@ class ReducedCase:
             "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / ratio**2,
             "what is left": linear.null.chi2 / self.count,
         }
+
+    def linear_verdict(self, linear: LinearRound) -> str:
+        """Before any refit: "none", or the effect that gains most beyond its null quantile."""
+        if p_values(self.statistics(linear))[0] >= DETECTION_P:
+            return NONE
+        ratio = float(self.facts["compliance_ratio"])
+        best = max(linear.linear_fits, key=lambda one: one.gain - null_gain(one.kind, ratio))
+        return str(best.effect.spec.name)
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:

@@ -84,6 +84,10 @@ def order_of_commits(folder: Path) -> tuple[bool | None, list[str]]:
     ordered = len(commits[MANIFEST]) == 1
     if not ordered:
         said.append(f"{MANIFEST} was changed after its first commit")
+    for name in commits:
+        if _git(folder, "diff", "--quiet", "HEAD", "--", name) is None:
+            ordered = False
+            said.append(f"{name} differs from what was committed")
     revealed = [commits[name][-1] for name in (SALT, LABELS)]
     for answer in commits[ANSWERS]:
         if not _is_before(folder, commits[MANIFEST][-1], answer):

@@ -14,9 +14,6 @@ from synthetic_problem import problem
 put_on_path()
 from reduced_case import gains_of, store, stored  # noqa: E402
 
-from fem.mismatch.selection.detection import p_values  # noqa: E402
-from fem.mismatch.thresholds import DETECTION_P  # noqa: E402
-
 CASES = sorted((Path(__file__).parent / "cases").glob("*.npz"))
 LARGEST_BYTES = 300_000
 
@@ -39,12 +36,14 @@ def test_a_case_replays_to_the_gains_it_had(path):
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
 def test_a_case_replays_to_the_verdict_of_its_linear_round(path):
     case = stored(path)
-    linear = case.linear()
-    detected = p_values(case.statistics(linear))[0] < DETECTION_P
-    truth = case.facts["truth"]
-    assert detected == (truth != "none")
-    if detected:
-        assert linear.best[0].effect.spec.name == truth
+    assert case.linear_verdict(case.linear()) == case.facts["verdict"]
+
+
+def test_the_stored_verdicts_are_those_of_the_truth_but_for_known_misses():
+    """Pits a quarter and a fifth too small, and slip: docs/validation.md has them missed."""
+    missed = {"pit_size", "slip"}
+    facts = [stored(path).facts for path in CASES]
+    assert all(one["verdict"] == one["truth"] for one in facts if one["truth"] not in missed)
 
 
 @pytest.mark.parametrize("path", CASES, ids=lambda path: path.stem)
