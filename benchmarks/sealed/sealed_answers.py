@@ -39,7 +39,7 @@ ALTERATIONS = (*ABLATIONS, LEFT_OUT)
 
 @dataclass
 class Captured:
-    """What goes by while a case is explained."""
+    """What goes by while a case is explained: its first linear round, its proof."""
 
     case: ReducedCase | None = None
     weighed: dict[str, float] = field(default_factory=dict)
@@ -53,7 +53,8 @@ def captured(without: tuple[str, ...] = ()) -> Iterator[Captured]:
 
     def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
         linear = screened(forward, recorded, [one for one in effects if one.spec.name not in without], **more)
-        found.case = reduced(forward, recorded, linear)
+        if found.case is None:
+            found.case = reduced(forward, recorded, linear)
         return linear
 
     def proof(forward: Any, recorded: Any, before: Any, after: Any) -> Any:

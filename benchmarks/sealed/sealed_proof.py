@@ -17,6 +17,7 @@ import shutil
 import sys
 import tempfile
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -60,11 +61,15 @@ def draw(proof: Path, salt: str) -> None:
 
 
 def rows_in(path: Path) -> list[dict[str, Any]]:
-    """Answers so far; of two to the same case and alteration the first counts."""
+    """Answers so far; of two to the same case and alteration the first counts.
+
+    Half a line, which a run that was killed leaves, is no answer.
+    """
     known: dict[tuple[str, str], dict[str, Any]] = {}
     for line in path.read_text(encoding="utf-8").splitlines() if path.is_file() else ():
-        row = json.loads(line)
-        known.setdefault((row["case"], row["ablation"]), row)
+        with suppress(json.JSONDecodeError):
+            row = json.loads(line)
+            known.setdefault((row["case"], row["ablation"]), row)
     return list(known.values())
 
 

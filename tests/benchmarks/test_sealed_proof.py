@@ -110,7 +110,7 @@ def test_another_salt_answers_nothing(proof, monkeypatch):
 def test_cases_with_an_answer_are_left_alone_and_the_rest_are_answered(proof, monkeypatch):
     done, *left = drawn_cases(SALT, FEW)
     with (proof / "proof" / "answers.jsonl").open("w") as file:
-        file.write(json.dumps(row(done.case_id, ["skin"])) + "\n")
+        file.write(json.dumps(row(done.case_id, ["skin"])) + '\n{"case": "ca')
     seen = []
 
     def simulated(case, folder):
