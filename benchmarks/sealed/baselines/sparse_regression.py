@@ -1,10 +1,11 @@
 """Baseline: sparse regression over the same library of signatures, in the manner of EUCLID.
 
 Flaschel, Kumar and De Lorenzis 2021 (Comput. Methods Appl. Mech. Eng. 381, 113852) find the few terms of a
-library by a penalty on amounts and a threshold. Here the library is every signature's column, the plain
-model's nuisances are eliminated with their priors, the path of penalties is scikit-learn's LassoLarsIC with
-the Bayesian information criterion, and then least squares with terms below THRESHOLD standard deviations
-dropped in turn (Brunton, Proctor and Kutz 2016, PNAS 113, 3932).
+library by a penalty on amounts and a threshold. Here the library is each effect's best signature (with gains
+of both pads in it, E itself would be free), the plain model's nuisances are eliminated with their priors,
+the path of penalties is scikit-learn's LassoLarsIC with the Bayesian information criterion, and then least
+squares with terms below THRESHOLD standard deviations dropped in turn (Brunton, Proctor and Kutz 2016, PNAS
+113, 3932).
 """
 
 import warnings
@@ -30,7 +31,7 @@ RIDGE = 1e-10
 def sparse_regression(case: ReducedCase, E: Modulus) -> dict[str, Any]:
     """The answer for a case whose plain model has this E."""
     gram, plain = case.gram(), case.nuisances
-    terms = [j for j, one in enumerate(case.columns) if one["role"] == "signature"]
+    terms = [j for one in case.linear().best for j in one.columns]
     normal, right = eliminated(case, [0, *plain], terms)
     scale = 1 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     seen = np.diag(normal) > 1e-9 * np.max(np.diag(normal), initial=1.0)
