@@ -13,7 +13,7 @@ from samples.graded_bricks import BrickGrading
 from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
-from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.effect_levels import Amplitude, drawn_parameters
 from samples.mismatch.four_grasps import CaseGrasp, four_grasps
 from samples.mismatch.freestone import LoosePitBody, loose_compliance, pit_contact
 from samples.mismatch.gel_faults import (
@@ -78,13 +78,13 @@ class CasePlan:
 
 def planned(
     case_id: str,
-    effects: tuple[tuple[str, int], ...],
+    effects: tuple[tuple[str, int | Amplitude], ...],
     *,
     seed: tuple[int, ...],
     category: Category | None = None,
     out_of_catalogue: str | None = None,
 ) -> CasePlan:
-    """A case with the given effects, each at its level; the fruit and all the rest from the seed.
+    """A case with the given effects, each at its level or amplitude; all the rest from the seed.
 
     `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
     """
@@ -135,8 +135,8 @@ def write_case(
     salt = rng.bytes(16).hex()
     truths = true_recordings(plan, progress=progress)
     peaks = tuple(t.peak_force_N for t in truths)
-    labelled = tuple(_with_amount(p, max(peaks)) for p in plan.injected)
-    label = _label(plan, labelled)
+    labelled = tuple(with_amount(p, max(peaks)) for p in plan.injected)
+    label = label_of_plan(plan, labelled)
     entry = answer(plan.drawn, label)
     seal(folder, plan.case_id, entry, salt=salt)
     recordings = tuple(as_recorded(t, labelled, plan.out_of_catalogue) for t in truths)
@@ -144,14 +144,15 @@ def write_case(
     reveal(folder, plan.case_id, entry, salt=salt)
 
 
-def _label(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
+def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label:
+    """What a plan's label says; `labelled`: its effects, in newtons where the peak force is known."""
     if plan.out_of_catalogue is not None:
         parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
         return Label(effect="unknown", parameters=parameters)
     return Label(effect=joined_name(labelled), parameters=joined_parameters(labelled))
 
 
-def _with_amount(one: InjectedEffect, peak_N: float) -> InjectedEffect:
+def with_amount(one: InjectedEffect, peak_N: float) -> InjectedEffect:
     """Drifts are planned as shares of the peak force per time; their labels are in newtons."""
     if one.effect == "thermal_drift":
         strain, share = one.number("strain_per_root_s"), one.number("peak_share_per_root_s")

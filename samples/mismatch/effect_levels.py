@@ -1,9 +1,11 @@
-"""How strong each effect is made: three levels, from just to be seen to plain."""
+"""How strong each effect is made: at three levels, from just to be seen to plain, or of any amplitude."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from samples.fruit import POISSON_RATIO
 from samples.mismatch.machine_effects import PAD_NAMES
 from samples.sample_failure import SampleFailure
 
@@ -40,12 +42,61 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
 relative, `length_mm` is in mm, `size` about 1). Set by hand, from just to be seen to plain."""
 
 
-def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[str, Any]:
+AMPLITUDES: dict[str, Range] = {
+    "viscoelastic": (0.01, 0.6),
+    "stiffening": (1.0, 65.0),
+    "skin": (0.05, 4.5),
+    "graded_modulus": (0.01, 0.6),
+    "soft_spot": (0.04, 0.9),
+    "anisotropy": (0.03, 2.5),
+    "poisson_ratio": (0.004, 0.17),
+    "pit_offset": (0.2, 3.8),
+    "pit_size": (0.015, 0.3),
+    "loose_pit": (0.005, 0.45),
+    "slip": (2.0, 20.0),
+    "plastic_set": (4.0, 22.0),
+    "damage": (0.03, 0.75),
+    "sensor_gain": (0.004, 0.2),
+    "sensor_drift": (3e-4, 0.025),
+    "gripper_compliance": (4e-4, 0.035),
+    "clock_lag": (0.004, 0.25),
+    "adhesion": (0.01, 0.25),
+    "sensor_nonlinear": (0.01, 0.38),
+    "gel_creep": (0.006, 0.3),
+    "gel_hysteresis": (0.004, 0.14),
+    "thermal_drift": (3e-5, 2.1e-3),
+    "pose_error": (0.03, 1.0),
+}
+"""Least and greatest amplitude of a wide draw, in the unit of the levels above, but counted from no effect:
+of a soft spot 1 - ratio, of Poisson's ratio how far it is from the fruit's, of slip 1/mu, of a plastic set E
+over the yield stress. Set by hand: from a tenth of the least level, or from what hardly slides or yields, to
+the greatest."""
+MOST_POISSON_RATIO = 0.488
+"""Poisson's ratio above which linear bricks lock (set by hand)."""
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """How far an effect is from none, in the unit of AMPLITUDES."""
+
+    value: float
+
+
+def drawn_amplitude(effect: str, rng: np.random.Generator, *, above: float = 0.0) -> Amplitude:
+    """Log-uniform over the range of the effect; `above`: from that share of it (of the logarithm) on."""
+    low, high = np.log(AMPLITUDES[effect])
+    return Amplitude(float(np.exp(rng.uniform(low + above * (high - low), high))))
+
+
+def drawn_parameters(effect: str, level: int | Amplitude, rng: np.random.Generator) -> dict[str, Any]:
     """Parameters of an effect at a level, but for what only the fruit can say (where a soft spot is)."""
     if effect not in _RANGES:
         raise SampleFailure(f"There is no effect {effect!r} in the catalogue.")
     (name, ranges), *_ = _RANGES[effect].items()
-    size = float(rng.uniform(*ranges[level]))
+    if isinstance(level, Amplitude):
+        size = _size_of(effect, level.value)
+    else:
+        size = float(rng.uniform(*ranges[level]))
     sign = float(rng.choice([-1.0, 1.0]))
     pad = str(rng.choice(PAD_NAMES))
     if effect == "viscoelastic":
@@ -55,7 +106,9 @@ def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[
     if effect == "soft_spot":
         return {"ratio": size, "radius_mm": float(rng.uniform(4.5, 8.5))}
     if effect == "poisson_ratio":
-        return {"nu": size if level or sign < 0 else min(0.488, 0.9 - size)}
+        mirrored = min(MOST_POISSON_RATIO, 2 * POISSON_RATIO - size)
+        small = mirrored < MOST_POISSON_RATIO if isinstance(level, Amplitude) else level == 0
+        return {"nu": mirrored if small and sign > 0 else size}
     if effect == "pit_offset":
         direction = rng.normal(size=3)
         return {"offset_mm": (size * direction / np.linalg.norm(direction)).tolist()}
@@ -86,3 +139,12 @@ def drawn_parameters(effect: str, level: int, rng: np.random.Generator) -> dict[
             "tilt_deg": sign * 5.0 * size * float(rng.uniform(0.3, 1)),
         }
     return {name: size}
+
+
+def _size_of(effect: str, amplitude: float) -> float:
+    """The number of _RANGES that an amplitude stands for."""
+    if effect == "soft_spot":
+        return 1 - amplitude
+    if effect == "poisson_ratio":
+        return POISSON_RATIO - amplitude
+    return 1 / amplitude if effect in ("slip", "plastic_set") else amplitude

@@ -1,8 +1,10 @@
 """Where the jaws of the four grasps are: along, across, oblique, and along with the fruit turned round."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
+from jaxtyping import Float
 
 from samples.cubed_sphere import even_sphere
 from samples.fruit import Skin
@@ -62,8 +64,14 @@ def through_centre(skin: Skin, *, azimuth_deg: float, tilt_deg: float, uneven_mm
     across = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
     up = np.cross(axis, across)
     centre = np.asarray(skin.centre_mm)
-    heights = (skin.points_mm(even_sphere(160).directions) - centre) @ axis
+    heights = (skin.points_mm(_directions()) - centre) @ axis
     return Hold(
         turns=(np.stack([across, up, axis], axis=1), np.stack([-across, up, -axis], axis=1)),
         touch_mm=np.stack([centre + axis * (heights.min() - uneven_mm), centre + axis * heights.max()]),
     )
+
+
+@cache
+def _directions() -> Float[np.ndarray, "n 3"]:
+    """Directions in which a skin's height is looked for."""
+    return even_sphere(160).directions

@@ -16,7 +16,7 @@ from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
@@ -193,6 +193,24 @@ class GramMatrix:
             self.products.append(_corrected(heavy @ plain.T, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
         self._recorded = recorded
+
+    @classmethod
+    def from_products(
+        cls,
+        columns: Sequence[Regressor],
+        rows: Sequence[Int[np.ndarray, " k"]],
+        products: Sequence[Float[np.ndarray, "k1 k1"]],
+    ) -> "GramMatrix":
+        """Products that were computed before, of which nothing but fits can be had.
+
+        `columns` begin with 1/E; of each recording `rows` are those that it depends on, `products` those of
+        the data and these rows.
+        """
+        found = cls.__new__(cls)
+        found.columns, found.rows, found.products = list(columns), list(rows), list(products)
+        found.weighed, found.data, found._recorded = [], [], []
+        found.bias = np.zeros((len(rows), len(columns)))
+        return found
 
     def about(
         self,

@@ -1,9 +1,10 @@
 """Screening: every effect's best signature, and every pair of them, by linear Gaussian evidence."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,9 @@ from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
+
+Auxiliary: TypeAlias = Callable[[Effect, Signature, Float[np.ndarray, " k"]], tuple[float, float]]
+"""ln likelihood of what else is known of a signature at given amounts, and of its direct marks."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,9 +98,30 @@ def screened(
     drawn = partial(drawn_force_noise, forward, draws=noise_draws)
     noise = parallel_map(drawn, recorded, workers=forward.workers)
     products = GramMatrix(forward, recorded, columns, noise=noise)
-    own = tuple(range(1, len(known) + 1))
+    return linear_round(
+        products,
+        tuple(range(1, len(known) + 1)),
+        found,
+        auxiliary=lambda *one: _auxiliary(forward, *one),
+        without=without,
+    )
+
+
+def linear_round(
+    products: GramMatrix,
+    own: tuple[int, ...],
+    found: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
+    *,
+    auxiliary: Auxiliary,
+    without: dict[str, str],
+) -> LinearRound:
+    """The evidence of each signature and of all pairs of effects, from products alone.
+
+    `own`: columns of the plain model; `found`: each signature with its columns; `auxiliary`: what else is
+    known of it at the amounts found.
+    """
     null = products.fit(own)
-    linear_fits = tuple(_linear_fit(forward, products, own, null, *one) for one in found)
+    linear_fits = tuple(_linear_fit(products, own, null, auxiliary, *one) for one in found)
     best: dict[str, LinearFit] = {}
     for one in sorted(linear_fits, key=lambda s: -s.gain):
         best.setdefault(one.effect.spec.name, one)
@@ -133,11 +158,23 @@ def _signatures(forward: ForwardModel, effect: Effect) -> Sequence[Signature] | 
         return failure
 
 
+def _auxiliary(
+    forward: ForwardModel, effect: Effect, signature: Signature, amounts: Float[np.ndarray, " k"]
+) -> tuple[float, float]:
+    """ln likelihood of what else is known of a signature at these amounts, and of its direct marks."""
+    said = 0.0
+    if isinstance(effect, AuxiliaryLikelihood):
+        said = effect.auxiliary_log_likelihood(
+            forward, effect.start(forward, signature, amounts), signature.variant
+        )
+    return said, effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
+
+
 def _linear_fit(
-    forward: ForwardModel,
     products: GramMatrix,
     own: tuple[int, ...],
     null: Fit,
+    auxiliary: Auxiliary,
     effect: Effect,
     signature: Signature,
     columns: tuple[int, ...],
@@ -147,13 +184,8 @@ def _linear_fit(
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence
-    auxiliary_log_likelihood = 0.0
-    if isinstance(effect, AuxiliaryLikelihood):
-        said = effect.auxiliary_log_likelihood(
-            forward, effect.start(forward, signature, amounts), signature.variant
-        )
-        auxiliary_log_likelihood = min(said, max(moved, 0.0))
-    direct = effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
+    said, direct = auxiliary(effect, signature, amounts)
+    auxiliary_log_likelihood = min(said, max(moved, 0.0))
     gain = moved + auxiliary_log_likelihood + direct
     return LinearFit(
         effect=effect,

@@ -1,0 +1,216 @@
+"""A case's linear problem, reduced to what selection needs of it: products of all columns, and little else.
+
+It is taken while a case is explained, replays the linear round without the fruit, and is what the baselines
+work on. Stored as a compressed .npz of a few hundred kB: lower triangles of the products, and words as JSON.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.estimation.sensitivity import mean_normal, tangents
+from fem.mismatch.catalogue import EFFECTS
+from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.detection import best_beyond_quantile, null_gain, p_values
+from fem.mismatch.selection.screening import LinearRound, linear_round
+from fem.mismatch.signature_variant import ONE_WAY, InMode
+from fem.mismatch.thresholds import DETECTION_P
+
+PER_GRASP = 100
+"""Residuals of single markers in single frames kept of each grasp, drawn at random: as many in all as a
+Gaussian process fits in seconds (set by hand)."""
+SAMPLE = ("grasp", "pad", "x_mm", "y_mm", "load", "time_s", "residual_mm", "response_mm", "sd_mm")
+"""Columns of the samples: along the pad's normal; x and y along the skin from the patch's middle, load as a
+share of the greatest."""
+FORMAT = 1
+"""Of the file; a reader refuses another."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReducedCase:
+    """Columns and signatures in words, products by recording as GramMatrix has them, samples of residuals.
+
+    `columns`: dicts of name, sd, mean, positive and role ("plain", "nuisance", "discrepancy", "signature").
+    `signatures`: dicts of effect, kind, mode, label, columns, said and direct (what else is known of it, ln).
+    `count`: numbers of the data; `facts`: plain numbers of the case.
+    """
+
+    columns: list[dict[str, Any]]
+    signatures: list[dict[str, Any]]
+    rows: list[Int[np.ndarray, " k"]]
+    products: list[Float[np.ndarray, "k1 k1"]]
+    samples: Float[np.ndarray, "s 9"]
+    count: int
+    facts: dict[str, Any]
+
+    @property
+    def nuisances(self) -> tuple[int, ...]:
+        """Numbers of the plain model's columns but 1/E."""
+        return tuple(j for j, one in enumerate(self.columns) if one["role"] in ("nuisance", "discrepancy"))
+
+    def gram(self) -> GramMatrix:
+        """The products as selection takes them."""
+        regressors = [
+            Regressor(name=one["name"], sd=one["sd"], mean=one["mean"], positive=one["positive"], fields=())
+            for one in self.columns
+        ]
+        return GramMatrix.from_products(regressors, self.rows, self.products)
+
+    def linear(self) -> LinearRound:
+        """The linear round, by the product's own selection code."""
+        effects = {effect.spec.name: effect for effect in EFFECTS}
+        found: list[tuple[Effect, Signature, tuple[int, ...]]] = []
+        stored: dict[int, dict[str, Any]] = {}
+        gram = self.gram()
+        for one in self.signatures:
+            variant = InMode(mode=one["mode"]) if one["mode"] else ONE_WAY
+            signature = Signature(variant=variant, columns=tuple(gram.columns[j] for j in one["columns"]))
+            stored[id(signature)] = one
+            found.append((effects[one["effect"]], signature, tuple(one["columns"])))
+        return linear_round(
+            gram,
+            self.nuisances,
+            found,
+            auxiliary=lambda _, signature, __: (
+                float(stored[id(signature)]["said"]),
+                float(stored[id(signature)]["direct"]),
+            ),
+            without={},
+        )
+
+    def statistics(self, linear: LinearRound) -> dict[str, float]:
+        """Those of fem.mismatch.procedure.detection_statistics."""
+        ratio = float(self.facts["compliance_ratio"])
+        gains = ((one.kind, one.gain) for one in linear.linear_fits)
+        return {
+            "best single": best_beyond_quantile(gains, ratio),
+            "best pair": max((gain for gain, _, _ in linear.pairs), default=0.0) / ratio**2,
+            "what is left": linear.null.chi2 / self.count,
+        }
+
+    def linear_verdict(self, linear: LinearRound) -> str:
+        """Before any refit: "none", or the effect that gains most beyond its null quantile."""
+        if p_values(self.statistics(linear))[0] >= DETECTION_P:
+            return NONE
+        ratio = float(self.facts["compliance_ratio"])
+        best = max(linear.linear_fits, key=lambda one: one.gain - null_gain(one.kind, ratio))
+        return str(best.effect.spec.name)
+
+
+def gains_of(linear: LinearRound) -> dict[str, float]:
+    """Each effect's best gain, ln evidence."""
+    return {one.effect.spec.name: float(one.gain) for one in linear.best}
+
+
+def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound) -> ReducedCase:
+    """A case as it stands after its linear round."""
+    roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
+    for j in linear.nuisances:
+        roles[j] = "nuisance" if linear.products.columns[j].discrepancy_of is None else "discrepancy"
+    columns = [
+        {"name": one.name, "sd": one.sd, "mean": one.mean, "positive": one.positive, "role": role}
+        for one, role in zip(linear.products.columns, roles, strict=True)
+    ]
+    signatures = [
+        {
+            "effect": one.effect.spec.name,
+            "mode": one.signature.variant.mode if isinstance(one.signature.variant, InMode) else "",
+            "label": one.signature.label,
+            "columns": list(one.columns),
+            "said": one.auxiliary_log_likelihood - one.direct,
+            "direct": one.direct,
+        }
+        for one in linear.linear_fits
+    ]
+    return ReducedCase(
+        columns=columns,
+        signatures=signatures,
+        rows=list(linear.products.rows),
+        products=list(linear.products.products),
+        samples=_samples(forward, recorded, linear),
+        count=sum(one.own.shape[1] for one in recorded),
+        facts={
+            "compliance": forward.compliance,
+            "compliance_ratio": forward.compliance_ratio,
+            "gains": gains_of(linear),
+        },
+    )
+
+
+def _samples(
+    forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound
+) -> Float[np.ndarray, "s 9"]:
+    """Residuals of the plain model along the pads' normals at markers and frames drawn at random."""
+    rng = np.random.default_rng(0)
+    found = []
+    for k, one in enumerate(recorded):
+        recording = one.recording
+        residual = linear.products.marker_residual(k, linear.null)
+        response = one.markers.residual(forward.compliance * recording.tracks.unit_displacement)
+        frames, markers = np.nonzero(recording.tracks.episode >= 0)
+        if not len(frames):
+            continue
+        chosen = np.sort(rng.choice(len(frames), min(PER_GRASP, len(frames)), replace=False))
+        for frame, marker in zip(frames[chosen], markers[chosen], strict=True):
+            pad = int(recording.pad_of_marker[marker])
+            normals = recording.links[pad].place.normal
+            place = recording.tracks.place_mm
+            middle = place[recording.pad_of_marker == pad].mean(axis=0)
+            normal = mean_normal(normals)
+            x, y = tangents(normals) @ (place[marker] - middle)
+            found.append(
+                (
+                    k,
+                    pad,
+                    x,
+                    y,
+                    recording.load[frame],
+                    recording.time_s[frame],
+                    residual[frame, marker] @ normal,
+                    response[frame, marker] @ normal,
+                    np.broadcast_to(recording.tracks.sd_mm, residual.shape[1])[marker],
+                )
+            )
+    return np.array(found, dtype=float).reshape(-1, len(SAMPLE))
+
+
+def store(path: Path, case: ReducedCase) -> None:
+    """Write a case, whole or not at all."""
+    words = {
+        "format": FORMAT,
+        "columns": case.columns,
+        "signatures": case.signatures,
+        "count": case.count,
+        "facts": case.facts,
+    }
+    arrays: dict[str, Any] = {"samples": case.samples.astype(np.float32)}
+    for k, (rows, products) in enumerate(zip(case.rows, case.products, strict=True)):
+        arrays[f"rows_{k}"] = rows.astype(np.int16)
+        arrays[f"products_{k}"] = products[np.tril_indices(len(products))]
+    partial = path.with_suffix(".partial.npz")
+    np.savez_compressed(partial, words=np.array(json.dumps(words)), **arrays)
+    partial.replace(path)
+
+
+def stored(path: Path) -> ReducedCase:
+    """Read a case. Raises ValueError for another format."""
+    with np.load(path, allow_pickle=False) as file:
+        words = json.loads(str(file["words"]))
+        if words.pop("format") != FORMAT:
+            raise ValueError(f"{path} is of another format: write it anew")
+        rows, products = [], []
+        while f"rows_{len(rows)}" in file:
+            rows.append(file[f"rows_{len(rows)}"].astype(np.int64))
+            half = np.zeros((len(rows[-1]) + 1,) * 2)
+            half[np.tril_indices(len(half))] = file[f"products_{len(products)}"]
+            products.append(half + half.T - np.diag(np.diag(half)))
+        return ReducedCase(rows=rows, products=products, samples=file["samples"].astype(float), **words)

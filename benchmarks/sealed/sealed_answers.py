@@ -1,0 +1,151 @@
+"""Explains a case's folder, blind: all that is known of it is what `drupe explain` reads.
+
+A row of the answers is one JSON line: verdict, ranking with probabilities and parameters, p, E before and
+after with 90 % intervals, what is held out, cost, and what the score needs without the case's files
+(features, Cramer-Rao bounds, baselines). Rows are added one at a time, by several runs and machines.
+"""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from baseline_answers import baselines_of
+from cramer_rao import amplitude_bounds
+from mismatch import BROKEN, REFUSED, ROOMS
+from mismatch_altered import ABLATIONS, altered
+from reduced_case import ReducedCase, gains_of, reduced
+from weighed_residual import weighed_squares
+
+from fem.mismatch import procedure
+from fem.mismatch.result import Candidate, Explanation, Modulus
+from fem.mismatch.selection.detection import null_statistic
+from pipeline.batch.cache import code_version
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import finding
+from pipeline.fruit.stage_log import StageLog
+
+NINETY = 1.645
+"""Standard deviations that hold 90 % of a normal distribution on either side."""
+LEFT_OUT = "left-out"
+"""An ablation of its own: the case's own effects are taken out of the catalogue, so that the right answer is
+"unknown". Which effects those are is read from the label by the machine; nothing else of it is."""
+ALTERATIONS = (*ABLATIONS, LEFT_OUT)
+"""All that can be done to a case before it is explained."""
+
+
+@dataclass
+class Captured:
+    """What goes by while a case is explained: its first linear round, its proof."""
+
+    case: ReducedCase | None = None
+    weighed: dict[str, float] = field(default_factory=dict)
+
+
+@contextmanager
+def captured(without: tuple[str, ...] = ()) -> Iterator[Captured]:
+    """While it holds, the finder's linear problem is kept; `without`: effects taken out of the catalogue."""
+    found = Captured()
+    screened, held_out = procedure.screened, procedure.held_out
+
+    def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
+        linear = screened(forward, recorded, [one for one in effects if one.spec.name not in without], **more)
+        if found.case is None:
+            found.case = reduced(forward, recorded, linear)
+        return linear
+
+    def proof(forward: Any, recorded: Any, before: Any, after: Any) -> Any:
+        found.weighed = {"before": weighed_squares(*before), "after": weighed_squares(*after)}
+        return held_out(forward, recorded, before, after)
+
+    with patch.object(procedure, "screened", screening), patch.object(procedure, "held_out", proof):
+        yield found
+
+
+def explained(
+    folder: Path, work: Path, *, ablation: str, jobs: int, without: tuple[str, ...] = ()
+) -> tuple[dict[str, Any], ReducedCase | None]:
+    """The row of one case, and its linear problem; a failure is a row too."""
+    started, busy = time.perf_counter(), time.process_time()
+    row: dict[str, Any] = {"ablation": ablation, "code": code_version(ROOMS)[:12]}
+    problem = None
+    try:
+        with altered("whole" if ablation == LEFT_OUT else ablation), captured(without) as kept:
+            case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
+            found = finding(case, StageLog(str), jobs=jobs).explanation
+        row |= answered(found)
+        row["seconds"] = round(time.perf_counter() - started, 1)
+        row["cpu_s"] = round(time.process_time() - busy, 1)
+        problem = kept.case
+        if problem is not None:
+            problem.facts["variance"] = {one.factor: one.share for one in found.variance}
+            row |= of_problem(problem, found) | {"weighed": kept.weighed}
+    except REFUSED as failure:
+        row["failure"] = " ".join(str(failure).split())
+    except BROKEN as defect:
+        row["failure"] = f"{type(defect).__name__}: {defect}"
+    row.setdefault("cpu_s", round(time.process_time() - busy, 1))
+    return row, problem
+
+
+def answered(found: Explanation) -> dict[str, Any]:
+    """What an explanation says, as plain JSON values."""
+    verdict = [found.verdict] if isinstance(found.verdict, str) else list(found.verdict)
+    return {
+        "verdict": ["+".join(sorted(one.split("+"))) for one in verdict],
+        "detected": found.detected,
+        "p": found.p_value,
+        "statistics": found.statistics,
+        "ranking": [_candidate(one) for one in found.ranking[:8]],
+        "E_before": _modulus(found.before),
+        "E_after": _modulus(found.after),
+        "heldout": None
+        if found.heldout is None
+        else {
+            "before": found.heldout.rms_before,
+            "after": found.heldout.rms_after,
+            "noise": found.heldout.noise_rms,
+        },
+    }
+
+
+def _candidate(one: Candidate) -> dict[str, Any]:
+    return {
+        "effect": "+".join(sorted(one.effect.split("+"))),
+        "probability": one.probability,
+        "log_evidence": one.log_evidence,
+        "refitted": one.refitted,
+        "E": None if one.modulus is None else _modulus(one.modulus),
+        "parameters": {
+            name: {"value": own.value, "sd": own.sd, "interval": own.interval}
+            for name, own in one.parameters.items()
+        },
+    }
+
+
+def _modulus(one: Modulus) -> dict[str, Any]:
+    return {
+        "value": one.value,
+        "sd": one.sd,
+        "interval": [one.value - NINETY * one.sd, one.value + NINETY * one.sd],
+    }
+
+
+def of_problem(problem: ReducedCase, found: Explanation) -> dict[str, Any]:
+    """What the score takes from the linear problem; baselines answer from it too."""
+    linear = problem.linear()
+    return {
+        "chi2": linear.null.chi2,
+        "chi2_usual": problem.count * null_statistic("what is left"),
+        "features": {
+            "gains": gains_of(linear),
+            "statistics": problem.statistics(linear),
+            "variance": problem.facts["variance"],
+        },
+        "catalogue": sorted(gains_of(linear)),
+        "bounds": amplitude_bounds(problem, E_MPa=found.before.value),
+        "baselines": baselines_of(problem, E=found.before),
+    }

@@ -1,0 +1,210 @@
+"""What the sealed proof comes to, as lines of text; diagrams where a folder for them is named."""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from baseline_table import baseline_table
+from psychometric import fitted_curve
+from scipy.stats import kstest
+from sealed_scores import KIN, Scored, inside, parameter_rows, scored, share, signal_over_noise
+
+PLAIN_SIGNAL = 10.0
+"""Signal over noise from which an effect is plain."""
+PROBABILITIES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
+"""Bins of the reliability diagram, for probabilities of names."""
+TENTHS = 10
+"""Bins of the p-values of sound cases."""
+
+
+def report(
+    rows: Sequence[Mapping[str, Any]],
+    labels: Mapping[str, Any],
+    *,
+    bank: Sequence[Mapping[str, Any]] = (),
+    figures: Path | None = None,
+) -> list[str]:
+    """Every table, of each alteration of the cases by itself."""
+    lines: list[str] = []
+    for ablation in dict.fromkeys(str(row["ablation"]) for row in rows):
+        own = [row for row in rows if row["ablation"] == ablation]
+        cases = [scored(row, labels[row["case"]]) for row in own if "failure" not in row]
+        lost = [row for row in own if "failure" in row and not row.get("unsimulated")]
+        lines += [
+            f"== {ablation} ==",
+            f"{len(cases)} answers, {len(lost)} cases without one, "
+            f"{sum(bool(row.get('unsimulated')) for row in own)} not simulated, of {len(labels)}",
+            *(f"  {row['case']}: {row['failure']}" for row in lost),
+            "states of the code: " + ", ".join(sorted({str(row["code"]) for row in own if "code" in row})),
+            *tables(cases),
+            *(baseline_table(cases, lost=len(lost), bank=bank) if ablation == "whole" else []),
+            "",
+        ]
+        if figures is not None and cases:
+            from sealed_figures import draw_figures
+
+            draw_figures(figures, ablation, cases)
+    return lines
+
+
+def tables(cases: Sequence[Scored]) -> list[str]:
+    """Counts, confusion, reliability, coverage and curves of answered cases."""
+    sound = [one for one in cases if one.kind == "sound"]
+    singles = [one for one in cases if one.kind == "single"]
+    pairs = [one for one in cases if one.kind == "pair"]
+    outside = [one for one in cases if one.kind == "outside"]
+    plain = [one for one in singles if one.signal > PLAIN_SIGNAL]
+    covered = [one.covered for one in (*singles, *pairs) if one.detected]
+    wrong = [one.detected and not one.unknown and not _is_kin(one) for one in outside]
+    return [
+        share("false alarms in sound cases", [one.detected for one in sound]),
+        share("single effects detected", [one.detected for one in singles]),
+        share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
+        share("  named first, all", [one.named_first for one in singles]),
+        share("pairs with both named", [one.both_named for one in pairs]),
+        share("  one of the two in the verdict", [_one_of_two(one) for one in pairs]),
+        share("verdict covers the truth, where something was found", covered),
+        share("outside the catalogue: called unknown", [one.unknown for one in outside]),
+        share("  unknown or honest kin", [one.unknown or _is_kin(one) for one in outside]),
+        share("  taken for another effect", wrong),
+        "",
+        *confusion(cases),
+        "",
+        *reliability(cases),
+        "",
+        *coverage(cases),
+        "",
+        *curves(singles),
+    ]  # fmt: skip
+
+
+def _one_of_two(one: Scored) -> bool:
+    said = {part for name in one.verdict for part in name.split("+")}
+    return bool(said & set(one.truth.split("+")))
+
+
+def _is_kin(one: Scored) -> bool:
+    said = {part for name in one.verdict for part in name.split("+")}
+    return bool(said) and said <= set(KIN.get(one.physics, ()))
+
+
+def confusion(cases: Sequence[Scored]) -> list[str]:
+    """Truth to verdicts, commonest first; the matrix's zeros left out."""
+    found: dict[str, Counter[str]] = {}
+    for one in cases:
+        truth = f"{one.truth} ({one.physics})" if one.physics else one.truth
+        found.setdefault(truth, Counter())[" | ".join(one.verdict)] += 1
+    return ["truth: verdicts"] + [
+        f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in own.most_common())
+        for truth, own in sorted(found.items())
+    ]
+
+
+def name_probabilities(cases: Sequence[Scored]) -> list[tuple[float, bool]]:
+    """Of each case in which something was found: the first name's probability, and whether it is true."""
+    found = []
+    for one in cases:
+        first = next((c for c in one.row["ranking"] if c["effect"] != "none"), None)
+        if one.detected and first is not None:
+            found.append((float(first["probability"]), first["effect"] == one.truth))
+    return found
+
+
+def reliability(cases: Sequence[Scored]) -> list[str]:
+    """p of sound cases by tenths and against the uniform; probabilities of first names against truth."""
+    p = np.array([one.p for one in cases if one.kind == "sound"])
+    counts = np.histogram(p, TENTHS, (0.0, 1.0))[0]
+    lines = [f"p of {len(p)} sound cases by tenths: {' '.join(map(str, counts))}"]
+    if len(p) > 1:
+        lines.append(f"  Kolmogorov and Smirnov against the uniform: {kstest(p, 'uniform').pvalue:.2g}")
+    said = name_probabilities(cases)
+    lines.append("probability of the first name: mean said, share true, cases")
+    for low, high in pairwise(PROBABILITIES):
+        own = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
+        if own:
+            mean = np.mean([q for q, _ in own])
+            lines.append(
+                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in own]):.2f}, {len(own)}"
+            )
+    return lines
+
+
+def coverage(cases: Sequence[Scored]) -> list[str]:
+    """90 % intervals of parameters, and of E before and after by kind of case, whatever the verdict."""
+    rows = [row for one in cases for row in parameter_rows(one)]
+    held = [bool(ok) for _, _, ok in rows if ok is not None]
+    lines = [share("parameters inside their 90 % intervals", held)]
+    by_name: dict[str, list[tuple[float, bool | None]]] = {}
+    for name, error, ok in rows:
+        by_name.setdefault(name, []).append((error, ok))
+    if rows:
+        lines.append(f"  median |relative error| {np.median([error for _, error, _ in rows]):.1%}")
+    for name, own in sorted(by_name.items()):
+        errors, known = [error for error, _ in own], [ok for _, ok in own if ok is not None]
+        lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
+    for when, words in (("E_before", "E without an effect"), ("E_after", "E in the end")):
+        for kind in ("all", "sound", "single", "pair", "outside"):
+            own_cases = [one for one in cases if kind in ("all", one.kind)]
+            errors = [abs(one.row[when]["value"] / one.label["E_MPa"] - 1) for one in own_cases]
+            if errors:
+                truths = [inside(one.row[when]["interval"], one.label["E_MPa"]) for one in own_cases]
+                middle = f"; |error| median {np.median(errors):.1%}, most {max(errors):.0%}"
+                lines.append(share(f"{words}, {kind}: inside 90 %", truths) + middle)
+    return lines
+
+
+def curves(singles: Sequence[Scored]) -> list[str]:
+    """Of each effect the amplitude at which half is detected and named, and the Cramer-Rao bound."""
+    lines = [
+        "amplitude of half the cases (in brackets: all or none seen; SD: Cramer-Rao bound, median)",
+        f"  {'effect':20s} {'cases':>5s} {'detected':>12s} {'named first':>12s} {'SD':>10s} {'named/SD':>9s}",
+    ]
+    for effect in sorted({one.truth for one in singles}):
+        own = [one for one in singles if one.truth == effect and effect in one.amplitudes]
+        stimuli = [one.amplitudes[effect] for one in own]
+        bound = np.median([b for one in own if (b := bound_of(one, effect)) is not None] or [np.nan])
+        half = [fitted_curve(stimuli, list(map(seen, own))) for seen in SEEN]
+        cells = ["-" if c is None else _bracketed(f"{c.half:.3g}", c.bracketed) for c in half]
+        ratio = "-" if half[1] is None or not np.isfinite(bound) else f"{half[1].half / bound:.1f}"
+        sd = f"{bound:.3g}" if np.isfinite(bound) else "-"
+        lines.append(f"  {effect:20s} {len(own):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}")
+    for words, stimulus in STIMULI:
+        for seen, how in zip(SEEN, ("detected", "named first"), strict=True):
+            usable = [one for one in singles if stimulus(one) is not None]
+            curve = fitted_curve([stimulus(one) or 0.0 for one in usable], list(map(seen, usable)))
+            if curve is not None:
+                lines.append(
+                    f"half {how} at {words} {_bracketed(f'{curve.half:.3g}', curve.bracketed)} "
+                    f"(steepness {curve.steepness:.2g}, {curve.seen} of {curve.total})"
+                )
+    return lines
+
+
+def _bracketed(text: str, bracketed: bool) -> str:
+    return text if bracketed else f"({text})"
+
+
+def bound_of(one: Scored, effect: str) -> float | None:
+    """The Cramer-Rao bound of a case's amplitude; a drift's is over the peak force."""
+    bound = one.row.get("bounds", {}).get(effect)
+    if bound is None:
+        return None
+    return float(bound) / max(one.row["peaks_N"]) if effect == "sensor_drift" else float(bound)
+
+
+def amplitude_over_bound(one: Scored) -> float | None:
+    """Amplitude of a single effect over its own case's bound; None where there is no bound."""
+    bound = bound_of(one, one.truth)
+    return None if bound is None or one.truth not in one.amplitudes else one.amplitudes[one.truth] / bound
+
+
+SEEN: tuple[Callable[[Scored], bool], ...] = (lambda one: one.detected, lambda one: one.named_first)
+"""What curves are of: detected, named first."""
+STIMULI: tuple[tuple[str, Callable[[Scored], float | None]], ...] = (
+    ("amplitude over its Cramer-Rao bound", amplitude_over_bound),
+    ("signal over noise", lambda one: signal_over_noise(one.row)),
+)
+"""What curves over all effects go against."""

@@ -1,0 +1,182 @@
+"""Answers against revealed labels: what is counted of each case, and shares with their binomial intervals.
+
+Signal over noise of a case is the root of the plain model's excess chi-square, sqrt(chi2 - usual), both of
+the answer: what the plain model leaves, less what it usually leaves of sound recordings. Correlated numbers
+count as one there (DESIGN_EFFECT), so that 10 is ten standard deviations of what is really independent.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import beta
+
+from fem.mismatch.catalogue import SPECS
+from fem.mismatch.result import NONE, UNKNOWN
+
+NINETY_FIVE = 0.95
+"""Of the binomial intervals (Clopper and Pearson 1934)."""
+IN_CATALOGUE = {"palm": "third_contact", "gel_softening": "gel_softening"}
+"""Physics outside the catalogue, by the name that it would have inside; others keep their own."""
+KIN = {
+    "drainage": ("viscoelastic",),
+    "palm": ("pose_error",),
+    "gel_softening": ("gel_creep", "viscoelastic"),
+    "split_pit": ("loose_pit",),
+}
+"""Effects that are honest kin of a physics outside: the same cause but for its law, or its place."""
+PLACES = ("centre_mm",)
+"""Parameters whose size is where they count from: not scored by relative error."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scored:
+    """One case: its kind and true effect (joined by +), amplitudes, signal over noise, and what was said."""
+
+    case: str
+    kind: str
+    truth: str
+    physics: str
+    amplitudes: dict[str, float]
+    signal: float
+    detected: bool
+    verdict: tuple[str, ...]
+    order: tuple[str, ...]
+    p: float
+    row: dict[str, Any]
+    label: dict[str, Any]
+
+    @property
+    def named_first(self) -> bool:
+        """Whether the true effect is the first name of a case in which something was found."""
+        return self.detected and self.order[:1] == (self.truth,)
+
+    @property
+    def covered(self) -> bool:
+        """Whether the verdict holds the truth; of two also as parts of what it holds."""
+        parts = set(self.truth.split("+"))
+        said = {part for one in self.verdict for part in one.split("+")}
+        return self.truth in self.verdict or (self.kind == "pair" and parts <= said)
+
+    @property
+    def both_named(self) -> bool:
+        """Whether both effects of a pair are in the first explanation."""
+        return (
+            self.detected and bool(self.order) and set(self.order[0].split("+")) == set(self.truth.split("+"))
+        )
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it is called unknown."""
+        return self.verdict == (UNKNOWN,)
+
+
+def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
+    """A row that holds an answer, with its label; a physics outside that the catalogue of the answer has
+    counts as a single effect.
+    """
+    truth = label["attempts"][int(row["attempt"])]
+    kind, name, physics = str(label["kind"]), str(truth["effect"]), ""
+    if kind == "outside":
+        physics = str(truth["parameters"]["physics"])
+        inside = IN_CATALOGUE.get(physics, physics)
+        if inside in row.get("catalogue", ()):
+            kind, name = "single", inside
+    if row["ablation"] == "left-out":
+        kind, physics, name = "outside", name, UNKNOWN
+    return Scored(
+        case=str(row["case"]),
+        kind=kind,
+        truth=name,
+        physics=physics,
+        amplitudes=dict(truth["amplitudes"]),
+        signal=signal_over_noise(row),
+        detected=bool(row["detected"]),
+        verdict=tuple(row["verdict"]),
+        order=tuple(one["effect"] for one in row["ranking"] if one["effect"] != NONE),
+        p=float(row["p"]),
+        row=dict(row),
+        label=truth,
+    )
+
+
+def signal_over_noise(row: Mapping[str, Any]) -> float:
+    """Of a case, by its answer; NaN where the linear problem was not kept."""
+    if "chi2" not in row:
+        return float("nan")
+    return float(np.sqrt(max(row["chi2"] - row["chi2_usual"], 0.0)))
+
+
+def interval(count: int, total: int) -> tuple[float, float]:
+    """Exact interval of a share (Clopper and Pearson)."""
+    tail = (1 - NINETY_FIVE) / 2
+    low = 0.0 if count == 0 else float(beta.ppf(tail, count, total - count + 1))
+    return low, 1.0 if count == total else float(beta.ppf(1 - tail, count + 1, total - count))
+
+
+def share(title: str, truths: Sequence[bool]) -> str:
+    """A line: how many, the share, its interval.
+
+    >>> share("named", [True, False])
+    'named: 1 of 2 = 50% (1% to 99%)'
+    """
+    count, total = sum(map(bool, truths)), len(truths)
+    if not total:
+        return f"{title}: no case"
+    low, high = interval(count, total)
+    return f"{title}: {count} of {total} = {count / total:.0%} ({low:.0%} to {high:.0%})"
+
+
+def inside(interval_of: Sequence[float] | None, truth: float) -> bool:
+    """Whether an interval holds the truth."""
+    return interval_of is not None and bool(interval_of[0] <= truth <= interval_of[1])
+
+
+def parameter_rows(one: Scored) -> list[tuple[str, float, bool | None]]:
+    """Parameters of the true effect wherever it was refitted: name, relative error, inside the interval.
+
+    Whatever the verdict; of a vector the error's length over the truth's, inside where all components are.
+    """
+    parts = one.truth.split("+")
+    own = next((c for c in one.row["ranking"] if c["effect"] == one.truth and c["refitted"]), None)
+    if own is None or one.truth in (NONE, UNKNOWN):
+        return []
+    found = []
+    for effect in parts:
+        known = true_parameters(one, effect)
+        for spec in SPECS[effect].parameters if effect in SPECS else ():
+            said = own["parameters"].get(f"{effect}.{spec.name}" if len(parts) > 1 else spec.name)
+            true = known.get(spec.name)
+            if said is None or true is None or isinstance(true, str) or spec.name in PLACES:
+                continue
+            value, wanted = (np.atleast_1d(np.array(x, dtype=float)) for x in (said["value"], true))
+            size = max(float(np.linalg.norm(wanted)), np.finfo(float).tiny)
+            found.append(
+                (
+                    f"{effect}.{spec.name}",
+                    float(np.linalg.norm(value - wanted)) / size,
+                    _held(said, value, wanted),
+                )
+            )
+    return found
+
+
+def _held(said: Mapping[str, Any], value: np.ndarray, wanted: np.ndarray) -> bool | None:
+    if said["interval"] is not None:
+        return inside(said["interval"], float(wanted[0]))
+    if said["sd"] is None:
+        return None
+    return bool(np.all(np.abs(value - wanted) <= 1.645 * np.atleast_1d(np.array(said["sd"], dtype=float))))
+
+
+def true_parameters(one: Scored, effect: str) -> dict[str, Any]:
+    """An effect's parameters as formats define them: drifts in newtons, by the simulation's peak force."""
+    parameters = one.label["parameters"]
+    own = dict(parameters if "+" not in one.truth else parameters[effect])
+    peak = max(one.row.get("peaks_N", [float("nan")]))
+    if effect == "sensor_drift" and "share_per_s" in own:
+        own["newton_per_s"] = own.pop("share_per_s") * peak
+    if effect == "thermal_drift" and "peak_share_per_root_s" in own:
+        own["N_per_root_s"] = own.pop("peak_share_per_root_s") * peak
+    return own

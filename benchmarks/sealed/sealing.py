@@ -1,0 +1,116 @@
+"""Salt, label and seal: SHA-256(salt + label) of each case, and in which order a repository got the files.
+
+A label is canonical JSON: keys sorted, no blanks, numbers with DIGITS significant digits, so that a label
+that is derived again on another machine is the same text.
+"""
+
+import hashlib
+import json
+import subprocess
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+DIGITS = 9
+"""Significant digits of a label's numbers: fewer than machines agree on, more than any score needs."""
+MANIFEST, ANSWERS, SALT, LABELS = "manifest.json", "answers.jsonl", "salt.txt", "labels.json"
+"""Files of a proof, in the order in which they may become public; the last two together."""
+
+
+def canonical(label: Any) -> str:
+    """The one text of a label.
+
+    >>> canonical({"b": 0.1 + 0.2, "a": [1, "x"]})
+    '{"a":[1,"x"],"b":0.3}'
+    """
+    return json.dumps(_rounded(label), sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, Mapping):
+        return {str(key): _rounded(own) for key, own in value.items()}
+    return [_rounded(own) for own in value] if isinstance(value, list | tuple) else value
+
+
+def sealed(salt: str, label: Any) -> str:
+    """SHA-256 of salt and label, hexadecimal."""
+    return hashlib.sha256((salt + canonical(label)).encode()).hexdigest()
+
+
+def seed_of(salt: str, *words: object) -> tuple[int, ...]:
+    """Eight 32-bit numbers for a random generator that follow from the salt and these words alone."""
+    digest = hashlib.sha256("/".join([salt, *map(str, words)]).encode()).digest()
+    return tuple(int.from_bytes(digest[k : k + 4], "big") for k in range(0, 32, 4))
+
+
+def read_salt(path: Path) -> str:
+    """The salt of a file, without the newline at its end. Raises ValueError for one that can be guessed."""
+    salt = path.read_text(encoding="utf-8").strip()
+    if len(salt) < 32:
+        raise ValueError(f"{path} holds {len(salt)} characters; a salt has at least 32 random ones")
+    return salt
+
+
+def broken_seals(manifest: Mapping[str, str], salt: str, labels: Mapping[str, Any]) -> list[str]:
+    """What is wrong, a sentence for each case; empty where every label is the one that was sealed."""
+    found = []
+    for case_id, seal in manifest.items():
+        if case_id not in labels:
+            found.append(f"{case_id}: sealed, but without a label")
+        elif sealed(salt, labels[case_id]) != seal:
+            found.append(f"{case_id}: the label is not the one that was sealed")
+    return found + [
+        f"{case_id}: a label that was never sealed" for case_id in labels if case_id not in manifest
+    ]
+
+
+def order_of_commits(folder: Path) -> tuple[bool | None, list[str]]:
+    """Whether git history has the manifest first, then the answers, then salt and labels; and what it says.
+
+    None where that cannot be seen: no repository, or a file that was never committed. An answer that was
+    changed or added after the salt's commit breaks the order.
+    """
+    said, commits = [], {}
+    for name in (MANIFEST, ANSWERS, SALT, LABELS):
+        log = _git(folder, "log", "--format=%H %cI", "--", name)
+        if log is None:
+            return None, ["not in a git repository: the order of the files could not be verified"]
+        if not log:
+            return None, [f"{name} was never committed: the order of the files could not be verified"]
+        commits[name] = [line.split()[0] for line in log.splitlines()]
+        said.append(f"{name}: first {log.splitlines()[-1]}, last {log.splitlines()[0]}")
+    ordered = len(commits[MANIFEST]) == 1
+    if not ordered:
+        said.append(f"{MANIFEST} was changed after its first commit")
+    for name in commits:
+        if _git(folder, "diff", "--quiet", "HEAD", "--", name) is None:
+            ordered = False
+            said.append(f"{name} differs from what was committed")
+    revealed = [commits[name][-1] for name in (SALT, LABELS)]
+    for answer in commits[ANSWERS]:
+        if not _is_before(folder, commits[MANIFEST][-1], answer):
+            ordered = False
+            said.append(f"the answers of {answer[:12]} do not come after the manifest")
+        for salt in revealed:
+            if not _is_before(folder, answer, salt):
+                ordered = False
+                said.append(f"the answers of {answer[:12]} do not come before salt and labels ({salt[:12]})")
+    return ordered, said
+
+
+def _is_before(folder: Path, first: str, second: str) -> bool:
+    """Whether one commit is an ancestor of another, and not the same."""
+    return first != second and _git(folder, "merge-base", "--is-ancestor", first, second) is not None
+
+
+def _git(folder: Path, *command: str) -> str | None:
+    """What git prints; None where it fails, or is not there."""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(folder), *command], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return None
+    return done.stdout.strip() if done.returncode == 0 else None

@@ -1,0 +1,43 @@
+"""A small linear problem with known amounts: columns drawn at random, unit noise, two recordings or more."""
+
+import numpy as np
+from sealed_truths import put_on_path
+
+put_on_path()
+from reduced_case import ReducedCase  # noqa: E402
+
+EFFECTS = ("skin", "graded_modulus", "clock_lag", "gripper_compliance")
+"""Of the catalogue, each with one column here, none with a sign but the last."""
+
+
+def problem(
+    amounts: dict[str, float], *, numbers: int = 400, recordings: int = 4, share: float = 0.0, seed: int = 5
+) -> ReducedCase:
+    """Data = 1/E column x share + columns x amounts + noise of sd 1; columns have entries of order 1."""
+    rng = np.random.default_rng(seed)
+    names = ["1/E", "pit", *EFFECTS]
+    true = np.array([share, 0.0, *(amounts.get(name, 0.0) for name in EFFECTS)])
+    rows, products = [], []
+    for _ in range(recordings):
+        fields = rng.normal(size=(len(names), numbers))
+        data = true @ fields + rng.normal(size=numbers)
+        both = np.vstack([data, fields])
+        rows.append(np.arange(len(names)))
+        products.append(both @ both.T)
+    columns = [
+        {"name": name, "sd": 3.0, "mean": 0.0, "positive": name == "gripper_compliance", "role": role}
+        for name, role in zip(names, ["plain", "nuisance"] + ["signature"] * len(EFFECTS), strict=True)
+    ]
+    signatures = [
+        {"effect": name, "mode": "", "label": "", "columns": [2 + k], "said": 0.0, "direct": 0.0}
+        for k, name in enumerate(EFFECTS)
+    ]
+    return ReducedCase(
+        columns=columns,
+        signatures=signatures,
+        rows=rows,
+        products=products,
+        samples=rng.normal(size=(80, 9)),
+        count=recordings * numbers,
+        facts={"compliance": 2.0, "compliance_ratio": 1.0, "variance": {}, "gains": {}},
+    )

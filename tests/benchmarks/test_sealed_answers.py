@@ -1,0 +1,81 @@
+"""An answer's row, from a coarse fruit start to end: what it says is what the explanation says."""
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from sealed_truths import put_on_path
+
+put_on_path()
+sys.path.append(str(Path(__file__).parents[1] / "fem"))
+import sealed_answers  # noqa: E402
+from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
+from reduced_case import gains_of, store, stored  # noqa: E402
+from sealed_answers import answered, captured, of_problem  # noqa: E402
+
+from fem.mismatch import procedure  # noqa: E402
+from fem.mismatch.catalogue import EFFECTS  # noqa: E402
+from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin  # noqa: E402
+from fem.mismatch.mismatch_case import GradedCase  # noqa: E402
+from fem.mismatch.result import Modulus  # noqa: E402
+
+PLAIN = Modulus(value=1.1 * E_MPA, sd=0.03 * E_MPA)
+SHORT = tuple(module.EFFECT for module in (skin, pit_size, sensor_gain, clock_lag))
+
+
+@pytest.fixture(scope="module")
+def explained():
+    """Of a catalogue of four: a pad that says a fifth too much; and what was kept on the way."""
+    case = injected_case(on_pad("left", lambda pad: replace(pad, force_N=1.2 * pad.force_N)))
+    with pytest.MonkeyPatch.context() as patch, captured() as kept:
+        patch.setattr(procedure, "EFFECTS", SHORT)
+        found = procedure.explain(case, graded=GradedCase(modulus=PLAIN))
+    kept.case.facts["variance"] = {one.factor: one.share for one in found.variance}
+    return found, kept
+
+
+@pytest.mark.slow
+def test_the_row_is_plain_json_and_says_what_the_explanation_says(explained):
+    found, kept = explained
+    row = json.loads(json.dumps(answered(found) | of_problem(kept.case, found) | {"weighed": kept.weighed}))
+    assert row["verdict"] == ["sensor_gain"]
+    assert row["p"] == found.p_value
+    assert row["E_after"]["value"] == found.after.value
+    assert row["E_after"]["interval"][1] - row["E_after"]["value"] == pytest.approx(1.645 * found.after.sd)
+    gain = row["ranking"][0]["parameters"]["gain"]
+    assert gain["interval"][0] < gain["value"] < gain["interval"][1]
+    assert row["catalogue"] == ["clock_lag", "pit_size", "sensor_gain", "skin"]
+    assert row["chi2"] > 10 * row["chi2_usual"]
+
+
+@pytest.mark.slow
+def test_the_linear_round_replays_from_the_file_to_the_same_gains(explained, tmp_path):
+    _, kept = explained
+    store(tmp_path / "x.npz", kept.case)
+    assert gains_of(stored(tmp_path / "x.npz").linear()) == pytest.approx(kept.case.facts["gains"], abs=1e-6)
+
+
+@pytest.mark.slow
+def test_what_is_held_out_is_better_predicted_with_the_effect(explained):
+    _, kept = explained
+    assert kept.weighed["after"] < 0.5 * kept.weighed["before"]
+
+
+def test_an_effect_that_is_left_out_never_reaches_the_finder(monkeypatch):
+    given = []
+    monkeypatch.setattr(procedure, "screened", lambda *one, **_: given.extend(one[2]))
+    monkeypatch.setattr(sealed_answers, "reduced", lambda *_: SimpleNamespace())
+    with captured(without=("skin",)):
+        procedure.screened(None, None, EFFECTS)
+    names = {one.spec.name for one in given}
+    assert "skin" not in names
+    assert len(names) == len(EFFECTS) - 1
+
+
+def test_a_folder_that_is_no_case_is_a_row_with_its_failure(tmp_path):
+    row, problem = sealed_answers.explained(tmp_path, tmp_path, ablation="whole", jobs=1)
+    assert row["failure"]
+    assert problem is None
