@@ -95,9 +95,12 @@ def leading_patterns(
 
 
 def inner_forces(
-    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], links: list[PadLink]
+    solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], links: list[PadLink], *, waves: bool = True
 ) -> tuple[list[str], Float[np.ndarray, "p r n 3"]]:
-    """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing."""
+    """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing.
+
+    `waves`: those of the scanned surface too.
+    """
     mesh = solid.mesh
     has_pit = len(mesh.pit_nodes) > 0
     causes: list[str] = []
@@ -109,10 +112,12 @@ def inner_forces(
         moved = moved - np.einsum(
             "nik,rk->rni", rigid_modes(mesh.nodes_mm, centre_mm=centre), solid.pit_motion(moved)
         )
-    waves = skin_velocities(mesh, [(link.place.point_mm, mean_normal(link.place.normal)) for link in links])
-    causes += SURFACE
-    velocities += list(waves)
-    forces = -stiffness_change(mesh, solid.poisson_ratio, moved, np.stack(velocities))
+    if waves:
+        under = [(link.place.point_mm, mean_normal(link.place.normal)) for link in links]
+        causes += SURFACE
+        velocities += list(skin_velocities(mesh, under))
+    shaped = np.stack(velocities) if velocities else np.zeros((0, *mesh.nodes_mm.shape))
+    forces = -stiffness_change(mesh, solid.poisson_ratio, moved, shaped)
     if has_pit and solid.support == "base":
         forces[causes.index(PIT_SIZE)] -= _couple(solid, moved, velocities[causes.index(PIT_SIZE)])
     flat = moved.reshape(len(moved), -1).T
