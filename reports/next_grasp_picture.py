@@ -95,7 +95,7 @@ def _named(axes: Axes, side: MapSide, pad: str, points: Float[np.ndarray, "_p 3"
         pad,
         ha="center",
         va="center",
-        fontsize=9,
+        fontsize=8,
         color="white",
         fontweight="bold",
     )

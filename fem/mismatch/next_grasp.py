@@ -20,6 +20,9 @@ from fem.mismatch.selection.screening import LinearRound
 
 LISTED = 5
 """Candidates that an answer lists. Set by hand, to be read at a glance."""
+LEAST_PROBABILITY = 0.01
+"""Of another explanation, from which a single recording leaves it to be told apart. Set by hand: a fifth of
+EQUAL_PROBABILITY (fem.mismatch.thresholds), as nothing else checks a single recording."""
 MOST_EXPLAINED = 4
 """Explanations that are followed to the candidates, the likeliest first. Set by hand, to bound the time."""
 
@@ -81,7 +84,8 @@ def explanations_left(linear: LinearRound, found: ModelSelection, *, grasps: int
             return []
         known = [one for one in found.ranking if one.refit is not None or one.name == NONE]
         first = next(one for one in known if one.name == found.verdict)
-        chosen = [first, *(one for one in known if one is not first)][:2]
+        rest = [one for one in known if one is not first and one.probability > LEAST_PROBABILITY]
+        chosen = [first, *rest[:1]]
     else:
         chosen = [one for one in found.ranking if one.name in found.verdict and one.refit is not None]
     return [_explained(one, linear) for one in chosen[:MOST_EXPLAINED]]

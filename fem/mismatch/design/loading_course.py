@@ -28,7 +28,8 @@ class LoadingCourse:
     """At LOADS: forces and gel displacement on the markers (pad axes: `turns`, columns), contacts, travel.
 
     `time_s`: since first touch; `travel_mm`: of each pad along its normal, zero at the greatest load;
-    `speed_mm_per_s`: of its loading. `hold_s`: for how long it was held; `frame_s`: between frames.
+    `speed_mm_per_s`: of its loading. `hold_s`: for how long it was held; `frame_s`: between frames; `frames`:
+    of that contact.
     """
 
     force_N: Float[np.ndarray, "k n 3"]
@@ -39,6 +40,7 @@ class LoadingCourse:
     speed_mm_per_s: Float[np.ndarray, " p"]
     hold_s: float
     frame_s: float
+    frames: int
 
     @classmethod
     def of(cls, recording: GraspResponse) -> "LoadingCourse":
@@ -49,6 +51,9 @@ class LoadingCourse:
         numbers = np.flatnonzero(recording.used)
         while first > 0 and numbers[first] - numbers[first - 1] == 1 and load[first - 1] > STARTS:
             first -= 1
+        last = peak
+        while last + 1 < len(load) and numbers[last + 1] - numbers[last] == 1 and load[last + 1] > STARTS:
+            last += 1
         frames = np.arange(first, peak + 1)
         rising = frames[load[frames] >= np.maximum.accumulate(load[frames])]
         mix = _between(load[rising], np.array(LOADS))
@@ -61,7 +66,7 @@ class LoadingCourse:
         way = np.einsum("pfx,px->pf", recording.pose[:, :, :3, 3], normal)
         travel = (way[:, rising] - way[:, [peak]]) @ mix.T
         held = np.array([p == "hold" for p in np.array(recording.case.history.phase)[recording.used]])
-        after = held & (np.arange(len(load)) >= peak)
+        after = held & (np.arange(len(load)) >= peak) & (np.arange(len(load)) <= last)
         spent = max(float(time[peak] - time[first]), LEAST_STEP_S)
         return cls(
             force_N=np.einsum("knx,nxy->kny", force, axes),
@@ -72,6 +77,7 @@ class LoadingCourse:
             speed_mm_per_s=(way[:, peak] - way[:, first]) / spent,
             hold_s=float(time[after].max() - time[peak]) if after.any() else 0.0,
             frame_s=max(float(np.median(np.diff(recording.case.history.time_s))), LEAST_STEP_S),
+            frames=last + 1 - first,
         )
 
     def deeper(self, recording: GraspResponse, depth: float) -> "LoadingCourse":
@@ -101,6 +107,7 @@ class LoadingCourse:
             speed_mm_per_s=self.speed_mm_per_s,
             hold_s=self.hold_s,
             frame_s=self.frame_s,
+            frames=self.frames,
         )
 
 

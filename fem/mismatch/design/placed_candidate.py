@@ -41,7 +41,8 @@ HOLD_SHARES = (0.1, 0.3, 0.6, 1.0)
 class PlacedCourse:
     """A loading course at one place; `kept`: the markers followed, `share`: for how many each stands.
 
-    Forces, gel displacement (fruit frame), contacts at LOADS; `weights` of the patterns at each load.
+    Forces, gel displacement (fruit frame), contacts at LOADS; `weights` of the patterns at each load. `pads`:
+    those of the recording, of the markers followed, on the skin at the new place.
     """
 
     place: Place
@@ -96,7 +97,17 @@ def placed_course(base: Baseline, place: Place, depth: float) -> PlacedCourse:
         on_skin = _on_skin(base, surface, turn[:, 2])
         kept.append(mine)
         turns.append(turn)
-        pads.append(replace(pad, rest_mm=pad.rest_mm[own], surface_mm=on_skin))
+        pads.append(
+            replace(
+                pad,
+                rest_mm=pad.rest_mm[own],
+                surface_mm=on_skin,
+                position_mm=pad.position_mm[:, own],
+                gel_displacement_mm=pad.gel_displacement_mm[:, own],
+                force_N=pad.force_N[:, own],
+                episode=pad.episode[:, own],
+            )
+        )
     chosen, axes = np.concatenate(kept), np.stack(turns)
     along = axes[np.repeat(np.arange(len(pads)), [len(own) for own in kept])]
     whole = [course.force_N[:, whose == k].sum(axis=1) for k in range(len(pads))]
@@ -185,7 +196,8 @@ def candidate_recording(
 ) -> GraspResponse:
     """The recording that such a grasp would give of the plain model at 1/E = `compliance`.
 
-    It counts for as many numbers as the recording that it is made of. In the air each force is noise alone.
+    Each cycle counts for as many numbers as that of the recording that it is made of. In the air each force
+    is noise alone.
     """
     course, source = placed.course, placed.source
     frames = frames_of(course, protocol)
@@ -255,7 +267,7 @@ def candidate_recording(
     )
     size = np.linalg.norm(force[at], axis=2).sum(axis=1)
     # each frame and marker stands for several of those recorded: with it fewer numbers count as one
-    share = len(at) / len(source.load)
+    share = len(at) / (course.frames * protocol.cycles)
     return GraspResponse(
         case=case,
         prepared=history,

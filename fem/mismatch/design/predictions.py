@@ -80,7 +80,7 @@ class CandidateSet:
     paths: ForwardModel
     courses: tuple[PlacedCourse, ...]
     of_course: tuple[int, ...]
-    rows: tuple[Int[np.ndarray, " f"], ...]
+    rows: tuple[Int[np.ndarray, " _f"], ...]
     nuisances: Mapping[str, Sequence[Regressor]]
     known: tuple[GraspResponse, ...]
 
@@ -153,7 +153,13 @@ def _store_path_nuisances(candidates: CandidateSet) -> None:
         store_inner_changes(paths, recording, own)
     slid = []
     for recording in paths.base.grasps:
-        leading = replace(recording, patterns=recording.patterns[:1], shares=recording.shares[:, :1])
+        leading = replace(
+            recording,
+            patterns=recording.patterns[:1],
+            shares=recording.shares[:, :1],
+            moved=recording.moved[:1],
+            response=recording.response[:1],
+        )
         slid.append(np.stack([slid_response(paths, leading, pad) for pad in range(len(recording.links))]))
     for recording, course, row in zip(
         candidates.forward.base.grasps, candidates.of_course, candidates.rows, strict=True
