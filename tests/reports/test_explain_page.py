@@ -163,8 +163,8 @@ def planned_next() -> NextGraspPlanEntry:
             for pad, centre, turn in (("left", [0.0, 25.0, 0.0], 91.2), ("right", [0.0, -25.0, 0.0], 271.0))
         ]
         plain = {"like": "grasp-1", "depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1, "turned": False}
-        told = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
-        return ProposedGraspEntry.model_validate(plain | told | {"pads": pads} | changes)
+        foreseen = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
+        return ProposedGraspEntry.model_validate(plain | foreseen | {"pads": pads} | changes)
 
     return NextGraspPlanEntry(
         grasps=(grasp("across", 14.2, speed=0.1, hold_s=10.0), grasp("same spots", 3.1, cycles=2)), tried=33

@@ -17,7 +17,7 @@ from jaxtyping import Float, Int
 
 from fem.estimation.sensitivity import inner_forces
 from fem.fem_failure import FemFailure
-from fem.mismatch.design.candidate_grasps import TWICE, Protocol
+from fem.mismatch.design.candidate_grasps import TWICE, PlaceKind, Protocol
 from fem.mismatch.design.placed_candidate import PlacedCourse, candidate_recording, frames_of
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.evidence.discrepancy_prior import discrepancy_columns
@@ -340,11 +340,17 @@ def _response(
 
 
 def _together(effect: Effect, candidates: CandidateSet) -> list[list[int]]:
-    """Which courses are solved for at once: those of one depth; each alone where laws remember, as deep as
-    before only, to bound the time.
+    """Which courses are solved for at once: those of one depth; each alone where laws remember, and then only
+    those as deep as before on the spots of one recording, turned and across, to bound the time.
     """
     if effect.spec.remembers_grasps:
-        return [[k] for k, course in enumerate(candidates.courses) if course.depth == 1.0]
+        first = candidates.courses[0].place.source
+        near = (PlaceKind.SAME, PlaceKind.TURNED, PlaceKind.ACROSS)
+        return [
+            [k]
+            for k, course in enumerate(candidates.courses)
+            if course.depth == 1.0 and course.place.kind in near and course.place.source == first
+        ]
     depths = [course.depth for course in candidates.courses]
     return [[k for k, depth in enumerate(depths) if depth == own] for own in dict.fromkeys(depths)]
 
