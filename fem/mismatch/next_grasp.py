@@ -65,7 +65,7 @@ def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelect
         return None
     try:
         compared = compared_candidates(forward, left, EFFECTS)
-    except FemFailure:
+    except (FemFailure, np.linalg.LinAlgError):
         return None
     if not compared:
         return None

@@ -9,11 +9,16 @@ from injected_mismatch import E_MPA, PHASES, TIME_S, injected_case, on_pad, only
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.design.candidate_grasps import PlaceKind, candidate_grasps
+from fem.mismatch.design.candidate_grasps import PlaceKind, Protocol, candidate_grasps
 from fem.mismatch.design.compared_candidates import ComparedCandidate, compared_candidates
 from fem.mismatch.design.loading_course import LOADS, LoadingCourse
 from fem.mismatch.design.placed_candidate import placed_course
-from fem.mismatch.design.predictions import Explained
+from fem.mismatch.design.predictions import (
+    CandidateSet,
+    Explained,
+    candidate_set,
+    response_at_candidates,
+)
 from fem.mismatch.evidence import linear_evidence
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
@@ -24,6 +29,7 @@ from fem.mismatch.result import NONE
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.signature_variant import ONE_WAY
 
 BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
 LOADED = 9
@@ -196,6 +202,38 @@ def test_deeper_presses_harder_over_more_skin(unaltered):
     assert more / force == pytest.approx(1.5**1.5, rel=0.1)
     pressed, wider = (one.force_N[0, left, 2] > 1e-4 for one in (course, deeper))
     assert wider.sum() > pressed.sum()
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters"),
+    [
+        ("sensor_nonlinear", {"a": 0.1}),
+        ("gel_creep", {"creep": 0.05, "creep_tau_s": 2.0}),
+        ("gel_hysteresis", {"share": 0.05}),
+        ("thermal_drift", {"strain_per_root_s": 1e-4, "N_per_root_s": 0.01}),
+        ("adhesion", {"reach_mm": 0.2}),
+        ("gripper_compliance", {"mm_per_N": 0.02}),
+        ("clock_lag", {"lag_s": 0.05}),
+    ],
+)
+def test_laws_of_gel_gripper_and_clock_have_an_answer_at_candidates(two_candidates, name, parameters):
+    recordings = two_candidates.forward.base.grasps
+    found = response_at_candidates(BY_NAME[name], parameters, ONE_WAY, two_candidates.forward, two_candidates)
+    for unit, recording in zip(found.unit, recordings, strict=True):
+        assert unit.shape == recording.tracks.unit_displacement.shape
+        assert np.isfinite(unit).all()
+
+
+@pytest.fixture(scope="module")
+def two_candidates(unaltered) -> CandidateSet:
+    place = candidate_grasps(unaltered.base.grasps)[0].place
+    return candidate_set(
+        unaltered,
+        [placed_course(unaltered.base, place, 1.0)],
+        [(Protocol(), 0), (Protocol(speed=0.1, hold_s=10.0), 0)],
+        effects=EFFECTS,
+        names=set(),
+    )
 
 
 @pytest.mark.slow

@@ -298,13 +298,13 @@ def _responses(
 ) -> Response:
     """Of all effects of an explanation together; NaN where a law has no answer."""
     each = [
-        _response(effect, own, variant, at, candidates)
+        response_at_candidates(effect, own, variant, at, candidates)
         for effect, own, variant in zip(again.effects, parameters, again.variants, strict=True)
     ]
     return each[0] if len(each) == 1 else superposed(at, each)
 
 
-def _response(
+def response_at_candidates(
     effect: Effect,
     parameters: Mapping[str, float],
     variant: Variant,
