@@ -99,7 +99,7 @@ def least(found: Sequence[ComparedCandidate], place: PlaceKind, **manner: float)
 def test_creep_and_drift_in_a_short_press_are_parted_by_a_slow_one_that_is_held():
     case = injected_case(crept=lambda unit: unit + ARM.creep_share * lagging(unit, TIME_S, ARM.retardation_s))
     found = compared(loading_only(case), ["viscoelastic", "sensor_drift"])
-    assert len(found) >= 25
+    assert len(found) > 20
     assert [one.least.least for one in found] == sorted((one.least.least for one in found), reverse=True)
     best = found[0].candidate.protocol
     assert (best.speed, best.hold_s) == (0.1, 10.0)
@@ -249,7 +249,7 @@ def test_a_single_recording_gets_a_plan_and_a_sentence_with_its_place(unaltered)
     found = ModelSelection(ranking=ranking, verdict="viscoelastic", without={})
     plan = planned_grasp(forward, linear, found)
     assert plan is not None
-    assert plan.tried >= 25
+    assert plan.tried > 20
     assert plan.grasps[0].pair == ("viscoelastic", NONE)
     assert 0.0 <= plan.grasps[0].decides <= 1.0
     turned = next((one for one in plan.grasps if one.turned), None)

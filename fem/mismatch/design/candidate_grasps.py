@@ -18,8 +18,8 @@ STEM = np.array([0.0, 0.0, 1.0])
 DEEPER, SLOWER, HOLD_S, CYCLES = 1.5, 0.1, 10.0, 2
 """Depth and speed over those recorded, the long hold (s), and cycles. Set by hand: what any gripper can do,
 and well apart from the recorded grasp."""
-TILT_DEG, ROUND_DEG = 30.0, (45.0, 135.0)
-"""Further directions of the jaws: towards the stem, and round it. Set by hand, even over what pads reach."""
+TILT_DEG, ROUND_DEG = 30.0, (45.0,)
+"""Further directions of the jaws: towards the stem, and round it. Set by hand, to bound the time."""
 ALONG_STEM = 0.8
 """Cosine between jaws' direction and stem from which turning about the stem moves no pad. Set by hand."""
 SAME_DEG = 15.0
