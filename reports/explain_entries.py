@@ -173,6 +173,46 @@ class MapEntry(_Entry):
     visible: Float[np.ndarray, " n"]
 
 
+class ProposedPadEntry(_Entry):
+    """Where one pad of a planned grasp goes: middle of its patch, direction of its push (fruit frame),
+    angle round the stem from the first pad of the first recording. `patch_mm`, of the page alone: the skin
+    that it touches.
+    """
+
+    pad: str
+    centre_mm: Point
+    direction: Point
+    round_deg: Number
+    patch_mm: Float[np.ndarray, "_p 3"] = Field(exclude=True)
+
+
+class ProposedGraspEntry(_Entry):
+    """One grasp that could be recorded next, and the ln evidence expected of it.
+
+    `depth`, `speed`: over those of the recording `like`; `hold_s` None: as there. `gain`:
+    between the two explanations of `pair`; `decides`: probability that it sets the true one apart.
+    """
+
+    place: str
+    like: str
+    pads: tuple[ProposedPadEntry, ...]
+    depth: Number
+    speed: Number
+    hold_s: Number | None
+    cycles: int
+    turned: Flag
+    gain: Number
+    pair: tuple[str, str]
+    decides: Number
+
+
+class NextGraspPlanEntry(_Entry):
+    """The most telling grasps to record next, best first, of so many tried."""
+
+    grasps: tuple[ProposedGraspEntry, ...]
+    tried: int
+
+
 class ExplainEntry(_Entry):
     """All that is written of one fruit. `verdict`: the names left; one, or several not told apart.
 
@@ -194,6 +234,7 @@ class ExplainEntry(_Entry):
     E_MPa: ModuliEntry
     fit: FitEntry = FitEntry()
     next_grasp: str | None = None
+    next_grasp_plan: NextGraspPlanEntry | None = None
     statistics: Mapping[str, Number] = {}
     variance: tuple[VarianceEntry, ...] = ()
     checks: tuple[CheckEntry, ...] = ()
@@ -231,8 +272,12 @@ class ExplainEntry(_Entry):
         return made.isoformat(timespec="seconds")
 
     def as_json(self) -> dict[str, Any]:
-        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null."""
+        """What the format drupe-mismatch holds, as plain JSON values: a number that is not finite is null, a
+        plan that was not computed is left out.
+        """
         written: dict[str, Any] = _finite(self.model_dump())
+        if self.next_grasp_plan is None:
+            del written["next_grasp_plan"]
         return written
 
 

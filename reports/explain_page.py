@@ -25,6 +25,7 @@ from reports.explain_charts import (
     share_bar,
 )
 from reports.explain_entries import CheckEntry, ExplainEntry, ModulusEntry, ParameterEntry
+from reports.next_grasp_picture import next_grasp_picture
 from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import UNKNOWN, duration, effect_name, number, percent, with_sd
 
@@ -58,6 +59,7 @@ def explain_html(found: ExplainEntry) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {
+        "degrees": _degrees,
         "duration": duration,
         "effect": effect_name,
         "interval": _interval,
@@ -66,6 +68,7 @@ def explain_html(found: ExplainEntry) -> str:
         "number": number,
         "p": _p,
         "percent": percent,
+        "sentence": _sentence,
         "share_bar": share_bar,
         "value": _value,
         "with_sd": with_sd,
@@ -81,6 +84,7 @@ def explain_html(found: ExplainEntry) -> str:
         meanings=_meanings(found),
         kind=_kind(found),
         modulus_charts=modulus_over_time(found),
+        next_picture=_next_picture(found),
         evidence=evidence_chart(found.ranking, verdict=found.verdict) if found.ranking else None,
         rms=rms_chart(found.rms) if found.rms else None,
         traces=[(trace.grasp, *force_and_residual(trace)) for trace in found.traces],
@@ -135,6 +139,35 @@ def _maps(found: ExplainEntry) -> list[tuple[str, str]]:
         )
         pictures.append((base64.b64encode(png).decode("ascii"), words))
     return pictures
+
+
+def _next_picture(found: ExplainEntry) -> str:
+    """PNG as base64 of where the next grasp's pads go; empty where no grasp was planned."""
+    if found.maps is None or found.next_grasp_plan is None or not found.next_grasp_plan.grasps:
+        return ""
+    sides = sides_of(
+        found.maps.vertices_mm,
+        found.maps.triangles,
+        found.maps.visible,
+        hatched_below=BLIND_BELOW,
+        contacts_mm=found.contacts_mm,
+    )
+    patches = {pad.pad: pad.patch_mm for pad in found.next_grasp_plan.grasps[0].pads}
+    return base64.b64encode(next_grasp_picture(sides, patches)).decode("ascii")
+
+
+def _degrees(angle_deg: float) -> str:
+    """To the nearest five degrees, as nobody turns a fruit better."""
+    return f"{5 * round(angle_deg / 5) % 360}°"
+
+
+def _sentence(words: str) -> str:
+    """With a capital and a full stop.
+
+    >>> _sentence("grasp across"), _sentence("Hold it.")
+    ('Grasp across.', 'Hold it.')
+    """
+    return words[:1].upper() + words[1:] + ("" if words.endswith((".", "!", "?")) else ".")
 
 
 def _blind_share(found: ExplainEntry) -> float | None:

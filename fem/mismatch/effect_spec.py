@@ -285,7 +285,9 @@ class EffectSpec:
     too. `in_recorded_forces`: the recorded forces already contain all that it does. The plain model, driven
     by those forces, then predicts the markers as well as with it: `respond` returns the plain model's
     displacement unchanged, E needs no correction, and nothing is written into `batch.toml`. Example:
-    `adhesion`, whose pull at the skin the gel records as force.
+    `adhesion`, whose pull at the skin the gel records as force. `knows_time`: its response depends on when
+    the forces act or how fast the jaws go, not only on their course. `remembers_grasps`: what one recording
+    has done to the flesh the next ones find so.
     """
 
     name: str
@@ -302,6 +304,8 @@ class EffectSpec:
     always_refitted: bool = False
     holds_large_deformation: bool = False
     in_recorded_forces: bool = False
+    knows_time: bool = False
+    remembers_grasps: bool = False
 
     @property
     def searched(self) -> tuple[ParameterSpec, ...]:

@@ -1,8 +1,30 @@
-"""What to record next: what parts the explanations that are left."""
+"""What to record next: what parts the explanations that are left.
 
-from fem.mismatch.catalogue import SEPARATORS, SPECS
+Computed over some thirty candidate grasps (fem.mismatch.design): the one whose smallest expected ln evidence
+between two of them is greatest. Where that cannot be computed, the catalogue's fixed separators.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.catalogue import EFFECTS, SEPARATORS, SPECS
+from fem.mismatch.design.candidate_grasps import PlaceKind
+from fem.mismatch.design.compared_candidates import ComparedCandidate, compared_candidates
+from fem.mismatch.design.predictions import Explained
 from fem.mismatch.effect_spec import NextGrasp
-from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.result import NONE, UNKNOWN, NextGraspPlan, ProposedGrasp, ProposedPad
+from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
+from fem.mismatch.selection.screening import LinearRound
+
+LISTED = 5
+"""Candidates that an answer lists. Set by hand, to be read at a glance."""
+LEAST_PROBABILITY = 0.01
+"""Of another explanation, from which a single recording leaves it to be told apart. Set by hand: a fifth of
+EQUAL_PROBABILITY (fem.mismatch.thresholds), as nothing else checks a single recording."""
+MOST_EXPLAINED = 4
+"""Explanations that are followed to the candidates, the likeliest first. Set by hand, to bound the time."""
 
 
 def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
@@ -31,3 +53,136 @@ def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
     if any(of_the_jaws) and not all(of_the_jaws):
         return NextGrasp.TURNED
     return NextGrasp.ACROSS
+
+
+def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelection) -> NextGraspPlan | None:
+    """The plan; None where nothing is left to tell apart, or nothing of it can be computed.
+
+    `forward`, `linear`: the plain model of the recordings so far, and their linear round.
+    """
+    left = explanations_left(linear, found, grasps=len(forward.base.grasps))
+    if len(left) < 2:
+        return None
+    try:
+        compared = compared_candidates(forward, left, EFFECTS)
+    except (FemFailure, np.linalg.LinAlgError):
+        return None
+    if not compared:
+        return None
+    start = _first_pad_deg(forward)
+    listed = tuple(_planned(forward, one, start) for one in compared[:LISTED])
+    return NextGraspPlan(grasps=listed, tried=len(compared))
+
+
+def explanations_left(linear: LinearRound, found: ModelSelection, *, grasps: int) -> list[Explained]:
+    """What the verdict leaves, of what was refitted; of a single recording the best and the next.
+
+    None of anything where the verdict is "none" or "unknown", or one name that several recordings share.
+    """
+    if isinstance(found.verdict, str):
+        if found.verdict in (NONE, UNKNOWN) or grasps > 1:
+            return []
+        known = [one for one in found.ranking if one.refit is not None or one.name == NONE]
+        first = next(one for one in known if one.name == found.verdict)
+        rest = [one for one in known if one is not first and one.probability > LEAST_PROBABILITY]
+        chosen = [first, *rest[:1]]
+    else:
+        chosen = [one for one in found.ranking if one.name in found.verdict and one.refit is not None]
+    return [_explained(one, linear) for one in chosen[:MOST_EXPLAINED]]
+
+
+def in_words(plan: NextGraspPlan) -> str:
+    """The best candidate as a sentence that completes "record next: ..."."""
+    best = plan.grasps[0]
+    where = {
+        PlaceKind.SAME: f"grasp the spots of {best.like} again",
+        PlaceKind.TURNED: f"grasp the spots of {best.like} with the fruit turned by 180 degrees",
+        PlaceKind.ACROSS: f"grasp across the direction of {best.like}",
+        PlaceKind.ROUND: "grasp elsewhere round the stem",
+        PlaceKind.TILTED: "grasp with the jaws tilted towards the stem",
+    }[PlaceKind(best.place)]
+    pads = " and ".join(f"pad {pad.pad} at {5 * round(pad.round_deg / 5) % 360}" for pad in best.pads)
+    one, other = (name.replace("_", " ") for name in best.pair)
+    return (
+        f"{where} ({pads} degrees round the stem, counted from pad {best.pads[0].pad} of the first "
+        f"recording), {manner_in_words(best)}; of {plan.tried} grasps computed this one sets {one} apart "
+        f"from {other} best, by {_rounded(best.gain)} in ln evidence at most"
+    )
+
+
+def manner_in_words(grasp: ProposedGrasp) -> str:
+    """Depth, speed, hold and cycles."""
+    depth = "as deep" if grasp.depth == 1 else f"{grasp.depth:g} times as deep"
+    speed = "as fast" if grasp.speed == 1 else f"at {grasp.speed:g} times the speed"
+    hold = "held as long" if grasp.hold_s is None else f"held for {grasp.hold_s:g} s"
+    cycles = "once" if grasp.cycles == 1 else f"{grasp.cycles} times in a row"
+    return f"{depth} and {speed} as then, {hold}, {cycles}"
+
+
+def _rounded(gain: float) -> str:
+    """To two digits, without exponent.
+
+    >>> _rounded(4.23), _rounded(1234.5)
+    ('4.2', '1200')
+    """
+    return f"{float(f'{gain:.2g}'):g}" if gain < 1e5 else "100000 and more"
+
+
+def _explained(one: Hypothesis, linear: LinearRound) -> Explained:
+    again = one.refit
+    return Explained(
+        name=one.name,
+        probability=one.probability,
+        gain=one.gain,
+        fit=linear.null if again is None else again.fit,
+        products=linear.products if again is None else again.products,
+        refit=again,
+    )
+
+
+def _planned(forward: ForwardModel, one: ComparedCandidate, start_deg: float) -> ProposedGrasp:
+    """As an answer has it."""
+    place, protocol, least = one.candidate.place, one.candidate.protocol, one.least
+    pads = []
+    for number, pad in enumerate(one.recording.case.history.pads):
+        touching = (pad.episode >= 0).any(axis=0)
+        patch = pad.surface_mm[touching]
+        push = np.abs(pad.force_N[:, touching]).sum(axis=(0, 2))
+        centre = push @ patch / push.sum()
+        x, y, z = (float(v) for v in one.recording.case.turns[number][:, 2])
+        pads.append(
+            ProposedPad(
+                pad=pad.name,
+                centre_mm=(float(centre[0]), float(centre[1]), float(centre[2])),
+                direction=(x, y, z),
+                round_deg=(_round_deg(forward, centre) - start_deg) % 360.0,
+                patch_mm=patch,
+            )
+        )
+    return ProposedGrasp(
+        place=place.kind.value,
+        like=forward.base.grasps[place.source].case.name,
+        pads=tuple(pads),
+        depth=protocol.depth,
+        speed=protocol.speed,
+        hold_s=protocol.hold_s,
+        cycles=protocol.cycles,
+        turned=place.kind == PlaceKind.TURNED,
+        gain=least.least,
+        pair=least.names,
+        decides=one.decides,
+    )
+
+
+def _first_pad_deg(forward: ForwardModel) -> float:
+    """Angle round the stem of the first pad's patch in the first recording."""
+    first = forward.base.grasps[0]
+    own = (first.pad_of_marker == 0) & (first.tracks.episode >= 0).any(axis=0)
+    return _round_deg(forward, first.tracks.place_mm[own].mean(axis=0))
+
+
+def _round_deg(forward: ForwardModel, point_mm: Float[np.ndarray, "3"]) -> float:
+    """Angle round the stem through the fruit's middle."""
+    mesh = forward.base.mesh
+    x, y, _ = point_mm - mesh.nodes_mm[mesh.outer_nodes].mean(axis=0)
+    return float(np.rad2deg(np.arctan2(y, x)))

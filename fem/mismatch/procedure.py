@@ -17,7 +17,7 @@ from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
-from fem.mismatch.next_grasp import next_grasp
+from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
@@ -85,6 +85,9 @@ def explain(
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
+    with stage("what to record next"):
+        plan = planned_grasp(forward, linear, found)
+        fixed = next_grasp(found.verdict, grasps=len(recorded))
     return Explanation(
         detected=detected,
         p_value=p_value,
@@ -97,7 +100,8 @@ def explain(
         before=plain,
         after=plain if best is None else ranking[0].modulus or plain,
         heldout=proof,
-        next_grasp=next_grasp(found.verdict, grasps=len(recorded)),
+        next_grasp=fixed if plan is None else in_words(plan),
+        next_grasp_plan=plan,
         cells=modulus_cells(forward, fits),
         variance=analysis_of_variance(forward, fits),
         traces=predicted,

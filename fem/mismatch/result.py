@@ -135,11 +135,59 @@ class Check:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ProposedPad:
+    """Where one pad of a planned grasp goes.
+
+    `centre_mm`: middle of its patch on the skin, fruit frame; `direction`: in which it presses, unit vector;
+    `round_deg`: angle of the centre round the stem (z), from that of the first pad in the first recording;
+    `patch_mm`: the markers in contact on the skin.
+    """
+
+    pad: str
+    centre_mm: tuple[float, float, float]
+    direction: tuple[float, float, float]
+    round_deg: float
+    patch_mm: Float[np.ndarray, "n 3"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposedGrasp:
+    """One grasp that could be recorded next, and what is expected of it.
+
+    `depth`, `speed`: over those of `like`, the recorded grasp it is made of; `hold_s`: None as there.
+    `turned`: the same spots with the fruit turned by 180 degrees between the jaws. `gain`: expected ln
+    evidence between the two explanations of `pair`, those told apart least; `decides`: probability that it
+    sets the true one apart from every other at odds of 20 to 1.
+    """
+
+    place: str
+    like: str
+    pads: tuple[ProposedPad, ...]
+    depth: float
+    speed: float
+    hold_s: float | None
+    cycles: int
+    turned: bool
+    gain: float
+    pair: tuple[str, str]
+    decides: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextGraspPlan:
+    """The most telling candidate grasps, best first, of so many tried."""
+
+    grasps: tuple[ProposedGrasp, ...]
+    tried: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
 
     `statistics`: each detection statistic's own p-value. `notes`: sentences a reader must know (one grasp
-    only, the category's pit used).
+    only, the category's pit used). `next_grasp`: in words what to record next, None where nothing is left to
+    tell apart; `next_grasp_plan`: where it was computed.
     """
 
     detected: bool
@@ -161,3 +209,4 @@ class Explanation:
     maps: FruitMap | None = None
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] | None = None
+    next_grasp_plan: NextGraspPlan | None = None

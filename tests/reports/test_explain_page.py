@@ -18,12 +18,15 @@ from reports.explain_entries import (
     MapEntry,
     ModuliEntry,
     ModulusEntry,
+    NextGraspPlanEntry,
     ParameterEntry,
+    ProposedGraspEntry,
     TraceEntry,
     VarianceEntry,
     WhereEntry,
 )
 from reports.explain_page import explain_html
+from reports.next_grasp_picture import _painted, next_grasp_picture
 from reports.raycast import TracedSurface, Viewing
 from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
 
@@ -143,6 +146,69 @@ def test_the_page_is_whole_without_a_network_and_the_same_each_time():
     assert not re.search(r'(src|href)="(?!data:|#)', page)
     assert "default-src 'none'" in page
     assert page == explain_html(entry())
+
+
+def planned_next() -> NextGraspPlanEntry:
+    """Across, slowly, by far the best; then the same spots twice."""
+
+    def grasp(place: str, gain: float, **changes: object) -> ProposedGraspEntry:
+        pads = [
+            {
+                "pad": pad,
+                "centre_mm": centre,
+                "direction": [-x / 25.0 for x in centre],
+                "round_deg": turn,
+                "patch_mm": np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
+            }
+            for pad, centre, turn in (("left", [0.0, 25.0, 0.0], 91.2), ("right", [0.0, -25.0, 0.0], 271.0))
+        ]
+        plain = {"like": "grasp-1", "depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1, "turned": False}
+        foreseen = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
+        return ProposedGraspEntry.model_validate(plain | foreseen | {"pads": pads} | changes)
+
+    return NextGraspPlanEntry(
+        grasps=(grasp("across", 14.2, speed=0.1, hold_s=10.0), grasp("same spots", 3.1, cycles=2)), tried=33
+    )
+
+
+def test_the_next_grasp_is_drawn_and_listed_best_first():
+    plan = planned_next()
+    page = explain_html(entry(next_grasp="grasp across", next_grasp_plan=plan))
+    bare = explain_html(entry(next_grasp="grasp across"))
+    section = page[page.index("What to record next") :]
+    assert page.count("data:image/png") == bare.count("data:image/png") + 1
+    assert section.index("Grasp across.") < section.index("data:image/png") < section.index("same spots")
+    for words in ("The most telling of 33", "left 90°, right 270°", "× 0.1", "10 s", "14.2", "93"):
+        assert words in section
+    assert "most telling" not in bare
+
+
+def test_the_picture_of_the_next_grasp_fills_its_patches_in_the_colours_of_its_key():
+    maps = bumpy_map()
+    sides = sides_of(
+        maps.vertices_mm, maps.triangles, maps.visible, hatched_below=BLIND_BELOW, view_px=60, samples=1
+    )
+    at = next(k for k, side in enumerate(sides) if side.name == "right of the suture")
+    patch = np.array([[0.0, 25.0, 0.0], [1.0, 24.0, 0.0]])
+    with_pad, without = (
+        _painted(sides[at], patches) for patches in ({"left": patch}, {"left": patch - [0.0, 50.0, 0.0]})
+    )
+    changed = np.abs(with_pad - without).max(axis=2) > 0.05
+    assert 0 < changed.sum() < 0.2 * sides[at].front_surface.hit.sum()
+    reach = np.linalg.norm(sides[at].front_surface.points_mm[changed] - patch[0], axis=1)
+    assert reach.max() < 5.0
+    assert next_grasp_picture(sides, {"left": patch}, samples=1)[:4] == b"\x89PNG"
+
+
+def test_a_plan_is_written_beside_the_sentence_and_only_where_there_is_one():
+    written = entry(next_grasp="grasp across", next_grasp_plan=planned_next()).as_json()
+    assert written["next_grasp"] == "grasp across"
+    plan = written["next_grasp_plan"]
+    assert plan["tried"] == 33
+    assert [one["place"] for one in plan["grasps"]] == ["across", "same spots"]
+    assert "patch_mm" not in plan["grasps"][0]["pads"][0]
+    assert list(plan["grasps"][0]["pads"][0]["centre_mm"]) == [0.0, 25.0, 0.0]
+    assert "next_grasp_plan" not in entry().as_json()
 
 
 def test_hostile_text_stays_text(hostile):

@@ -44,6 +44,7 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.CLOCK_LAG,
+    knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

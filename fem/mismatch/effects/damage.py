@@ -67,6 +67,7 @@ SPEC = EffectSpec(
             strain_power=2.0,
         ),
     ),
+    remembers_grasps=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

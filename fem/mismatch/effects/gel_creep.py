@@ -63,6 +63,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.GEL_CREEP,
     separated_by=(("viscoelastic", NextGrasp.SPEEDS),),
+    knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

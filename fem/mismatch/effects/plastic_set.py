@@ -59,6 +59,7 @@ SPEC = EffectSpec(
         ),
     ),
     separated_by=(("damage", NextGrasp.CYCLES),),
+    remembers_grasps=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -45,6 +45,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.FORCE_DRIFT,
     discrepancy=DiscrepancyPrior(mean=0.0, sd=0.003),  # N/s
+    knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -69,6 +69,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.THERMAL_DRIFT,
     separated_by=(("sensor_drift", NextGrasp.SPEEDS), ("gel_creep", NextGrasp.SPEEDS)),
+    knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

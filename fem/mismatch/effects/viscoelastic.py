@@ -63,6 +63,7 @@ SPEC = EffectSpec(
         ("clock_lag", NextGrasp.SPEEDS),
         ("sensor_drift", NextGrasp.SPEEDS),
     ),
+    knows_time=True,
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

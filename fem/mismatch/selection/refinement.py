@@ -286,7 +286,7 @@ class _Search:
             own = dict(zip(names, values[first : first + len(names)], strict=True))
             found.append(self._single_response(one, own))
             first += len(names)
-        return found[0] if len(found) == 1 else _superposed(self.forward, found)
+        return found[0] if len(found) == 1 else superposed(self.forward, found)
 
     def _single_response(self, one: LinearFit, own: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
@@ -348,7 +348,9 @@ class _Search:
             steps.append((float(step), ahead))
             slopes.append(
                 Regressor(
-                    name=f"slope {k}", sd=float(spread), fields=_slope(self.forward, response, ahead, step)
+                    name=f"slope {k}",
+                    sd=float(spread),
+                    fields=slope_fields(self.forward, response, ahead, step),
                 )
             )
         products, chosen = self.linear.products.about(
@@ -369,7 +371,9 @@ class _Search:
         )
 
 
-def _slope(forward: ForwardModel, here: Response, ahead: Response, step: float) -> list[ObservationDelta]:
+def slope_fields(
+    forward: ForwardModel, here: Response, ahead: Response, step: float
+) -> list[ObservationDelta]:
     """d(what the recordings show) / d(parameter)."""
     fields = []
     for k in range(len(here.unit)):
@@ -386,7 +390,7 @@ def _slope(forward: ForwardModel, here: Response, ahead: Response, step: float) 
     return fields
 
 
-def _superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
+def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
     """One response with the changes of all: small changes add up."""
     unit, shift, balance, rest = [], [], [], []
     for k, recording in enumerate(forward.base.grasps):
