@@ -16,7 +16,7 @@ from unittest.mock import patch
 from baseline_answers import baselines_of
 from cramer_rao import amplitude_bounds
 from mismatch import BROKEN, REFUSED, ROOMS
-from mismatch_altered import ABLATIONS, altered
+from mismatch_altered import altered
 from reduced_case import ReducedCase, gains_of, reduced
 from weighed_residual import weighed_squares
 
@@ -30,11 +30,6 @@ from pipeline.fruit.stage_log import StageLog
 
 NINETY = 1.645
 """Standard deviations that hold 90 % of a normal distribution on either side."""
-LEFT_OUT = "left-out"
-"""An ablation of its own: the case's own effects are taken out of the catalogue, so that the right answer is
-"unknown". Which effects those are is read from the label by the machine; nothing else of it is."""
-ALTERATIONS = (*ABLATIONS, LEFT_OUT)
-"""All that can be done to a case before it is explained."""
 
 
 @dataclass
@@ -46,13 +41,13 @@ class Captured:
 
 
 @contextmanager
-def captured(without: tuple[str, ...] = ()) -> Iterator[Captured]:
-    """While it holds, the finder's linear problem is kept; `without`: effects taken out of the catalogue."""
+def captured() -> Iterator[Captured]:
+    """While it holds, the finder's linear problem is kept."""
     found = Captured()
     screened, held_out = procedure.screened, procedure.held_out
 
     def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
-        linear = screened(forward, recorded, [one for one in effects if one.spec.name not in without], **more)
+        linear = screened(forward, recorded, effects, **more)
         if found.case is None:
             found.case = reduced(forward, recorded, linear)
         return linear
@@ -68,12 +63,16 @@ def captured(without: tuple[str, ...] = ()) -> Iterator[Captured]:
 def explained(
     folder: Path, work: Path, *, ablation: str, jobs: int, without: tuple[str, ...] = ()
 ) -> tuple[dict[str, Any], ReducedCase | None]:
-    """The row of one case, and its linear problem; a failure is a row too."""
+    """The row of one case, and its linear problem; a failure is a row too.
+
+    `without`: effects that are not in the catalogue under the ablation LEFT_OUT; the machine reads them from
+    the label, and nothing else of it.
+    """
     started, busy = time.perf_counter(), time.process_time()
     row: dict[str, Any] = {"ablation": ablation, "code": code_version(ROOMS)[:12]}
     problem = None
     try:
-        with altered("whole" if ablation == LEFT_OUT else ablation), captured(without) as kept:
+        with altered(ablation, "+".join(without)), captured() as kept:
             case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
             found = finding(case, StageLog(str), jobs=jobs).explanation
         row |= answered(found)

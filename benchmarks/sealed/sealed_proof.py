@@ -23,8 +23,9 @@ from typing import Any
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from mismatch import keep_line
+from mismatch_altered import ABLATIONS, LEFT_OUT
 from reduced_case import store
-from sealed_answers import ALTERATIONS, LEFT_OUT, explained
+from sealed_answers import explained
 from sealed_draw import SealedCase, drawn_cases, label_of
 from sealed_report import report
 from sealed_simulation import simulated
@@ -174,7 +175,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=None, help="how many cases are looked at")
     parser.add_argument("--cases", type=Path, default=None, help="folder of the simulated cases")
     parser.add_argument("--keep", action="store_true", help="leave the simulated cases there")
-    parser.add_argument("--ablation", nargs="+", choices=ALTERATIONS, default=["whole"])
+    parser.add_argument("--ablation", nargs="+", choices=ABLATIONS, default=["whole"])
     parser.add_argument("--reduced", type=Path, default=None, help="store each case's linear problem here")
     parser.add_argument("--jobs", type=int, default=2, help="threads of an explanation")
     parser.add_argument("--bank", type=Path, default=None, help="JSONL of bank_features.py, for the forest")

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from mismatch_altered import LEFT_OUT
 from scipy.stats import beta
 
 from fem.mismatch.catalogue import SPECS
@@ -83,7 +84,7 @@ def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
         inside = IN_CATALOGUE.get(physics, physics)
         if inside in row.get("catalogue", ()):
             kind, name = "single", inside
-    if row["ablation"] == "left-out":
+    if row["ablation"] == LEFT_OUT:
         kind, physics, name = "outside", name, UNKNOWN
     return Scored(
         case=str(row["case"]),

@@ -4,7 +4,6 @@ import json
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from sealed_truths import put_on_path
@@ -13,6 +12,7 @@ put_on_path()
 sys.path.append(str(Path(__file__).parents[1] / "fem"))
 import sealed_answers  # noqa: E402
 from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
+from mismatch_altered import LEFT_OUT, altered  # noqa: E402
 from reduced_case import gains_of, store, stored  # noqa: E402
 from sealed_answers import answered, captured, of_problem  # noqa: E402
 
@@ -64,15 +64,12 @@ def test_what_is_held_out_is_better_predicted_with_the_effect(explained):
     assert kept.weighed["after"] < 0.5 * kept.weighed["before"]
 
 
-def test_an_effect_that_is_left_out_never_reaches_the_finder(monkeypatch):
-    given = []
-    monkeypatch.setattr(procedure, "screened", lambda *one, **_: given.extend(one[2]))
-    monkeypatch.setattr(sealed_answers, "reduced", lambda *_: SimpleNamespace())
-    with captured(without=("skin",)):
-        procedure.screened(None, None, EFFECTS)
-    names = {one.spec.name for one in given}
-    assert "skin" not in names
-    assert len(names) == len(EFFECTS) - 1
+def test_an_effect_that_is_left_out_is_not_in_the_finders_catalogue():
+    with altered(LEFT_OUT, "skin+slip"):
+        names = {one.spec.name for one in procedure.EFFECTS}
+    assert not names & {"skin", "slip"}
+    assert len(names) == len(EFFECTS) - 2
+    assert procedure.EFFECTS == EFFECTS
 
 
 def test_a_folder_that_is_no_case_is_a_row_with_its_failure(tmp_path):

@@ -71,7 +71,7 @@ def test_a_physics_that_the_catalogue_has_learnt_counts_as_a_single_effect():
 
 
 def test_with_its_effect_left_out_a_single_case_is_outside_the_catalogue():
-    one = scored({**CASES["c"][1], "ablation": "left-out"}, LABELS["c"])
+    one = scored({**CASES["c"][1], "ablation": "effect-left-out"}, LABELS["c"])
     assert (one.kind, one.truth, one.physics) == ("outside", "unknown", "skin")
 
 
