@@ -26,6 +26,7 @@ from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
+from fem.mismatch.selection.reported_verdict import predicts_worse, reported_modulus, withdrawn
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
@@ -79,8 +80,13 @@ def explain(
     null = (linear.products, linear.nuisances)
     after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
     ranking = candidates(found, linear)
+    taken_back: list[str] = []
     with stage("proof"):
         proof = held_out(forward, recorded, null, after)
+        if best is not None and predicts_worse(proof):
+            taken_back = [WITHDRAWN_NOTE.format(name=ranking[0].effect.replace("_", " "))]
+            found, best, after = withdrawn(found), None, null
+            proof = held_out(forward, recorded, null, null)
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -98,7 +104,7 @@ def explain(
         ranking=ranking,
         verdict=found.verdict,
         before=plain,
-        after=plain if best is None else ranking[0].modulus or plain,
+        after=reported_modulus(found.verdict, ranking, plain),
         heldout=proof,
         next_grasp=fixed if plan is None else in_words(plan),
         next_grasp_plan=plan,
@@ -112,6 +118,7 @@ def explain(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
             ),
+            *taken_back,
             *([] if best is None else _remarks(best, ranking[0].parameters)),
         ),
         seconds=seconds,
@@ -120,6 +127,10 @@ def explain(
 
 NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
+)
+WITHDRAWN_NOTE = (
+    "{name} explains the recordings together best, but foretells each from the others worse than the plain "
+    "model does: it stands for something else, and is not named."
 )
 
 

@@ -1,0 +1,49 @@
+"""What the held-out recordings leave of a verdict, and the E that is said with it.
+
+A name that the recordings bear out together must not predict each of them worse from the others than the
+plain model does: then it stands for something that the catalogue does not have. What E is said goes with the
+verdict: that of the plain model where nothing is missing; the mean over all names that cannot be told apart,
+by their probabilities, its spread what they differ by too; and where something unknown is missing that of the
+plain model, as uncertain as unknown physics has made it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
+from fem.mismatch.selection.model_selection import ModelSelection
+from fem.mismatch.thresholds import ABOVE_NOISE_SHARE, UNKNOWN_MODULUS_SD, WORSE_SHARE
+
+
+def predicts_worse(proof: HeldOut | None) -> bool:
+    """Whether the explanation foretells recordings left out worse than the plain model does, where that one
+    leaves more than noise; not to be said of one recording alone.
+    """
+    if proof is None or proof.rms_before < (1 + ABOVE_NOISE_SHARE) * proof.noise_rms:
+        return False
+    return proof.rms_after > (1 + WORSE_SHARE) * proof.rms_before
+
+
+def withdrawn(found: ModelSelection) -> ModelSelection:
+    """The selection with its verdict taken back: something is missing, and no name stands."""
+    return replace(found, verdict=UNKNOWN)
+
+
+def reported_modulus(verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus) -> Modulus:
+    """E as the module's docstring says."""
+    if verdict == NONE:
+        return plain
+    if verdict == UNKNOWN:
+        return replace(plain, sd=float(np.hypot(plain.sd, UNKNOWN_MODULUS_SD * plain.value)))
+    names = (verdict,) if isinstance(verdict, str) else verdict
+    known = [(one.probability, one.modulus) for one in ranking if one.effect in names and one.modulus]
+    weight = np.array([share for share, _ in known])
+    if not weight.sum() > 0:
+        return plain
+    weight /= weight.sum()
+    value = np.array([modulus.value for _, modulus in known])
+    sd = np.array([modulus.sd for _, modulus in known])
+    mean = float(weight @ value)
+    return Modulus(value=mean, sd=float(np.sqrt(weight @ (sd**2 + (value - mean) ** 2))))

@@ -1,0 +1,59 @@
+"""The E that is said with a verdict, and names that foretell worse than none."""
+
+import pytest
+
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
+from fem.mismatch.selection.reported_verdict import predicts_worse, reported_modulus
+
+PLAIN = Modulus(value=0.4, sd=0.004)
+
+
+def candidate(effect: str, probability: float, E: float | None) -> Candidate:
+    modulus = None if E is None else Modulus(value=E, sd=0.01)
+    return Candidate(
+        effect=effect,
+        probability=probability,
+        parameters={},
+        log_evidence=0.0,
+        gain=0.0,
+        refitted=E is not None,
+        modulus=modulus,
+    )
+
+
+def test_a_name_that_foretells_worse_than_the_plain_model_is_no_name() -> None:
+    assert predicts_worse(HeldOut(rms_before=0.0548, rms_after=0.0581, noise_rms=0.0185))
+    assert not predicts_worse(HeldOut(rms_before=0.0557, rms_after=0.0205, noise_rms=0.0185))
+    assert not predicts_worse(HeldOut(rms_before=0.0196, rms_after=0.0196, noise_rms=0.0176))
+
+
+def test_within_noise_or_of_one_recording_held_out_fits_say_nothing() -> None:
+    assert not predicts_worse(HeldOut(rms_before=0.0190, rms_after=0.0210, noise_rms=0.0185))
+    assert not predicts_worse(None)
+
+
+def test_where_nothing_is_missing_E_is_the_plain_models() -> None:
+    assert reported_modulus(NONE, [candidate("skin", 0.04, 0.3)], PLAIN) == PLAIN
+
+
+def test_where_something_unknown_is_missing_E_is_as_uncertain_as_that() -> None:
+    said = reported_modulus(UNKNOWN, [candidate("skin", 0.9, 0.3)], PLAIN)
+    assert said.value == PLAIN.value
+    assert 0.1 * PLAIN.value < said.sd < 0.3 * PLAIN.value
+
+
+def test_names_that_cannot_be_told_apart_share_E_by_their_probabilities() -> None:
+    """Two points of probability 3/4 and 1/4, 0.1 apart: mean and variance of the mixture, by hand."""
+    ranking = [
+        candidate("skin", 0.6, 0.3),
+        candidate("poisson_ratio", 0.2, 0.4),
+        candidate("slip", 0.2, None),
+    ]
+    said = reported_modulus(("skin", "poisson_ratio"), ranking, PLAIN)
+    assert said.value == pytest.approx(0.325)
+    assert said.sd == pytest.approx((0.01**2 + 0.75 * 0.25 * 0.1**2) ** 0.5)
+
+
+def test_one_name_has_its_own_E_and_one_without_a_model_the_plain_ones() -> None:
+    assert reported_modulus("skin", [candidate("skin", 0.9, 0.3)], PLAIN) == Modulus(value=0.3, sd=0.01)
+    assert reported_modulus("skin", [candidate("skin", 0.9, None)], PLAIN) == PLAIN
