@@ -118,7 +118,7 @@ def _history(pads: list[PadHistory]) -> GraspHistory:
     return GraspHistory(time_s=TIME_S, phase=PHASES, pads=tuple(pads))
 
 
-def _bare(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
+def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
     axes = pad_axes(grasp, side)
     place = locate(mesh, on_skin(grasp, side), within_mm=3.0).point_mm
     force = true_force() @ axes.T
@@ -142,7 +142,7 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
     mesh = true_mesh()
     found = []
     histories = [
-        _history([_bare(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
+        _history([bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
         for grasp in range(len(WAYS))
     ]
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
