@@ -263,6 +263,31 @@ def on_pad(name: str, change: Altered) -> Altered:
     return lambda pad: change(pad) if pad.name == name else pad
 
 
+def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
+    """Recorded pose = true pose, then a shift in the gel's plane, then a tilt about the pad's x."""
+    a = np.radians(tilt_deg)
+    tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+
+    def change(pad: Recording) -> Recording:
+        recorded = pad.axes @ tilt
+        moved = pad.axes[:, :2] @ np.asarray(shift_mm)
+
+        def there(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
+            return (points - origin) @ pad.axes @ recorded.T + origin + moved
+
+        return replace(
+            pad,
+            axes=recorded,
+            place_mm=there(pad.place_mm, pad.origin_mm[8]),
+            position_mm=there(pad.position_mm, pad.origin_mm[:, None]),
+            gel_mm=pad.gel_mm @ pad.axes @ recorded.T,
+            force_N=pad.force_N @ pad.axes @ recorded.T,
+            origin_mm=pad.origin_mm + moved,
+        )
+
+    return change
+
+
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
     forward, _ = plain_forward_model(case)

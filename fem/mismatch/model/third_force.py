@@ -12,7 +12,8 @@ With m the sums of what the pads do, W of fem.mismatch.model.marker_equations.Ba
 (linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). The course of F is a smooth one
 that grows with the load l, of covariance l l' (1 + l l' + exp(-(t - t')^2 / 2 SMOOTH^2)), t the share of the
 frames: phi_j are its leading functions. Along the skin's normal S is the scale of SCALES that explains most,
-along the skin FRICTION of it. A contact that pulls is none, nor is one where a pad itself touches.
+along the skin FRICTION of it. A contact that pulls is none, nor is one beyond the CONE of
+friction, or where a pad itself touches.
 """
 
 from dataclasses import dataclass
@@ -35,6 +36,10 @@ the motion; and how many functions hold all but a percent of that covariance. Se
 FRICTION = 0.15
 """Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
 known to some degrees. Set by hand."""
+CONE = 0.3
+"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
+normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
+45 degrees apart no place has two of them within its cone. Set by hand."""
 SEAT_MM = 4.0
 """Radius over which the force is spread and the normal taken; the pads are a few times as far away. Set by
 hand, of a contact as wide as a pad's."""
@@ -136,7 +141,9 @@ class ForceBalance:
         found = [_posterior(normal, pushed, scale * _peak_N(self.recording)) for scale in SCALES]
         amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])
         local = self.courses.T @ amounts.reshape(-1, 3)
-        if evidence <= 0 or self.recording.load @ local[:, 0] <= 0:
+        pulls = self.recording.load @ local[:, 0] <= 0
+        slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
+        if evidence <= 0 or pulls or slides:
             return nothing
         spread = np.einsum("jf,jl,lf->f", self.courses, covariance[::3, ::3], self.courses)
         return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
