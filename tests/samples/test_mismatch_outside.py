@@ -17,6 +17,11 @@ from samples.sample_failure import SampleFailure
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
 
 
+def force_on_fruit(truth) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Sum of both pads' marker forces in the fruit frame, by frame."""
+    return sum(np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads)
+
+
 def test_a_split_pit_is_softer_than_a_whole_one() -> None:
     grasp, stands = rough(drawn_ball(core_mm=14.0), WAY)
     whole = skin_compliance(stands.flesh.stiffness, stands.dofs)
@@ -27,6 +32,20 @@ def test_a_split_pit_is_softer_than_a_whole_one() -> None:
         total_N(grasped_ball(grasp, stands, ElasticBody(split)))[2]
         < total_N(grasped_ball(grasp, stands, ElasticBody(whole)))[2]
     )
+
+
+def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
+    way = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 1.0])
+    grasp, stands = rough(drawn_ball(), way)
+    palm = OutOfCatalogue(name="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
+    on_palm = force_on_fruit(grasped_ball(grasp, stands, out_of_catalogue_body(stands, palm)))
+    free = force_on_fruit(
+        grasped_ball(
+            grasp, stands, out_of_catalogue_body(stands, OutOfCatalogue(name="sound", parameters={}))
+        )
+    )
+    assert np.abs(free[:, 2]).max() < 0.03
+    assert np.abs(on_palm[:, 2]).max() > 2 * np.abs(free[:, 2]).max()
 
 
 def test_a_softening_gel_is_pressed_deeper_while_it_is_held() -> None:
