@@ -2,7 +2,7 @@
 
 split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
 palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp: it has come
-                 into the catalogue as third_contact (samples.mismatch.support_seat), and stays for older banks
+                 into the catalogue as third_contact (samples.mismatch.support_seat); kept for older banks
 gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
 drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
 """

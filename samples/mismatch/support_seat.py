@@ -23,6 +23,8 @@ STEP = 1e-4
 does."""
 SEAT_RADIUS_MM = 6.0
 """What of the skin about the place the seat bears. Set by hand, as a palm's soft cushion would."""
+FEWEST = 9
+"""Nodes that it bears at least, on a mesh that is coarse there: those of a cell's face."""
 
 
 def drawn_place_mm(skin: Skin, rng: np.random.Generator) -> Float[np.ndarray, " 3"]:
@@ -64,7 +66,8 @@ def with_third_contact(
     bricks = flesh.bricks
     skin = np.unique(bricks.skin_cells)
     away = np.linalg.norm(bricks.nodes_mm[skin] - centre_mm, axis=1)
-    able = np.isin(skin, flesh.free_nodes) & (away < SEAT_RADIUS_MM)
+    away[~np.isin(skin, flesh.free_nodes)] = np.inf
+    able = away < max(SEAT_RADIUS_MM, float(np.sort(away)[FEWEST - 1]) + 1e-9)
     number = np.full(len(bricks.nodes_mm), -1)
     number[flesh.free_nodes] = np.arange(len(flesh.free_nodes))
     seat = 3 * number[skin[able]]
