@@ -15,7 +15,11 @@ _MORE_SINGLES = (
     ("graded_modulus", 1),
 )  # fmt: skip
 """Effects that come again with another fruit, and their level (set by hand)."""
-_LATER = (("adhesion",), ("sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift"))
+_LATER = (
+    ("adhesion",),
+    ("sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift"),
+    ("third_contact",),
+)
 """Effects that came after the first bank, as they came: their cases stand last, so that the others keep their
 draws."""
 _PAIRS = (
@@ -24,6 +28,10 @@ _PAIRS = (
     ("damage", "sensor_drift"), ("anisotropy", "viscoelastic"), ("plastic_set", "sensor_gain"),
     ("skin", "soft_spot"),
 )  # fmt: skip
+
+
+_COME_IN = ("palm",)
+"""Physics that has come into the catalogue since: its number among the cases outside of it stays free."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,8 +67,11 @@ def pairs() -> tuple[BankCase, ...]:
 def outsiders() -> tuple[BankCase, ...]:
     """One case of each physics that the catalogue does not have."""
     return tuple(
-        BankCase(case_id=f"outside-{k + 1:02d}", effects=(), seed=(SEED, 3, k), out_of_catalogue=name)
-        for k, name in enumerate(OUT_OF_CATALOGUE)
+        BankCase(
+            case_id=f"outside-{number:02d}", effects=(), seed=(SEED, 3, number - 1), out_of_catalogue=name
+        )
+        for number, name in enumerate(OUT_OF_CATALOGUE, start=1)
+        if name not in _COME_IN
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_array
 
-from samples.fruit import POISSON_RATIO
+from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
 from samples.mismatch.bodies import ElasticBody, GrippedBody, RelaxingBody
 from samples.mismatch.case_files import Label, answer, reveal, seal, write_case_files
@@ -51,6 +51,7 @@ from samples.mismatch.out_of_catalogue import (
     out_of_catalogue_recorded,
 )
 from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
 from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import NotInEquilibrium, SampleFailure
@@ -63,6 +64,8 @@ GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "thermal_drift": with_thermal_drift,
 }
 """What makes each fault of the gels, by its effect's name."""
+BODIES = ("viscoelastic", "loose_pit", "third_contact")
+"""Effects that make the fruit another body, of which there can be one beside the laws of the flesh's own."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +116,9 @@ def planned(
 def _placed(
     one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[CaseGrasp, ...], rng: np.random.Generator
 ) -> InjectedEffect:
+    if one.effect == "third_contact":
+        place = drawn_place_mm(drawn.fruit.skin, rng)
+        return replace(one, parameters={**one.parameters, "centre_mm": place.tolist()})
     if one.effect != "soft_spot":
         return one
     number, pad = int(rng.integers(3)), str(rng.choice(["left", "right"]))
@@ -135,7 +141,7 @@ def write_case(
     salt = rng.bytes(16).hex()
     truths = true_recordings(plan, progress=progress)
     peaks = tuple(t.peak_force_N for t in truths)
-    labelled = tuple(with_amount(p, max(peaks)) for p in plan.injected)
+    labelled = tuple(with_amount(p, max(peaks), truths) for p in plan.injected)
     label = label_of_plan(plan, labelled)
     entry = answer(plan.drawn, label)
     seal(folder, plan.case_id, entry, salt=salt)
@@ -152,8 +158,12 @@ def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> Label
     return Label(effect=joined_name(labelled), parameters=joined_parameters(labelled))
 
 
-def with_amount(one: InjectedEffect, peak_N: float) -> InjectedEffect:
-    """Drifts are planned as shares of the peak force per time; their labels are in newtons."""
+def with_amount(one: InjectedEffect, peak_N: float, truths: tuple[TrueRecording, ...] = ()) -> InjectedEffect:
+    """Drifts are planned as shares of the peak force per time; their labels are in newtons, as is what a
+    third contact bears.
+    """
+    if one.effect == "third_contact" and truths:
+        return replace(one, parameters={**one.parameters, "force_N": max(map(borne_N, truths))})
     if one.effect == "thermal_drift":
         strain, share = one.number("strain_per_root_s"), one.number("peak_share_per_root_s")
         return replace(one, parameters={"strain_per_root_s": strain, "N_per_root_s": share * peak_N})
@@ -172,7 +182,7 @@ def true_recordings(plan: CasePlan, *, progress: Progress | None = None) -> tupl
         stands = meshed_fruit(
             plan.drawn, here[0], fineness=_fineness(plan), wide=touches_widely(plan.injected)
         )
-        body, inner = body_of(stands, plan.injected, plan.out_of_catalogue)
+        body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
@@ -192,9 +202,14 @@ def _fineness(plan: CasePlan) -> BrickGrading:
 
 
 def body_of(
-    stands: MeshedFruit, injected: tuple[InjectedEffect, ...], out_of_catalogue: OutOfCatalogue | None = None
+    stands: MeshedFruit,
+    injected: tuple[InjectedEffect, ...],
+    out_of_catalogue: OutOfCatalogue | None = None,
+    *,
+    skin: Skin | None = None,
 ) -> tuple[GrippedBody, InnerContact | None]:
-    """The flesh of one mesh with everything injected into it, and the pit's contact where the pit is loose.
+    """The flesh of one mesh with everything injected into it, and what it touches beside the pads: a loose
+    pit, a third contact (of which `skin`, the fruit's, says the normal).
 
     Raises SampleFailure for two effects that are not simulated together.
     """
@@ -202,7 +217,7 @@ def body_of(
         return out_of_catalogue_body(stands, out_of_catalogue), None
     flesh = stands.flesh
     stiffness = altered_stiffness(flesh, injected)
-    laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, "viscoelastic", "loose_pit")]
+    laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, *BODIES)]
     if len(laws) > 1:
         names = " and ".join(p.effect for p in laws)
         raise SampleFailure(f"{names} cannot be injected together: each needs a flesh of its own.")
@@ -211,6 +226,13 @@ def body_of(
         return LoosePitBody(loose), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
     if not laws:
         return ElasticBody(skin_compliance(stiffness, stands.dofs)), None
+    if laws[0].effect == "third_contact" and skin is not None:
+        place = np.array(laws[0].parameters["centre_mm"])
+        compliance, seat = with_third_contact(
+            flesh, stands.dofs, centre_mm=place, normal=inward_normal(skin, place),
+            N_per_mm=laws[0].number("N_per_mm"), stiffness=csr_array(stiffness),
+        )  # fmt: skip
+        return ElasticBody(compliance), seat
     if laws[0].effect == "viscoelastic":
         compliance = skin_compliance(stiffness, stands.dofs)
         return RelaxingBody(compliance, arms=((laws[0].number("g"), laws[0].number("tau_s")),)), None

@@ -36,6 +36,7 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "gel_creep": {"creep": ((0.04, 0.07), (0.1, 0.16), (0.2, 0.3))},
     "gel_hysteresis": {"share": ((0.03, 0.05), (0.06, 0.09), (0.1, 0.14))},
     "thermal_drift": {"strain_per_root_s": ((2e-4, 4e-4), (6e-4, 1e-3), (1.3e-3, 2.1e-3))},
+    "third_contact": {"N_per_mm": ((2.0, 4.0), (6.0, 10.0), (15.0, 30.0))},
     "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
 }
 """From and to at each level, in the parameter's own unit (docs/formats.md; `change` and `share_per_s` are

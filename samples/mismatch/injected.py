@@ -18,7 +18,7 @@ EFFECTS = (
     "viscoelastic", "stiffening", "skin", "graded_modulus", "soft_spot", "anisotropy", "poisson_ratio",
     "pit_offset", "pit_size", "loose_pit", "slip", "plastic_set", "damage", "sensor_gain", "sensor_drift",
     "gripper_compliance", "clock_lag", "pose_error", "adhesion",
-    "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift",
+    "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift", "third_contact",
 )  # fmt: skip
 MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
 TOUCHES_WIDELY = ("stiffening", "skin")

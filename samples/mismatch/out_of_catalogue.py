@@ -1,7 +1,8 @@
 """Physics that the catalogue does not have; the right answer to each of these cases is "unknown".
 
 split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
-palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp
+palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp: it has come
+                 into the catalogue as third_contact (samples.mismatch.support_seat); kept for older banks
 gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
 drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
 """

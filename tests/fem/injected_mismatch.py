@@ -118,7 +118,7 @@ def _history(pads: list[PadHistory]) -> GraspHistory:
     return GraspHistory(time_s=TIME_S, phase=PHASES, pads=tuple(pads))
 
 
-def _bare(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
+def bare_pad(grasp: int, side: float, name: str, mesh: FleshMesh) -> PadHistory:
     axes = pad_axes(grasp, side)
     place = locate(mesh, on_skin(grasp, side), within_mm=3.0).point_mm
     force = true_force() @ axes.T
@@ -142,7 +142,7 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
     mesh = true_mesh()
     found = []
     histories = [
-        _history([_bare(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
+        _history([bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
         for grasp in range(len(WAYS))
     ]
     solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
@@ -261,6 +261,31 @@ def injected_case(
 def on_pad(name: str, change: Altered) -> Altered:
     """The change on one pad alone."""
     return lambda pad: change(pad) if pad.name == name else pad
+
+
+def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
+    """Recorded pose = true pose, then a shift in the gel's plane, then a tilt about the pad's x."""
+    a = np.radians(tilt_deg)
+    tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
+
+    def change(pad: Recording) -> Recording:
+        recorded = pad.axes @ tilt
+        moved = pad.axes[:, :2] @ np.asarray(shift_mm)
+
+        def there(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
+            return (points - origin) @ pad.axes @ recorded.T + origin + moved
+
+        return replace(
+            pad,
+            axes=recorded,
+            place_mm=there(pad.place_mm, pad.origin_mm[8]),
+            position_mm=there(pad.position_mm, pad.origin_mm[:, None]),
+            gel_mm=pad.gel_mm @ pad.axes @ recorded.T,
+            force_N=pad.force_N @ pad.axes @ recorded.T,
+            origin_mm=pad.origin_mm + moved,
+        )
+
+    return change
 
 
 def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:

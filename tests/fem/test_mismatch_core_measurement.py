@@ -14,6 +14,7 @@ from injected_mismatch import (
     Recording,
     injected_case,
     linear_and_refitted,
+    misplaced,
     on_pad,
     only_grasp,
 )
@@ -69,31 +70,6 @@ def late(lag_s: float) -> Altered:
         at_rest = pad.position_mm - pad.gel_mm - pad.origin_mm[:, None]
         position = pad.origin_mm[:, None] + earlier(at_rest) + gel
         return replace(pad, position_mm=position, gel_mm=gel, force_N=earlier(pad.force_N))
-
-    return change
-
-
-def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
-    """Recorded pose = true pose, then a shift in the gel's plane, then a tilt about the pad's x."""
-    a = np.radians(tilt_deg)
-    tilt = np.array([[1, 0, 0], [0, np.cos(a), -np.sin(a)], [0, np.sin(a), np.cos(a)]])
-
-    def change(pad: Recording) -> Recording:
-        recorded = pad.axes @ tilt
-        moved = pad.axes[:, :2] @ np.asarray(shift_mm)
-
-        def there(points: np.ndarray, origin: np.ndarray) -> np.ndarray:
-            return (points - origin) @ pad.axes @ recorded.T + origin + moved
-
-        return replace(
-            pad,
-            axes=recorded,
-            place_mm=there(pad.place_mm, pad.origin_mm[8]),
-            position_mm=there(pad.position_mm, pad.origin_mm[:, None]),
-            gel_mm=pad.gel_mm @ pad.axes @ recorded.T,
-            force_N=pad.force_N @ pad.axes @ recorded.T,
-            origin_mm=pad.origin_mm + moved,
-        )
 
     return change
 

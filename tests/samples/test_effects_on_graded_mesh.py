@@ -31,8 +31,10 @@ def test_an_effect_runs_on_a_graded_mesh(effect: str) -> None:
         parameters = drawn_parameters(effect, 1, rng)
         if effect == "soft_spot":
             parameters["centre_mm"] = [21.0, 0.0, 0.0]
+        if effect == "third_contact":
+            parameters["centre_mm"] = [0.0, 0.0, -25.0]
         injected = (InjectedEffect(effect=effect, parameters=parameters),)
-        body, inner = body_of(stands, injected)
+        body, inner = body_of(stands, injected, skin=drawn.fruit.skin)
         truth = grasped_ball(grasp, stands, body, gel=gel_of(injected), inner=inner)
     else:
         body = out_of_catalogue_body(stands, drawn_out_of_catalogue(effect, rng))

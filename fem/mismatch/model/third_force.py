@@ -1,0 +1,194 @@
+"""The force that something beside the pads puts on the fruit, as the pads' own forces show it.
+
+A contact at the place X of the skin pushes with F(t), and nothing but it and the pads holds the fruit:
+
+    sum_i f_i + F = 0,      sum_i (x_i - x0) x f_i + (X - x0) x F = 0
+
+With m the sums of what the pads do, W of fem.mismatch.model.marker_equations.BalanceEquations, fields A =
+[1; (X - x0) x] phi_j(t) and amounts a ~ N(0, S^2) of them,
+
+    a = -(M + S^-2)^-1 A' W m,      M = A' W A,      ln evidence = (-a . A' W m - ln det(1 + S M S)) / 2
+
+(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). The course of F is a smooth one
+that grows with the load l, of covariance l l' (1 + l l' + exp(-(t - t')^2 / 2 SMOOTH^2)), t the share of the
+frames: phi_j are its leading functions. Along the skin's normal S is the scale of SCALES that explains most,
+along the skin FRICTION of it. A contact that pulls is none, nor is one beyond the CONE of
+friction, or where a pad itself touches.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import SurfacePoints, locate
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.marker_equations import BalanceEquations
+from fem.mismatch.model.observation_delta import ARM_MM, wrench
+
+SCALES = (0.005, 0.02, 0.08)
+"""Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
+hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
+SMOOTH, COURSES = 0.2, 6
+"""Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
+the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
+FRICTION = 0.15
+"""Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
+known to some degrees. Set by hand."""
+CONE = 0.3
+"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
+normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
+45 degrees apart no place has two of them within its cone. Set by hand."""
+SEAT_MM = 4.0
+"""Radius over which the force is spread and the normal taken; the pads are a few times as far away. Set by
+hand, of a contact as wide as a pad's."""
+CLEAR_MM = 4.0
+"""A place is a pad's own where one of its markers touches within this distance; two markers' pitch."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Seat:
+    """A place of the skin on which something rests: middle, unit normal into the fruit, points round it."""
+
+    place_mm: Float[np.ndarray, "3"]
+    inward: Float[np.ndarray, "3"]
+    points: SurfacePoints
+
+    @classmethod
+    def at(cls, mesh: FleshMesh, place_mm: Float[np.ndarray, "3"]) -> "Seat":
+        """At the point of the skin nearest to a place."""
+        middle = locate(mesh, place_mm[None])
+        first = np.cross(middle.normal[0], np.eye(3)[np.abs(middle.normal[0]).argmin()])
+        first /= np.linalg.norm(first)
+        second = np.cross(middle.normal[0], first)
+        angle = np.arange(6) * np.pi / 3
+        ring = SEAT_MM * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
+        points = locate(mesh, middle.point_mm + np.vstack([np.zeros(3), ring]))
+        inward = -points.normal.mean(axis=0)
+        return cls(place_mm=middle.point_mm[0], inward=inward / np.linalg.norm(inward), points=points)
+
+    def load(self, force_N: Float[np.ndarray, "r 3"]) -> Float[np.ndarray, "r m 3"]:
+        """Forces spread evenly over the points, on the nodes of the flesh."""
+        count = len(self.points.point_mm)
+        return self.points.point_load(np.repeat(force_N[:, None] / count, count, axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThirdForce:
+    """F(t) of one recording, `sd_N` of its normal part; ln `evidence` of it over none.
+
+    `volume`: the part of that evidence which is not in how well F balances: ln of the prior at F, and of the
+    width that is left of it. Negative.
+    """
+
+    force_N: Float[np.ndarray, "f 3"]
+    sd_N: Float[np.ndarray, " f"]
+    evidence: float
+    volume: float
+
+    @classmethod
+    def none(cls, recording: GraspResponse) -> "ThirdForce":
+        """No force."""
+        frames = len(recording.load)
+        return cls(force_N=np.zeros((frames, 3)), sd_N=np.zeros(frames), evidence=0.0, volume=0.0)
+
+    def wrench(self, recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> Float[np.ndarray, "f 6"]:
+        """What it adds to the sums of the pads' forces and moments, N."""
+        return wrench(
+            self.force_N[:, None],
+            np.broadcast_to(place_mm, (len(self.force_N), 1, 3)),
+            centre_mm=_centre_mm(recording),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceBalance:
+    """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
+
+    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
+    """
+
+    recording: GraspResponse
+    courses: Float[np.ndarray, "j f"]
+    normal: Float[np.ndarray, "j 6 j 6"]
+    pushed: Float[np.ndarray, "j 6"]
+
+    @classmethod
+    def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
+        """Those of a recording that nothing but its pads holds."""
+        courses = _courses(recording)
+        white = np.einsum("jf,a,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
+        across = np.einsum("kfa,a,jf->kja", balance.nuisances, balance.weight, courses)
+        held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
+        return cls(
+            recording=recording,
+            courses=courses,
+            normal=white - held,
+            pushed=-courses @ balance.weighed(balance.measured),
+        )
+
+    def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce:
+        """The force at a place that best balances the recording; none where none does, or it would pull."""
+        nothing = ThirdForce.none(self.recording)
+        if is_under_a_pad(self.recording, place_mm):
+            return nothing
+        axes = _axes(inward)
+        arms = np.vstack([axes, np.cross(place_mm - _centre_mm(self.recording), axes.T).T / ARM_MM])
+        count = 3 * len(self.courses)
+        normal = np.einsum("jalb,ax,by->jxly", self.normal, arms, arms, optimize=True).reshape(count, count)
+        pushed = (self.pushed @ arms).ravel()
+        found = [_posterior(normal, pushed, scale * _peak_N(self.recording)) for scale in SCALES]
+        amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])
+        local = self.courses.T @ amounts.reshape(-1, 3)
+        pulls = self.recording.load @ local[:, 0] <= 0
+        slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
+        if evidence <= 0 or pulls or slides:
+            return nothing
+        spread = np.einsum("jf,jl,lf->f", self.courses, covariance[::3, ::3], self.courses)
+        return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
+
+
+def is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
+    """Whether a pad touches there at some time."""
+    touched = (recording.tracks.episode >= 0).any(axis=0)
+    away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
+    return bool((away < CLEAR_MM).any())
+
+
+def _posterior(
+    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], scale_N: float
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
+    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume."""
+    sd = np.tile(scale_N * np.array([1.0, FRICTION, FRICTION]), len(pushed) // 3)
+    covariance = np.linalg.inv(normal + np.diag(sd**-2.0))
+    amounts = covariance @ pushed
+    width = -np.linalg.slogdet(np.eye(len(sd)) + sd[:, None] * normal * sd)[1]
+    evidence = float((amounts @ pushed + width) / 2)
+    return amounts, covariance, evidence, float((width - np.sum((amounts / sd) ** 2)) / 2)
+
+
+def _courses(recording: GraspResponse) -> Float[np.ndarray, "j f"]:
+    """phi_j, of the size of the force that an amount of one stands for."""
+    load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
+    both = np.outer(load, load)
+    covariance = both * (1 + both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
+    size, course = np.linalg.eigh(covariance / 3)
+    return np.asarray((course[:, -COURSES:] * np.sqrt(size[-COURSES:])).T)
+
+
+def _peak_N(recording: GraspResponse) -> float:
+    """The mean over the pads of what they push at the greatest load."""
+    return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
+
+
+def _axes(inward: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The normal and two directions along the skin, as columns."""
+    first = np.cross(inward, np.eye(3)[np.abs(inward).argmin()])
+    first /= np.linalg.norm(first)
+    return np.column_stack([inward, first, np.cross(inward, first)])
+
+
+def _centre_mm(recording: GraspResponse) -> Float[np.ndarray, "3"]:
+    """About which BalanceEquations takes moments."""
+    return np.asarray(recording.tracks.position_mm.mean(axis=(0, 1)))

@@ -1,0 +1,194 @@
+"""Something beside the pads bears the fruit: its force by conservation, its place, and the modulus with it.
+
+The truth is solved on a mesh of its own, pads and third contact together in equilibrium.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from coarse_fruit import FOOT_MM, NU
+from injected_mismatch import (
+    E_MPA,
+    GEL_N_PER_MM,
+    NAMES,
+    Altered,
+    Recording,
+    bare_pad,
+    injected_case,
+    linear_and_refitted,
+    misplaced,
+    on_pad,
+    true_mesh,
+    true_pads,
+)
+
+from fem.grasp_history import GraspHistory
+from fem.mesh.surface_points import locate
+from fem.mismatch.effects import pose_error, sensor_gain, third_contact
+from fem.mismatch.evidence.equation_cache import balance_equations
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import wrench
+from fem.mismatch.model.third_force import ForceBalance
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.selection.screening import screened
+from fem.mismatch.signature_variant import ONE_WAY
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes, pad_link
+
+PLACE_MM = np.array([0.0, 0.0, FOOT_MM])
+UPWARDS = np.array([0.0, 0.0, 1.0])
+PEAK_N = 0.3
+
+
+def pushed_N(grasp: int, *, late: bool) -> np.ndarray:
+    """The third contact's force: as the pads push, or only over half of their greatest."""
+    normal = true_pads()[grasp][0].force_N @ true_pads()[grasp][0].axes[:, 2]
+    share = normal.sum(axis=1) / normal.sum(axis=1).max()
+    return PEAK_N * (2 * np.maximum(share - 0.5, 0.0) if late else share)
+
+
+@cache
+def third_contact_truth(
+    late: bool, only: int | None
+) -> dict[tuple[str, bytes], tuple[np.ndarray, np.ndarray]]:
+    """By pad and its axes: what is added to its markers' forces, N, and to their displacement for E = 1 MPa.
+
+    Both pads are drawn back by half of the third force each, evenly with their push.
+    """
+    mesh, found = true_mesh(), {}
+    for grasp, pads in enumerate(true_pads()):
+        force = pushed_N(grasp, late=late) * (only in (None, grasp))
+        bare = [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
+        history = GraspHistory(
+            time_s=np.arange(len(force)) * 1.0, phase=("load",) * len(force), pads=tuple(bare)
+        )
+        solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free")
+        solid = replace(solid, contact_nodes=contact_nodes(mesh, [history]))
+        links = [pad_link(pad, solid) for pad in bare]
+        extra = []
+        for pad in pads:
+            push = pad.force_N @ pad.axes[:, 2]
+            share = push / np.maximum(push.sum(axis=1, keepdims=True), 1e-12)
+            extra.append(-0.5 * (force[:, None] * share)[..., None] * UPWARDS)
+        loads = locate(mesh, PLACE_MM[None]).point_load(force[:, None, None] * UPWARDS)
+        loads[:, solid.contact_nodes] += sum(
+            link.nodal_force(own) for link, own in zip(links, extra, strict=True)
+        )
+        assert np.abs(solid.unbalance(loads)[:, :3]).max() < 1e-9
+        moved = solid.displacement(loads)[:, solid.contact_nodes]
+        for pad, link, own in zip(pads, links, extra, strict=True):
+            found[pad.name, pad.axes.tobytes()] = (own, link.at_markers(moved))
+    return found
+
+
+def borne(*, late: bool = False, only: int | None = None) -> Altered:
+    """Every pad as it is where something bears the fruit from below."""
+    truth = third_contact_truth(late, only)
+
+    def change(pad: Recording) -> Recording:
+        force, unit = truth[pad.name, pad.axes.tobytes()]
+        return replace(
+            pad,
+            force_N=pad.force_N + force,
+            gel_mm=pad.gel_mm - (force @ pad.axes / GEL_N_PER_MM) @ pad.axes.T,
+            position_mm=pad.position_mm + unit / E_MPA,
+        )
+
+    return change
+
+
+def forward_of(altered: Altered) -> ForwardModel:
+    return plain_forward_model(injected_case(altered))[0]
+
+
+@pytest.fixture(scope="module")
+def palm() -> ForwardModel:
+    return forward_of(borne())
+
+
+def normal_N(forward: ForwardModel) -> list[np.ndarray]:
+    found = third_contact._found(forward)
+    assert found is not None
+    return [one.force_N @ found.seat.inward for one in found.forces]
+
+
+def test_a_palm_is_found_with_its_place_its_push_and_the_modulus():
+    forward, linear, again = linear_and_refitted(injected_case(borne()), third_contact.EFFECT)
+    assert linear.best[0].gain > 100
+    (found,) = again.parameters
+    assert [found[name] for name in third_contact.CENTRE] == pytest.approx(PLACE_MM.tolist(), abs=1.0)
+    assert found[third_contact.FORCE] == pytest.approx(PEAK_N, rel=0.05)
+    assert again.converged
+    assert modulus_of(forward, again.response).value == pytest.approx(E_MPA, rel=0.03)
+    assert again.fit.chi2 < linear.null.chi2
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["a palm", "a stop that is touched late"])
+def test_the_force_is_what_the_pads_do_not_balance(late: bool):
+    forward = forward_of(borne(late=late))
+    for grasp, force in enumerate(normal_N(forward)):
+        true = pushed_N(grasp, late=late)[forward.base.grasps[grasp].used]
+        # but for what is common to all frames, which the fruit's own weight may be
+        assert force - force.mean() == pytest.approx(true - true.mean(), abs=0.1 * PEAK_N)
+
+
+def test_a_contact_in_one_recording_alone_is_found_in_that_one():
+    first, second = normal_N(forward_of(borne(only=1)))
+    assert np.abs(first).max() < 0.1 * PEAK_N
+    assert second.max() == pytest.approx(PEAK_N, rel=0.07)
+
+
+def test_the_balance_with_a_force_at_another_place_explains_less(palm: ForwardModel):
+    recording = palm.base.grasps[0]
+    equations = balance_equations(palm, recording)
+    assert equations is not None
+    balance = ForceBalance.of(recording, equations)
+    here = balance.force(PLACE_MM, UPWARDS).evidence
+    aside = np.array([0.0, 13.0, -13.0])
+    assert here > balance.force(aside, -aside / np.linalg.norm(aside)).evidence + 100
+    assert balance.force(-PLACE_MM, -UPWARDS).evidence == 0.0, "from above it would have to pull"
+    under_pad = recording.tracks.place_mm[(recording.tracks.episode >= 0).any(axis=0)][0]
+    assert balance.force(under_pad, UPWARDS).evidence == 0.0
+
+
+def test_the_response_balances_the_pads_to_noise(palm: ForwardModel):
+    found = third_contact._found(palm)
+    assert found is not None
+    parameters = dict(zip(third_contact.CENTRE, found.seat.place_mm.tolist(), strict=True))
+    response = third_contact.EFFECT.respond(palm, parameters, ONE_WAY)
+    assert response.balance is not None
+    for recording, balance in zip(palm.base.grasps, response.balance, strict=True):
+        centre = recording.tracks.position_mm.mean(axis=(0, 1))
+        pads = wrench(recording.force_N, recording.tracks.position_mm, centre_mm=centre)
+        assert np.abs(pads[:, :3]).max() > 0.8 * PEAK_N
+        assert np.abs((pads - balance)[:, :3]).max() < 0.15 * PEAK_N
+
+
+@pytest.mark.parametrize(
+    ("altered", "name"),
+    [
+        (lambda pad: pad, "sensor_gain"),
+        (on_pad("left", lambda pad: replace(pad, force_N=1.1 * pad.force_N)), "sensor_gain"),
+        (on_pad("left", misplaced((2.0, -1.5), 4.0)), "pose_error"),
+    ],
+    ids=["null case", "a pad that reads 10 % too much", "a pad that is elsewhere and turned"],
+)
+def test_what_is_not_borne_is_not_said_to_be(altered: Altered, name: str):
+    forward = forward_of(altered)
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    effects = [third_contact.EFFECT, sensor_gain.EFFECT, pose_error.EFFECT]
+    linear = screened(forward, recorded, effects)
+    gains = {one.effect.spec.name: one.gain for one in linear.best}
+    assert gains.get("third_contact", -20.0) < gains[name] - 10
+
+
+def test_a_palm_is_no_pose_error_and_no_gain(palm: ForwardModel):
+    recorded = [GraspEquations.of(palm, recording) for recording in palm.base.grasps]
+    effects = [third_contact.EFFECT, sensor_gain.EFFECT, pose_error.EFFECT]
+    best, second = screened(palm, recorded, effects).best[:2]
+    assert best.effect.spec.name == "third_contact"
+    assert best.gain > second.gain + 10

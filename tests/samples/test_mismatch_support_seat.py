@@ -1,0 +1,61 @@
+"""A third contact pushes where it is, along the skin's normal, and only when the skin comes to it."""
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball, grasped_ball, motion, rough
+
+from samples.hexahedra import Fineness
+from samples.mismatch.bodies import ElasticBody
+from samples.mismatch.effect_levels import LEVELS, drawn_parameters
+from samples.mismatch.grip import InnerContact
+from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
+from samples.mismatch.true_recording import TrueRecording
+
+WAY = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 0.6])
+FINER = Fineness(degrees=(0, 7, 14, 25, 35, 45), along=4, depths=(0, 0.3, 1))
+DIRECTION = np.array([0.0, 0.3, -1.0]) / np.hypot(0.3, 1.0)
+PLACE_MM = 25.0 * DIRECTION
+
+
+def force_on_fruit(truth: TrueRecording) -> np.ndarray:
+    """Sum of both pads' marker forces in the fruit frame, by frame."""
+    return np.sum([np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads], axis=0)
+
+
+def borne(*, N_per_mm: float, gap_mm: float = 0.0) -> np.ndarray:
+    drawn = drawn_ball()
+    grasp, stands = rough(drawn, WAY, FINER)
+    normal = inward_normal(drawn.fruit.skin, PLACE_MM)
+    compliance, seat = with_third_contact(
+        stands.flesh, stands.dofs, centre_mm=PLACE_MM, normal=normal, N_per_mm=N_per_mm, gap_mm=gap_mm
+    )
+    assert isinstance(seat, InnerContact)
+    assert seat.N_per_mm.sum() == pytest.approx(N_per_mm)
+    return force_on_fruit(grasped_ball(grasp, stands, ElasticBody(compliance), inner=seat))
+
+
+def test_the_normal_of_a_ball_points_to_its_middle() -> None:
+    assert inward_normal(drawn_ball().fruit.skin, PLACE_MM) == pytest.approx(-DIRECTION, abs=1e-4)
+
+
+def test_the_pads_are_left_with_a_force_along_the_normal() -> None:
+    free, on_palm = borne(N_per_mm=1e-9), borne(N_per_mm=15.0)
+    assert np.abs(free).max() < 0.03
+    pressed = on_palm[2] - free[2]
+    assert np.linalg.norm(pressed) > 0.05
+    assert pressed / np.linalg.norm(pressed) == pytest.approx(DIRECTION, abs=0.05)
+
+
+def test_nothing_is_borne_before_the_gap_has_closed() -> None:
+    free, far = borne(N_per_mm=1e-9), borne(N_per_mm=15.0, gap_mm=3.0)
+    assert far == pytest.approx(free, abs=1e-5)
+
+
+def test_places_are_drawn_below_and_levels_grow() -> None:
+    rng = np.random.default_rng(5)
+    skin = drawn_ball().fruit.skin
+    places = np.array([drawn_place_mm(skin, rng) for _ in range(30)])
+    assert np.all(places[:, 2] < 0)
+    assert np.degrees(np.arccos(-places[:, 2] / 25.0)).max() <= 30.0 + 1e-6
+    stiffness = [drawn_parameters("third_contact", level, rng)["N_per_mm"] for level in LEVELS]
+    assert stiffness == sorted(stiffness)
