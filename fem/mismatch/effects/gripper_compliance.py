@@ -39,7 +39,7 @@ SPEC = EffectSpec(
         ),
     ),
     correction=Correction.JAW_COMPLIANCE,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.0009, per_compliance=True, trades_with_modulus=True),
+    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.0004, per_compliance=True, trades_with_modulus=True),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -26,7 +26,7 @@ SPEC = EffectSpec(
         number("nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995),
     ),
     correction=Correction.POISSON_RATIO,
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.015),
+    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.01),
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 

@@ -46,7 +46,7 @@ SPEC = EffectSpec(
         ("poisson_ratio", NextGrasp.ACROSS),
         ("graded_modulus", NextGrasp.ACROSS),
     ),
-    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.2, saturating=True),  # mm
+    discrepancy=DiscrepancyPrior(mean=0.0, sd=0.12, saturating=True),  # mm
 )
 """By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
