@@ -19,11 +19,12 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from mismatch_altered import ABLATIONS, WHOLE, altered
+from mismatch_altered import ABLATIONS, LEFT_OUT, WHOLE, altered
 from mismatch_score import score
 from mismatch_summary import summary, table
 
 from fem.fem_failure import FemFailure
+from fem.mismatch.result import UNKNOWN
 from pipeline.batch.cache import code_version
 from pipeline.batch.outcome import FruitEnded
 from pipeline.diagnosis.diagnosed_case import open_case
@@ -55,7 +56,7 @@ def explained(folder: Path, truth: dict[str, Any], ablation: str, work: Path, jo
         with altered(ablation, truth["effect"]):
             case = open_case(folder.resolve(), fruit_id=None, work=work, out=None)
             found = finding(case, StageLog(str), jobs=jobs).explanation
-        row = score(found, truth)
+        row = score(found, {**truth, "effect": UNKNOWN} if ablation == LEFT_OUT else truth)
     except REFUSED as failure:
         row = {"truth": truth["effect"], "failure": " ".join(str(failure).split())}
     except BROKEN as defect:

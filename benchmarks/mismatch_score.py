@@ -26,7 +26,9 @@ def score(found: Explanation, truth: dict[str, Any]) -> dict[str, Any]:
         "truth": name,
         "p_value": found.p_value,
         "detected": found.detected,
-        "right_first": (found.detected and order[:1] == [name]) if named else verdict == [name],
+        "right_first": (found.detected and verdict != [UNKNOWN] and order[:1] == [name])
+        if named
+        else verdict == [name],
         "right_in_two": found.detected and name in order[:2] if named else None,
         "in_set": name in verdict,
         "set_size": len(verdict),

@@ -50,17 +50,17 @@ def explain_verdict(found: ExplainEntry) -> str:
         return (
             f"The recordings differ from the model by something that none of the known effects explains "
             f"({_chance(found.p_value)}); E = {_E(found.E_MPa.before)} is not to be "
-            "trusted."
+            f"trusted: as uncertain as such physics has made it elsewhere, it is {_E(found.E_MPa.after)}."
         )
-    moved = f"taken into account, E goes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
+    moved = f"E goes from {_E(found.E_MPa.before)} to {_E(found.E_MPa.after)}"
     if len(named) > 1:
         names = [effect_name(effect) for effect in by_rank(found)]
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
-        return f"These recordings cannot tell apart: {listed}; with the likeliest of them {moved}."
+        return f"These recordings cannot tell apart: {listed}; with them, as likely as each is, {moved}."
     first = in_short(named[0], found)
     sure = next((one.probability for one in found.ranking if one.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
-    return f"{first[:1].upper()}{first[1:]}{certainty}; {moved}."
+    return f"{first[:1].upper()}{first[1:]}{certainty}; taken into account, {moved}."
 
 
 def by_rank(found: ExplainEntry) -> tuple[str, ...]:

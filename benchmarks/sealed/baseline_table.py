@@ -22,7 +22,7 @@ def finder_answer(one: Scored) -> dict[str, Any]:
     E = one.row["E_after"]
     return {
         "verdict": list(one.verdict) if one.detected else ["none"],
-        "order": list(one.order) if one.detected else [],
+        "order": list(one.order) if one.detected and not one.unknown else [],
         "E": [E["value"], E["sd"]],
         "interval": E["interval"],
         "heldout_ratio": ratio,

@@ -22,7 +22,7 @@ from weighed_residual import weighed_squares
 
 from fem.mismatch import procedure
 from fem.mismatch.result import Candidate, Explanation, Modulus
-from fem.mismatch.selection.detection import null_statistic
+from fem.mismatch.thresholds import LEFT_USUALLY
 from pipeline.batch.cache import code_version
 from pipeline.diagnosis.diagnosed_case import open_case
 from pipeline.diagnosis.diagnosis import finding
@@ -138,7 +138,7 @@ def of_problem(problem: ReducedCase, found: Explanation) -> dict[str, Any]:
     linear = problem.linear()
     return {
         "chi2": linear.null.chi2,
-        "chi2_usual": problem.count * null_statistic("what is left"),
+        "chi2_usual": problem.count * LEFT_USUALLY,
         "features": {
             "gains": gains_of(linear),
             "statistics": problem.statistics(linear),

@@ -51,7 +51,7 @@ class Scored:
     @property
     def named_first(self) -> bool:
         """Whether the true effect is the first name of a case in which something was found."""
-        return self.detected and self.order[:1] == (self.truth,)
+        return self.detected and not self.unknown and self.order[:1] == (self.truth,)
 
     @property
     def covered(self) -> bool:
@@ -63,9 +63,8 @@ class Scored:
     @property
     def both_named(self) -> bool:
         """Whether both effects of a pair are in the first explanation."""
-        return (
-            self.detected and bool(self.order) and set(self.order[0].split("+")) == set(self.truth.split("+"))
-        )
+        first = set(self.order[0].split("+")) if self.order else set()
+        return self.detected and not self.unknown and first == set(self.truth.split("+"))
 
     @property
     def unknown(self) -> bool:

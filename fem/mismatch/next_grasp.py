@@ -23,6 +23,8 @@ LISTED = 5
 LEAST_PROBABILITY = 0.01
 """Of another explanation, from which a single recording leaves it to be told apart. Set by hand: a fifth of
 EQUAL_PROBABILITY (fem.mismatch.thresholds), as nothing else checks a single recording."""
+FOLLOWS_RECORDED_BALANCE = "third_contact"
+"""An effect whose force is taken from the recorded pads' balance, which no candidate has."""
 MOST_EXPLAINED = 4
 """Explanations that are followed to the candidates, the likeliest first. Set by hand, to bound the time."""
 
@@ -61,7 +63,7 @@ def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelect
     `forward`, `linear`: the plain model of the recordings so far, and their linear round.
     """
     left = explanations_left(linear, found, grasps=len(forward.base.grasps))
-    if len(left) < 2:
+    if len(left) < 2 or any(FOLLOWS_RECORDED_BALANCE in one.name.split("+") for one in left):
         return None
     try:
         compared = compared_candidates(forward, left, EFFECTS)
@@ -106,7 +108,7 @@ def in_words(plan: NextGraspPlan) -> str:
     return (
         f"{where} ({pads} degrees round the stem, counted from pad {best.pads[0].pad} of the first "
         f"recording), {manner_in_words(best)}; of {plan.tried} grasps computed this one sets {one} apart "
-        f"from {other} best, by {_rounded(best.gain)} in ln evidence at most"
+        f"from {other} best, by {_rounded(best.gain)} in ln evidence as far as the models go"
     )
 
 

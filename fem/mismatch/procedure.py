@@ -10,7 +10,7 @@ import numpy as np
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked
-from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
 from fem.mismatch.localisation.residual_places import located
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
@@ -21,15 +21,15 @@ from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.detection import best_beyond_quantile, null_statistic, p_values
+from fem.mismatch.selection.detection import best_beyond_quantile, p_values
 from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_verdict import predicts_worse, reported_modulus, withdrawn
+from fem.mismatch.selection.reported_verdict import borne_out, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
-from fem.mismatch.thresholds import DETECTION_P, MOST_NULLS
+from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
 
 
 def explain(
@@ -71,22 +71,18 @@ def explain(
     with stage("short list, in full"):
         count = sum(one.own.shape[1] for one in recorded)
         null_case = NullCase(
-            chi2=count * null_statistic("what is left"),
-            most_chi2=count * null_statistic("what is left", MOST_NULLS),
+            chi2=count * LEFT_USUALLY,
+            most_chi2=count * LEFT_AT_MOST,
             compliance_ratio=forward.compliance_ratio,
         )
         found = select_model(forward, linear, detected=detected, null_case=null_case)
-    best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
     null = (linear.products, linear.nuisances)
-    after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
-    ranking = candidates(found, linear)
-    taken_back: list[str] = []
     with stage("proof"):
+        found, worse = borne_out(found, lambda again: held_out(forward, recorded, null, _model_of(again)))
+        best = None if found.verdict in (NONE, UNKNOWN) else found.ranking[0].refit
+        after = null if best is None else _model_of(best)
+        ranking = candidates(found, linear)
         proof = held_out(forward, recorded, null, after)
-        if best is not None and predicts_worse(proof):
-            taken_back = [WITHDRAWN_NOTE.format(name=ranking[0].effect.replace("_", " "))]
-            found, best, after = withdrawn(found), None, null
-            proof = held_out(forward, recorded, null, null)
         predicted = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -118,7 +114,7 @@ def explain(
                 f"{name} could not be tried: {why}."
                 for name, why in {**linear.without, **found.without}.items()
             ),
-            *taken_back,
+            *(WITHDRAWN_NOTE.format(name=name.replace("_", " ")) for name in worse),
             *([] if best is None else _remarks(best, ranking[0].parameters)),
         ),
         seconds=seconds,
@@ -129,9 +125,14 @@ NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
 )
 WITHDRAWN_NOTE = (
-    "{name} explains the recordings together best, but foretells each from the others worse than the plain "
-    "model does: it stands for something else, and is not named."
+    "{name} is among the best explanations of all recordings together, but foretells those left out worse "
+    "than the plain model does: it stands for something else, and is not named."
 )
+
+
+def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:
+    """A refit's linearised model, and its columns."""
+    return again.near(), (*again.nuisances, *again.slopes)
 
 
 def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:

@@ -157,7 +157,7 @@ class ProposedGrasp:
     `depth`, `speed`: over those of `like`, the recorded grasp it is made of; `hold_s`: None as there.
     `turned`: the same spots with the fruit turned by 180 degrees between the jaws. `gain`: expected ln
     evidence between the two explanations of `pair`, those told apart least; `decides`: probability that it
-    sets the true one apart from every other at odds of 20 to 1.
+    sets the true one of two apart at odds of 20 to 1, of the two for which that is least.
     """
 
     place: str

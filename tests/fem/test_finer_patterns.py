@@ -1,5 +1,6 @@
 """Finer patterns: what the leading ones leave of a growing contact, without most of the noise."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -76,6 +77,18 @@ def mean_error(errors: list[np.ndarray]) -> float:
     """Root mean square of the errors' mean, less what their noise leaves in it."""
     found = np.stack(errors)
     return float(np.sqrt((found.mean(axis=0) ** 2).mean() - (found.var(axis=0, ddof=1) / len(found)).mean()))
+
+
+def test_a_contact_that_grows_in_one_shape_has_no_finer_patterns_but_by_chance(monkeypatch) -> None:
+    """What its leading pattern leaves is noise."""
+    last = growing_contact()[-1]
+    grows = np.pad(np.sin(np.linspace(0.05, np.pi / 2, LOADED)), (AIR, 0))
+    monkeypatch.setattr(sys.modules[__name__], "growing_contact", lambda: grows[:, None, None] * last)
+    counts = []
+    for seed in range(20):
+        history = recorded(np.random.default_rng(seed))
+        counts.append(with_finer_patterns(prepared_grasp(history, TURN), history)[1].count)
+    assert np.mean(counts) < 0.4
 
 
 def test_finer_patterns_come_between_the_leading_ones_and_those_of_a_drift() -> None:

@@ -3,7 +3,8 @@
 import pytest
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
-from fem.mismatch.selection.reported_verdict import predicts_worse, reported_modulus
+from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
+from fem.mismatch.selection.reported_verdict import borne_out, predicts_worse, reported_modulus
 
 PLAIN = Modulus(value=0.4, sd=0.004)
 
@@ -57,3 +58,38 @@ def test_names_that_cannot_be_told_apart_share_E_by_their_probabilities() -> Non
 def test_one_name_has_its_own_E_and_one_without_a_model_the_plain_ones() -> None:
     assert reported_modulus("skin", [candidate("skin", 0.9, 0.3)], PLAIN) == Modulus(value=0.3, sd=0.01)
     assert reported_modulus("skin", [candidate("skin", 0.9, None)], PLAIN) == PLAIN
+
+
+def selection(verdict: str | tuple[str, ...], **refits: object) -> ModelSelection:
+    """Hypotheses in this order; a refit is whatever `proof_of` knows."""
+    ranking = tuple(
+        Hypothesis(name=name, gain=9.0, probability=0.4, linear_fits=(), refit=again)  # type: ignore[arg-type]
+        for name, again in refits.items()
+    )
+    return ModelSelection(ranking=ranking, verdict=verdict, without={})
+
+
+PROOFS = {
+    "good": HeldOut(rms_before=0.05, rms_after=0.03, noise_rms=0.02),
+    "bad": HeldOut(rms_before=0.05, rms_after=0.06, noise_rms=0.02),
+}
+
+
+def proof_of(again: object) -> HeldOut:
+    return PROOFS[str(again)]
+
+
+def test_of_names_that_cannot_be_told_apart_only_those_that_foretell_stand() -> None:
+    found, worse = borne_out(selection(("skin", "slip"), skin="bad", slip="good"), proof_of)
+    assert (found.verdict, worse) == ("slip", ("skin",))
+    assert found.ranking[0].name == "slip"
+
+
+def test_where_no_name_foretells_the_verdict_is_unknown() -> None:
+    found, worse = borne_out(selection("skin", skin="bad", slip="good"), proof_of)
+    assert (found.verdict, worse) == (UNKNOWN, ("skin",))
+
+
+def test_names_that_foretell_and_sound_fruit_are_left_as_they_are() -> None:
+    for before in (selection("skin", skin="good"), selection(NONE, none=None, skin="bad")):
+        assert borne_out(before, proof_of) == (before, ())

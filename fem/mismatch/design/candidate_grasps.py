@@ -89,8 +89,11 @@ def candidate_grasps(grasps: tuple[GraspResponse, ...]) -> list[CandidateGrasp]:
         place(PlaceKind.ACROSS, 90.0, STEM),
     ]
     few = [place(PlaceKind.ROUND, degrees, STEM) for degrees in ROUND_DEG]
-    sideways = np.cross(STEM, jaws)
-    few += [place(PlaceKind.TILTED, sign * TILT_DEG, sideways) for sign in (1, -1)]
+    if abs(jaws @ STEM) < ALONG_STEM:
+        sideways = np.cross(STEM, jaws)
+        few += [place(PlaceKind.TILTED, sign * TILT_DEG, sideways) for sign in (1, -1)]
+    else:  # turned about the stem, jaws along it stay where they are
+        full, few = full[:1], []
     for number, other in enumerate(grasps):
         known = [grasps[one.source] for one in full if one.kind == PlaceKind.SAME]
         if not any(_angle_deg(jaws_of(other), jaws_of(one)) < SAME_DEG for one in known):

@@ -17,6 +17,9 @@ from fem.mismatch.model.baseline import GraspResponse
 
 LOADS = (0.08, 0.2, 0.35, 0.5, 0.65, 0.8, 1.0)
 """Shares of the greatest load at which a candidate's loading and unloading have a frame. Set by hand."""
+PLATEAU = 0.98
+"""Share of the greatest load at which the loading has ended: in a hold noise and creep move the greatest. Set
+by hand."""
 STARTS = 0.05
 """Share of the greatest load below which loading has not begun. Set by hand."""
 LEAST_STEP_S = 1e-3
@@ -46,7 +49,7 @@ class LoadingCourse:
     def of(cls, recording: GraspResponse) -> "LoadingCourse":
         """Of the cycle with the greatest load."""
         load, time = recording.load, recording.time_s
-        peak = int(load.argmax())
+        peak = int(np.argmax(load >= PLATEAU * load.max()))
         first = peak
         numbers = np.flatnonzero(recording.used)
         while first > 0 and numbers[first] - numbers[first - 1] == 1 and load[first - 1] > STARTS:

@@ -1,19 +1,20 @@
 """What the held-out recordings leave of a verdict, and the E that is said with it.
 
-A name that the recordings bear out together must not predict each of them worse from the others than the
+A name that explains all recordings best must not predict those left out worse, taken together, than the
 plain model does: then it stands for something that the catalogue does not have. What E is said goes with the
 verdict: that of the plain model where nothing is missing; the mean over all names that cannot be told apart,
 by their probabilities, its spread what they differ by too; and where something unknown is missing that of the
 plain model, as uncertain as unknown physics has made it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
 from fem.mismatch.selection.model_selection import ModelSelection
+from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.thresholds import ABOVE_NOISE_SHARE, UNKNOWN_MODULUS_SD, WORSE_SHARE
 
 
@@ -26,9 +27,33 @@ def predicts_worse(proof: HeldOut | None) -> bool:
     return proof.rms_after > (1 + WORSE_SHARE) * proof.rms_before
 
 
-def withdrawn(found: ModelSelection) -> ModelSelection:
-    """The selection with its verdict taken back: something is missing, and no name stands."""
-    return replace(found, verdict=UNKNOWN)
+def borne_out(
+    found: ModelSelection, proof_of: Callable[[Refit], HeldOut | None]
+) -> tuple[ModelSelection, tuple[str, ...]]:
+    """The selection with those names alone that do not predict worse than none, and the others.
+
+    The names that stand come first in the ranking; where none does, the verdict is "unknown". `proof_of`: the
+    held-out recordings by a refit.
+    """
+    if found.verdict in (NONE, UNKNOWN):
+        return found, ()
+    names = (found.verdict,) if isinstance(found.verdict, str) else found.verdict
+    worse = tuple(
+        one.name
+        for one in found.ranking
+        if one.name in names and one.refit is not None and predicts_worse(proof_of(one.refit))
+    )
+    left = tuple(name for name in names if name not in worse)
+    if not worse:
+        return found, ()
+    if not left:
+        return replace(found, verdict=UNKNOWN), worse
+    ranking = tuple(sorted(found.ranking, key=lambda one: one.name in worse))
+    first = [one for one in ranking if one.name in left and one.refit is not None]
+    if not first:
+        return replace(found, verdict=UNKNOWN), worse
+    ranking = (first[0], *(one for one in ranking if one is not first[0]))
+    return replace(found, ranking=ranking, verdict=left[0] if len(left) == 1 else left), worse
 
 
 def reported_modulus(verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus) -> Modulus:
