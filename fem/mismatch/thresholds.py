@@ -63,8 +63,8 @@ cases leave; where it leaves more of both, it is none of the catalogue. Set by h
 the catalogue lacks (`benchmarks/mismatch_bank.py FOLDER outside`)."""
 LEFT_USUALLY, LEFT_AT_MOST = 0.038, 0.053
 """What the plain model leaves of sound recordings, chi-square per number: median, and of all but a few. Of 22
-cases of nine fruits by the present equations (the column "what is left" of `benchmarks/mismatch_nulls.py`); the
-null reference's older cases leave more, as moments were taken about the markers' places alone."""
+cases of nine fruits by the present equations (the column "what is left" of `benchmarks/mismatch_nulls.py`);
+the null reference's older cases leave more, as moments were taken about the markers' places alone."""
 ABOVE_NOISE_SHARE, WORSE_SHARE = 0.1, 0.01
 """Where the plain model leaves a tenth more than noise in recordings left out, a name that leaves a hundredth
 more than that model is withdrawn. Of twelve labelled cases by another solver all true names leave less or the
