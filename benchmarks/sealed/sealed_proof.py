@@ -84,12 +84,14 @@ def answer(chosen: argparse.Namespace, salt: str) -> None:
         left = [one for one in chosen.ablation if (case.case_id, one) not in done]
         if not left:
             continue
-        if sealed(salt, label_of(case)) != seals[case.case_id]:
-            raise SystemExit(
-                f"{case.case_id} is drawn otherwise than sealed: wrong salt, or samples/ changed"
-            )
         with tempfile.TemporaryDirectory() as scratch:
             folder = (chosen.cases or Path(scratch)) / case.case_id
+            if not _is_simulated(folder) and sealed(salt, label_of(case)) != seals[case.case_id]:
+                raise SystemExit(
+                    f"{case.case_id} is drawn otherwise than sealed: wrong salt, or samples/ changed. "
+                    "Simulate it in a checkout of the manifest's commit with --keep --cases DIR, and answer "
+                    "it here with the same --cases."
+                )
             for row in _rows_of(case, folder, left, chosen):
                 keep_line(path, row)
                 said = row.get("failure") or f"{' | '.join(row['verdict'])}, p {row['p']:.2g}"
@@ -98,12 +100,17 @@ def answer(chosen: argparse.Namespace, salt: str) -> None:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
+def _is_simulated(folder: Path) -> bool:
+    """Whether the case is kept here, with the facts of its simulation beside it (--keep)."""
+    return (folder / "case.toml").is_file() and folder.with_name(f"{folder.name}.json").is_file()
+
+
 def _rows_of(
     case: SealedCase, folder: Path, ablations: list[str], chosen: argparse.Namespace
 ) -> list[dict[str, Any]]:
     """Rows of one case; its simulation is read from `folder` where it is there."""
     facts = folder.with_name(f"{case.case_id}.json")
-    if not (folder / "case.toml").is_file() or not facts.is_file():
+    if not _is_simulated(folder):
         started = time.process_time()
         folder.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -11,8 +11,9 @@ from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
-from fem.mismatch.model.force_products import ForceNoise, OfAll
+from fem.mismatch.model.force_products import ForceNoise, OfAll, OfFlesh, OfResponse, OfSomeForces
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.inner_changes import OfInnerChange
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import own_markers, response_to
 from fem.mismatch.procedure import plain_forward_model
@@ -127,3 +128,23 @@ def energy(equations: GraspEquations, field: np.ndarray, without: np.ndarray) ->
     heavy = equations.weighed_markers(without)
     other = field - without * float((field * heavy).sum() / (without * heavy).sum())
     return float((other * equations.weighed_markers(other)).sum())
+
+
+def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> None:
+    forward, _, noise = noisy()
+    columns = [
+        *SKIN.signatures(forward)[0].columns,
+        *GAIN.signatures(forward)[0].columns,
+        *common_nuisances(forward),
+    ]
+    kinds = set()
+    for column in columns:
+        assert column.of_forces is not None
+        kinds.add(type(column.of_forces))
+        fields = column.of_forces.fields(noise)
+        scale = float(np.abs(fields * noise.weighed).sum())
+        found = column.of_forces.product(noise)
+        assert found == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
+    assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse}
+    whole = OfAll()
+    assert whole.product(noise) == pytest.approx(directly(whole.fields(noise), noise), rel=1e-6)

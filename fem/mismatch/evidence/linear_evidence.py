@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float, Int
 from fem.estimation.zero_drift import ZeroDrifts
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
+from fem.mismatch.evidence.noise_of_change import noise_of_change, noise_products
 from fem.mismatch.evidence.nuisances import own_nuisances
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import ForceNoise, OfAll
@@ -167,6 +168,8 @@ class GramMatrix:
         *,
         noise: Sequence[ForceNoise] = (),
     ) -> None:
+        self._noise = tuple(noise)
+        self._noise_products: dict[tuple[int, ...], np.ndarray] = {}
         plain_fields = [_plain(forward, one) for one in recorded]
         self.columns = [
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=OfAll()),
@@ -209,6 +212,7 @@ class GramMatrix:
         found = cls.__new__(cls)
         found.columns, found.rows, found.products = list(columns), list(rows), list(products)
         found.weighed, found.data, found._recorded = [], [], []
+        found._noise, found._noise_products = (), {}
         found.bias = np.zeros((len(rows), len(columns)))
         return found
 
@@ -225,13 +229,19 @@ class GramMatrix:
         renumbered.
 
         `signatures`: columns that the model is like while it is small. The noise of forces in it, and in
-        `more`, is taken for theirs, in the amounts in which the model and `more` are like them.
+        `more`, is taken for theirs, in the amounts in which the model and `more` are like them
+        (fem.mismatch.evidence.noise_of_change).
         """
         other = copy(self)
         biased = [j for j in signatures if self.bias[:, j].any()]
         changes = [_change(forward, self._recorded, response), *(column.fields for column in more)]
         like_signatures = self._amounts_of(biased, changes)
-        other.bias = np.hstack([self.bias[:, [0, *chosen]], self.bias[:, biased] @ like_signatures[1:].T])
+        noise = noise_of_change(
+            self.bias[:, [0, *biased]], self._products_of_noise(biased), like_signatures[0]
+        )
+        other.bias = np.column_stack(
+            [noise.plain, self.bias[:, list(chosen)], noise.signatures @ like_signatures[1:].T]
+        )
         old = [self.columns[j] for j in chosen]
         plain_fields = [ObservationDelta(markers=forward.compliance * unit) for unit in response.unit]
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
@@ -262,11 +272,23 @@ class GramMatrix:
             own[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
             own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
             own = _corrected(own, other.bias[k, own_rows])
-            own[0, 0] += 2 * like_signatures[0] @ self.bias[k, biased]
+            own[0, 0] += noise.square[k]
             other.products.append(own)
             other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
             other.rows.append(np.array(own_rows, dtype=np.int64))
         return other, tuple(range(1, len(other.columns)))
+
+    def _products_of_noise(self, biased: Sequence[int]) -> Float[np.ndarray, "k c1 c1"]:
+        """Of the noise in the plain model's column and in these, recording by recording; solved for once."""
+        chosen = (0, *biased)
+        if chosen not in self._noise_products:
+            found = np.zeros((len(self._recorded), len(chosen), len(chosen)))
+            for k, noise in enumerate(self._noise if biased else ()):
+                known = [None if self.columns[j].fields[k] is None else self.columns[j] for j in chosen]
+                of_forces = [None if column is None else column.of_forces for column in known]
+                found[k] = noise_products(of_forces, noise, self._recorded[k].weighed_markers)
+            self._noise_products[chosen] = found
+        return self._noise_products[chosen]
 
     def _amounts_of(
         self, columns: Sequence[int], changes: Sequence[Sequence[ObservationDelta | None]]

@@ -11,6 +11,9 @@ brought back to the forces, g_r = sum_t a_r(t) (W e)(t), and its adjoint field o
 every phi: where phi is a change of the flesh's law, phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r),
 
     phi(df) . W e = s sum_r (K0^-1 L g_r) . b(dU_r)
+
+With an effect of amount a in the model the noise of the response is C df + a phi(df), and fields' products
+with each other, q = E[phi(df) . W phi(df)], say from where on more of it leaves no less noise: a = n / q.
 """
 
 from collections.abc import Callable
@@ -50,6 +53,17 @@ class ForceNoise:
         """Their mean, for the recording as it is thinned: a frame left out has its share in the patterns."""
         return float(products.mean()) * self.recording.kept
 
+    def solved(self, loads: Float[np.ndarray, "p r m 3"]) -> Float[np.ndarray, "p f n 3"]:
+        """s sum_r a_r(t) L' K0^-1 b_r at the markers, of loads on the whole flesh by the first patterns."""
+        flat = loads.reshape(-1, *loads.shape[2:])
+        moved = self.recording.at_markers(self.solid.displacement(flat)[:, self.solid.contact_nodes])
+        return self.over_time(moved.reshape(*loads.shape[:2], *moved.shape[1:]))
+
+    def over_time(self, response: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p f n 3"]:
+        """s sum_r a_r(t) c_r of responses by the first patterns."""
+        shares = self.recording.shares[:, : response.shape[1]]
+        return np.asarray(self.compliance * np.einsum("fr,prnx->pfnx", shares, response))
+
     @cached_property
     def inner_products(self) -> dict[str, float]:
         """n / s of pit and Poisson's ratio, cause by cause (fem.estimation.sensitivity).
@@ -72,6 +86,10 @@ class LinearInForces(Protocol):
         """n of the module's docstring for one recording."""
         ...
 
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """phi(df) of each draw at the markers, mm in the column's unit."""
+        ...
+
 
 @dataclass(frozen=True)
 class OfFlesh:
@@ -84,11 +102,18 @@ class OfFlesh:
 
     def product(self, noise: ForceNoise) -> float:
         """By the adjoint fields: no solve."""
+        loads = self._loads(noise)
+        work = np.einsum("prmx,prmx->p", noise.adjoint[:, : loads.shape[1]], loads, optimize=True)
+        return noise.compliance * noise.of_draws(work)
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern."""
+        return noise.solved(self._loads(noise))
+
+    def _loads(self, noise: ForceNoise) -> Float[np.ndarray, "p r m 3"]:
         draws, patterns, nodes = len(noise.moved), noise.recording.finer.first, noise.moved.shape[2]
         moved = noise.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
-        loads = self.load(noise.recording, moved)
-        work = np.einsum("qmx,qmx->q", noise.adjoint[:, :patterns].reshape(loads.shape), loads)
-        return noise.compliance * noise.of_draws(work.reshape(draws, patterns).sum(axis=1))
+        return self.load(noise.recording, moved).reshape(draws, patterns, nodes, 3)
 
 
 @dataclass(frozen=True)
@@ -99,12 +124,11 @@ class OfResponse:
 
     def product(self, noise: ForceNoise) -> float:
         """Directly."""
-        recording = noise.recording
-        found = [
-            float((self.part(recording, recording.over_time(response)) * weighed).sum())
-            for response, weighed in zip(_all_patterns(recording, noise.response), noise.weighed, strict=True)
-        ]
-        return noise.compliance * noise.of_draws(np.array(found))
+        return noise.of_draws(np.einsum("pfnx,pfnx->p", self.fields(noise), noise.weighed))
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """Without a solve."""
+        return np.stack([self.part(noise.recording, own) for own in noise.over_time(noise.response)])
 
 
 @dataclass(frozen=True)
@@ -115,9 +139,20 @@ class OfSomeForces:
 
     def product(self, noise: ForceNoise) -> float:
         """By the adjoint fields at the markers."""
-        flat = noise.force_N.reshape(-1, *noise.force_N.shape[2:])
-        own = self.part(noise.recording, flat).reshape(noise.force_N.shape)
+        own = self._forces(noise)
         return noise.compliance * noise.of_draws(np.einsum("prnx,prnx->p", noise.adjoint_response, own))
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern."""
+        own, nodes = self._forces(noise), noise.moved.shape[2]
+        loads = np.zeros((*own.shape[:2], nodes, 3))
+        flat = own.reshape(-1, *own.shape[2:])
+        loads[:, :, noise.solid.contact_nodes] = noise.recording.nodal_of(flat).reshape(*own.shape[:2], -1, 3)
+        return noise.solved(loads)
+
+    def _forces(self, noise: ForceNoise) -> Float[np.ndarray, "p r n 3"]:
+        flat = noise.force_N.reshape(-1, *noise.force_N.shape[2:])
+        return self.part(noise.recording, flat).reshape(noise.force_N.shape)
 
 
 @dataclass(frozen=True)
@@ -131,11 +166,6 @@ class OfAll:
         own = np.einsum("prnx,prnx->p", noise.pulled, noise.response)
         return self.share * noise.compliance * noise.of_draws(own)
 
-
-def _all_patterns(
-    recording: GraspResponse, response: Float[np.ndarray, "p r n 3"]
-) -> Float[np.ndarray, "p q n 3"]:
-    """With zeros for the patterns that have no noise of their own (a drift's)."""
-    found = np.zeros((len(response), len(recording.patterns), *response.shape[2:]))
-    found[:, : response.shape[1]] = response
-    return found
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """The response itself."""
+        return self.share * noise.over_time(noise.response)

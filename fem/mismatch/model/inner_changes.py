@@ -48,3 +48,12 @@ class OfInnerChange:
     def product(self, noise: ForceNoise) -> float:
         """n of the cause; zero where the fruit has no such one."""
         return noise.compliance * noise.inner_products.get(self.cause, 0.0)
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern; zero where the fruit has no such cause."""
+        draws, patterns, nodes = len(noise.moved), noise.recording.finer.first, noise.moved.shape[2]
+        moved = noise.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
+        causes, loads = inner_forces(noise.solid, moved, list(noise.recording.links), with_surface=False)
+        if self.cause not in causes:
+            return np.zeros_like(noise.weighed)
+        return noise.solved(loads[list(causes).index(self.cause)].reshape(draws, patterns, nodes, 3))
