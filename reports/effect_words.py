@@ -43,8 +43,8 @@ def explain_verdict(found: ExplainEntry) -> str:
     named = found.verdict
     if named == ("none",):
         return (
-            f"Nothing is missing: the recordings agree with the model within their noise "
-            f"(E = {_E(found.E_MPa.before)})."
+            f"Nothing is found to be missing: the recordings agree with the model within their noise "
+            f"(E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found)."
         )
     if named == ("unknown",):
         return (

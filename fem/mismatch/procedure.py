@@ -26,7 +26,7 @@ from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_verdict import borne_out, reported_modulus
+from fem.mismatch.selection.reported_verdict import borne_out, reported_modulus, undetected_spread
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
 from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
@@ -100,7 +100,7 @@ def explain(
         ranking=ranking,
         verdict=found.verdict,
         before=plain,
-        after=reported_modulus(found.verdict, ranking, plain),
+        after=reported_modulus(found.verdict, ranking, plain, undetected=undetected_spread(found, p_value)),
         heldout=proof,
         next_grasp=fixed if plan is None else in_words(plan),
         next_grasp_plan=plan,

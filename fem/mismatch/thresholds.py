@@ -74,6 +74,8 @@ UNKNOWN_MODULUS_SD = 0.17
 """Relative; of E where something unknown is missing. So that nine of ten of the plain model's errors on
 twelve labelled cases with an effect lie within 1.645 of it (1 to 27 %, stiffening alone more;
 `benchmarks/mismatch.py`)."""
+P_EXPONENT = 0.1
+"""x of the density x p^(x - 1) that p has where an effect is present: one over the mean of -ln p."""
 MOST_NULLS = 0.95
 """Share of the null cases that stands for all but a few of them: what the best effect gains, and what the
 plain model leaves. The complement of DETECTION_P."""

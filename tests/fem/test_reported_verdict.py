@@ -1,10 +1,19 @@
 """The E that is said with a verdict, and names that foretell worse than none."""
 
+import math
+from types import SimpleNamespace
+
 import pytest
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
-from fem.mismatch.selection.reported_verdict import borne_out, predicts_worse, reported_modulus
+from fem.mismatch.selection.reported_verdict import (
+    borne_out,
+    predicts_worse,
+    reported_modulus,
+    undetected_spread,
+)
+from fem.mismatch.thresholds import P_EXPONENT, TEMPERATURE
 
 PLAIN = Modulus(value=0.4, sd=0.004)
 
@@ -35,6 +44,29 @@ def test_within_noise_or_of_one_recording_held_out_fits_say_nothing() -> None:
 
 def test_where_nothing_is_missing_E_is_the_plain_models() -> None:
     assert reported_modulus(NONE, [candidate("skin", 0.04, 0.3)], PLAIN) == PLAIN
+
+
+def fitted(name: str, gain: float, change: float) -> Hypothesis:
+    linear = SimpleNamespace(modulus_change=change)
+    return Hypothesis(name=name, gain=gain, probability=0.1, linear_fits=(linear,), refit=None)  # type: ignore[arg-type]
+
+
+def test_an_effect_that_went_undetected_widens_E_and_does_not_move_it() -> None:
+    said = reported_modulus(NONE, [], PLAIN, undetected=0.03)
+    assert (said.value, said.sd) == (PLAIN.value, pytest.approx(math.hypot(PLAIN.sd, 0.03 * PLAIN.value)))
+
+
+def test_what_effects_may_do_counts_by_their_gains_and_by_p() -> None:
+    """By hand: two effects, one of them e^2 likelier; odds x p^(x - 1) that there is one at all."""
+    ranking = (fitted("pit_size", TEMPERATURE * 2.0, 0.06), fitted("skin", 0.0, -0.02))
+    found = ModelSelection(ranking=ranking, verdict=NONE, without={})
+    share = math.exp(2.0) / (1 + math.exp(2.0))
+    change = math.sqrt(share * 0.06**2 + (1 - share) * 0.02**2)
+    for p in (0.06, 0.9):
+        ratio = P_EXPONENT * p ** (P_EXPONENT - 1)
+        assert undetected_spread(found, p) == pytest.approx(math.sqrt(ratio / (1 + ratio)) * change)
+    assert undetected_spread(found, 0.9) < 0.5 * undetected_spread(found, 0.06)
+    assert undetected_spread(ModelSelection(ranking=(), verdict=NONE, without={}), 0.06) == 0.0
 
 
 def test_where_something_unknown_is_missing_E_is_as_uncertain_as_that() -> None:

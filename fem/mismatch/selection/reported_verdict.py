@@ -2,9 +2,10 @@
 
 A name that explains all recordings best must not predict those left out worse, taken together, than the
 plain model does: then it stands for something that the catalogue does not have. What E is said goes with the
-verdict: that of the plain model where nothing is missing; the mean over all names that cannot be told apart,
-by their probabilities, its spread what they differ by too; and where something unknown is missing that of the
-plain model, as uncertain as unknown physics has made it.
+verdict: that of the plain model where nothing is missing, its spread what effects that went undetected may do
+to it too; the mean over all names that cannot be told apart, by their probabilities, its spread what they
+differ by too; and where something unknown is missing that of the plain model, as uncertain as unknown physics
+has made it.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,7 +16,16 @@ import numpy as np
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
 from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.thresholds import ABOVE_NOISE_SHARE, UNKNOWN_MODULUS_SD, WORSE_SHARE
+from fem.mismatch.thresholds import (
+    ABOVE_NOISE_SHARE,
+    P_EXPONENT,
+    TEMPERATURE,
+    UNKNOWN_MODULUS_SD,
+    WORSE_SHARE,
+)
+
+LEAST_P = 1e-6
+"""Of an undetected effect p is above DETECTION_P; this only keeps a power finite."""
 
 
 def predicts_worse(proof: HeldOut | None) -> bool:
@@ -56,10 +66,29 @@ def borne_out(
     return replace(found, ranking=ranking, verdict=left[0] if len(left) == 1 else left), worse
 
 
-def reported_modulus(verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus) -> Modulus:
-    """E as the module's docstring says."""
+def undetected_spread(found: ModelSelection, p_value: float) -> float:
+    """Relative spread of E by effects that may be there though none was detected.
+
+    On sound fruit p is uniform; with an effect its density is taken as x p^(x - 1), x = P_EXPONENT (Sellke,
+    Bayarri and Berger 2001, The American Statistician 55, 62-71). At even odds beforehand that is the
+    probability of some effect; which one, their gains say.
+    """
+    known = [one for one in found.ranking if one.linear_fits]
+    if not known:
+        return 0.0
+    density_ratio = P_EXPONENT * max(p_value, LEAST_P) ** (P_EXPONENT - 1)
+    gain = np.array([one.gain for one in known])
+    weight = np.exp((gain - gain.max()) / TEMPERATURE)
+    change = np.array([one.linear_fits[0].modulus_change for one in known])
+    return float(np.sqrt(density_ratio / (1 + density_ratio) * (weight @ change**2) / weight.sum()))
+
+
+def reported_modulus(
+    verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus, *, undetected: float = 0.0
+) -> Modulus:
+    """E as the module's docstring says. `undetected`: of undetected_spread."""
     if verdict == NONE:
-        return plain
+        return replace(plain, sd=float(np.hypot(plain.sd, undetected * plain.value)))
     if verdict == UNKNOWN:
         return replace(plain, sd=float(np.hypot(plain.sd, UNKNOWN_MODULUS_SD * plain.value)))
     names = (verdict,) if isinstance(verdict, str) else verdict

@@ -28,7 +28,7 @@ class LinearFit:
     """One signature of one effect among the columns of a case, fitted with the nuisances.
 
     `gain`: ln evidence over that of the nuisances, `auxiliary_log_likelihood` (fem.mismatch.effect) included,
-    of which `direct` counts whatever the motion says.
+    of which `direct` counts whatever the motion says. `modulus_change`: relative, of E by the fit.
     """
 
     effect: Effect
@@ -38,6 +38,7 @@ class LinearFit:
     gain: float
     auxiliary_log_likelihood: float
     chi2_drop: float
+    modulus_change: float
     direct: float = 0.0
 
     @property
@@ -196,6 +197,7 @@ def _linear_fit(
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
+        modulus_change=0.0 if wrong else float((1 + null.amounts[0]) / max(1 + fit.amounts[0], 0.5)) - 1,
     )
 
 
