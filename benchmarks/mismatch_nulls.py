@@ -109,9 +109,9 @@ def _gain(row: dict[str, Any], name: str) -> float:
 
 
 def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """What nine of ten rows stay below, effect by effect."""
+    """What nine of ten rows stay below, effect by effect; one that shows in no signature gains nothing."""
     names = sorted({name for row in rows for name in row["shown"]})
-    gains = {name: [_gain(row, name) for row in rows if name in row["shown"]] for name in names}
+    gains = {name: [_gain(row, name) if name in row["shown"] else 0.0 for row in rows] for name in names}
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
 
