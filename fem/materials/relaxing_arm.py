@@ -41,9 +41,14 @@ class RelaxingArm:
 
 
 def lagging(
-    values: Float[np.ndarray, "t n 3"], time_s: Float[np.ndarray, " t"], retardation_s: float
-) -> Float[np.ndarray, "t n 3"]:
-    """h with h' = (c - h) / retardation, exact where c runs straight between frames; at first h = c."""
+    values: Float[np.ndarray, "t ..."],
+    time_s: Float[np.ndarray, " t"],
+    retardation_s: float | Float[np.ndarray, "..."],
+) -> Float[np.ndarray, "t ..."]:
+    """h with h' = (c - h) / retardation, exact where c runs straight between frames; at first h = c.
+
+    A retardation time for all values, or each its own.
+    """
     lag = np.empty_like(values)
     lag[0] = values[0]
     for k in range(1, len(values)):

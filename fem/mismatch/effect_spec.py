@@ -83,6 +83,10 @@ class NextGrasp(StrEnum):
     SPEEDS = "grasp one spot at two speeds that differ tenfold, each with a hold of ten seconds"
     DEPTHS = "grasp one spot to two depths that differ by half, at the same speed"
     ACROSS = "grasp across the last direction, and along the stem if the jaws allow it"
+    SHEARED_HOLD = (
+        "grasp one spot, hold it for ten seconds, then move the jaws sideways and hold again: juice that has "
+        "been lost shows in the squeeze alone, creep in both"
+    )
     DRY = "grasp once more with a dry, wiped skin and a sideways move during the hold"
 
 

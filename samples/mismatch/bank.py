@@ -19,6 +19,7 @@ _LATER = (
     ("adhesion",),
     ("sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift"),
     ("third_contact",),
+    ("drainage", "split_pit"),
 )
 """Effects that came after the first bank, as they came: their cases stand last, so that the others keep their
 draws."""
@@ -30,7 +31,7 @@ _PAIRS = (
 )  # fmt: skip
 
 
-_COME_IN = ("palm",)
+_COME_IN = ("split_pit", "palm", "drainage")
 """Physics that has come into the catalogue since: its number among the cases outside of it stays free."""
 
 

@@ -50,6 +50,7 @@ from samples.mismatch.out_of_catalogue import (
     out_of_catalogue_body,
     out_of_catalogue_recorded,
 )
+from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
 from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
@@ -64,7 +65,7 @@ GEL_FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "thermal_drift": with_thermal_drift,
 }
 """What makes each fault of the gels, by its effect's name."""
-BODIES = ("viscoelastic", "loose_pit", "third_contact")
+BODIES = ("viscoelastic", "loose_pit", "third_contact", "split_pit")
 """Effects that make the fruit another body, of which there can be one beside the laws of the flesh's own."""
 
 
@@ -226,6 +227,13 @@ def body_of(
         return LoosePitBody(loose), pit_contact(flesh, gap_mm=laws[0].number("gap_mm"))
     if not laws:
         return ElasticBody(skin_compliance(stiffness, stands.dofs)), None
+    if laws[0].effect == "split_pit":
+        if len(injected) > 1:
+            raise SampleFailure("split_pit is injected alone: no other flesh is made with two half pits.")
+        split = split_pit_stiffness(
+            flesh, angle_deg=laws[0].number("angle_deg"), share=laws[0].number("share")
+        )
+        return ElasticBody(skin_compliance(split, stands.dofs)), None
     if laws[0].effect == "third_contact" and skin is not None:
         place = np.array(laws[0].parameters["centre_mm"])
         compliance, seat = with_third_contact(

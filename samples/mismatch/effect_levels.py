@@ -37,6 +37,8 @@ _RANGES: dict[str, dict[str, tuple[Range, Range, Range]]] = {
     "gel_hysteresis": {"share": ((0.03, 0.05), (0.06, 0.09), (0.1, 0.14))},
     "thermal_drift": {"strain_per_root_s": ((2e-4, 4e-4), (6e-4, 1e-3), (1.3e-3, 2.1e-3))},
     "third_contact": {"N_per_mm": ((2.0, 4.0), (6.0, 10.0), (15.0, 30.0))},
+    "drainage": {"volume_share": ((0.1, 0.2), (0.3, 0.5), (0.6, 0.9))},
+    "split_pit": {"share": ((0.3, 0.5), (0.6, 0.8), (0.9, 1.0))},
     "pose_error": {"size": ((0.25, 0.4), (0.5, 0.65), (0.8, 1.0))},
 }
 """From and to at each level, in the parameter's own unit (docs/formats.md; `change` and `share_per_s` are
@@ -129,6 +131,10 @@ def drawn_parameters(effect: str, level: int | Amplitude, rng: np.random.Generat
         return {"a": sign * size}
     if effect == "gel_creep":
         return {"creep": size, "creep_tau_s": float(np.exp(rng.uniform(np.log(0.5), np.log(6.0))))}
+    if effect == "drainage":
+        return {name: size, "tau_s": float(np.exp(rng.uniform(np.log(0.4), np.log(6.0))))}
+    if effect == "split_pit":
+        return {"angle_deg": float(rng.uniform(-90.0, 90.0)), name: size}
     if effect == "thermal_drift":
         return {name: size, "peak_share_per_root_s": size * float(rng.uniform(15.0, 25.0))}
     if effect == "pose_error":

@@ -9,6 +9,7 @@ from jaxtyping import Float
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.mismatch.altered_flesh import graded, stiffer_along_stem, with_skin, with_soft_spot
+from samples.mismatch.draining import Draining
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.flesh_laws import Damaged, FleshLaw, Lame, StiffeningFlesh, Yielding
 from samples.mismatch.four_grasps import CaseGrasp
@@ -19,8 +20,9 @@ EFFECTS = (
     "pit_offset", "pit_size", "loose_pit", "slip", "plastic_set", "damage", "sensor_gain", "sensor_drift",
     "gripper_compliance", "clock_lag", "pose_error", "adhesion",
     "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift", "third_contact",
+    "drainage", "split_pit",
 )  # fmt: skip
-MATERIAL_LAWS = ("stiffening", "plastic_set", "damage")
+MATERIAL_LAWS = ("stiffening", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
 """Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
 STIFFENING_IS_FIRMER = 3.0
@@ -100,6 +102,9 @@ def flesh_law(one: InjectedEffect, flesh: BrickFlesh) -> tuple[FleshLaw, float]:
     if one.effect == "plastic_set":
         limit, hardening = one.number("yield_over_E") * modulus, one.number("hardening") * modulus
         return Yielding(lame=lame, yield_MPa=limit, hardening_MPa=hardening), 1.0
+    if one.effect == "drainage":
+        share, tau_s = one.number("volume_share"), one.number("tau_s")
+        return Draining(lame=lame, volume_share=share, tau_s=tau_s), 1.0
     return Damaged(lame=lame, dmax=one.number("dmax"), W0_MPa=one.number("W0_over_E") * modulus), 1.0
 
 

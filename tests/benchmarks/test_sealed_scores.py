@@ -68,6 +68,8 @@ def test_a_case_without_an_answer_is_reported_and_not_scored():
 def test_a_physics_that_the_catalogue_has_learnt_counts_as_a_single_effect():
     one = scored({**CASES["f"][1], "catalogue": ["skin", "third_contact"]}, LABELS["f"])
     assert (one.kind, one.truth) == ("single", "third_contact")
+    one = scored({**CASES["g"][1], "catalogue": ["skin", "drainage"]}, LABELS["g"])
+    assert (one.kind, one.truth) == ("single", "drainage")
 
 
 def test_with_its_effect_left_out_a_single_case_is_outside_the_catalogue():

@@ -20,7 +20,7 @@ WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [*EFFECTS, "split_pit", "palm", "drainage"])
+@pytest.mark.parametrize("effect", [*EFFECTS, "palm"])
 def test_an_effect_runs_on_a_graded_mesh(effect: str) -> None:
     rng = np.random.default_rng(3)
     drawn = drawn_ball()

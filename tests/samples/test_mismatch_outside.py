@@ -9,8 +9,8 @@ from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
     out_of_catalogue_body,
-    split_pit_stiffness,
 )
+from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.sample_failure import SampleFailure
 
@@ -32,6 +32,29 @@ def test_a_split_pit_is_softer_than_a_whole_one() -> None:
         total_N(grasped_ball(grasp, stands, ElasticBody(split)))[2]
         < total_N(grasped_ball(grasp, stands, ElasticBody(whole)))[2]
     )
+
+
+def test_a_bond_lets_the_halves_part_by_its_share() -> None:
+    _, stands = rough(drawn_ball(core_mm=14.0), WAY)
+    whole = skin_compliance(stands.flesh.stiffness, stands.dofs).dense()
+    free, bonded = (
+        skin_compliance(split_pit_stiffness(stands.flesh, angle_deg=50.0, share=share), stands.dofs).dense()
+        - whole
+        for share in (1.0, 0.4)
+    )
+    assert np.abs(bonded - 0.4 * free).max() < 0.01 * np.abs(free).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn"),
+    [
+        ("split_pit", {}),
+        ("drainage", {"volume_share": 0.7910885062, "tau_s": 1.0395734275}),
+    ],
+)
+def test_what_has_come_into_the_catalogue_is_drawn_as_ever(name: str, drawn: dict[str, float]) -> None:
+    found = drawn_out_of_catalogue(name, np.random.default_rng(0)).parameters
+    assert found == pytest.approx(drawn)
 
 
 def test_a_palm_takes_what_the_pads_do_not_balance() -> None:

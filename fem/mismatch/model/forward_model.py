@@ -142,8 +142,8 @@ class ForwardModel:
 
 
 def over_all_frames(
-    recording: GraspResponse, values: Float[np.ndarray, "f n 3"]
-) -> Float[np.ndarray, "t n 3"]:
+    recording: GraspResponse, values: Float[np.ndarray, "f ..."]
+) -> Float[np.ndarray, "t ..."]:
     """Values of the frames used, in all frames of the recording: zero without contact, linear in between.
 
     For laws that depend on the history.

@@ -1,0 +1,110 @@
+"""A pit of two rigid halves by a stiffness of its own: six more unknowns, factorised anew.
+
+As samples.mismatch.out_of_catalogue does on its bricks. The fruit is that of coarse_fruit but for a pit as
+large, beside the flesh, as a nectarine's: what its halves do is seen through 8 mm of flesh.
+"""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU
+from fem_shapes import ball
+from injected_mismatch import E_MPA, NAMES, TIME_S, Altered, Recording, bare_pad, true_pads
+from scipy.sparse import csr_array, diags_array, hstack
+
+from fem.grasp_history import GraspHistory
+from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
+from fem.mismatch.model.parted_pit import EDGE_MM
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.pad_link import contact_nodes, pad_link
+from fem.solid.rigid_core import pit_centre_mm, reduction
+from fem.sparse.solver import factorise
+
+PIT_HALF_AXES_MM = np.array([12.0, 11.0, 12.0])
+PIT_MIDDLE_MM = np.array([0.5, -0.8, 1.0])
+
+
+def meshed(edge_mm: float, at_pads_mm: float, points: int) -> FleshMesh:
+    """Flesh about the large pit, with short edges where the pads press."""
+    vertices, faces = ball(points, semi_axes_mm=HALF_AXES_MM)
+    vertices[:, 2] = np.maximum(vertices[:, 2], FOOT_MM)
+    pit = ball(500, semi_axes_mm=PIT_HALF_AXES_MM, centre_mm=PIT_MIDDLE_MM)
+    where = np.array([side * np.eye(3)[k] * HALF_AXES_MM[k] for k in (0, 1) for side in (1, -1)])
+    return tetrahedralise(
+        vertices, faces, *pit, edge_mm=edge_mm, refine_at_mm=where, refine_radius_mm=4.5,
+        refine_edge_mm=at_pads_mm,
+    )  # fmt: skip
+
+
+@cache
+def finders_mesh() -> FleshMesh:
+    """The mesh that the finder is handed."""
+    return meshed(7.0, 2.8, 1000)
+
+
+@cache
+def true_mesh() -> FleshMesh:
+    """The mesh that the truth is solved on."""
+    return meshed(6.0, 2.0, 2000)
+
+
+def off_suture_mm(solid: UnitModulusSolid, angle_deg: float) -> np.ndarray:
+    """Distance of the pit's nodes from the plane through the stem's axis at this angle to x."""
+    angle, mesh = np.radians(angle_deg), solid.mesh
+    from_centre = mesh.nodes_mm[mesh.pit_nodes] - pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
+    return from_centre @ np.array([-np.sin(angle), np.cos(angle), 0.0])
+
+
+def parted_displacement(solid: UnitModulusSolid, loads: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Displacement of a free fruit, E = 1 MPa; `second`: the share of the second half's motion that each of
+    the pit's nodes takes part in, the first half's being nothing.
+    """
+    mesh = solid.mesh
+    motions = reduction(mesh.nodes_mm, mesh.pit_nodes).tocsc()
+    weight = np.ones(len(mesh.nodes_mm))
+    weight[mesh.pit_nodes] = second
+    ways = csr_array(hstack([motions[:, :-6], diags_array(np.repeat(weight, 3)) @ motions[:, -6:]]))
+    factor = factorise(csr_array(ways.T @ solid.stiffness @ ways), last=np.zeros(0, dtype=np.int64))
+    balanced = solid.free_body.balance(loads.reshape(len(loads), -1).T)
+    moved = solid.free_body.without_rigid_motion(ways @ factor.solve(ways.T @ balanced))
+    return np.ascontiguousarray(moved.T).reshape(loads.shape)
+
+
+@cache
+def units(angle_deg: float | None, edge_mm: float = EDGE_MM) -> dict[tuple[str, bytes], np.ndarray]:
+    """By pad and its axes: displacement of its markers for E = 1 MPa about a pit split at an angle, or whole.
+
+    At the suture's edge the surface's displacement passes from one half's to the other's over `edge_mm`.
+    """
+    mesh, found = true_mesh(), {}
+    for grasp, pads in enumerate(true_pads()):
+        bare = [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
+        history = GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(bare))
+        nodes = contact_nodes(mesh, [history])
+        solid = UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free", contact_nodes=nodes)
+        links = [pad_link(pad, solid) for pad in bare]
+        loads = np.zeros((len(TIME_S), *mesh.nodes_mm.shape))
+        loads[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(links, bare, strict=True))
+        if angle_deg is None:
+            moved = solid.displacement(loads)
+        else:
+            second = np.clip(0.5 + off_suture_mm(solid, angle_deg) / edge_mm, 0.0, 1.0)
+            moved = parted_displacement(solid, loads, second)
+        for link, true in zip(links, pads, strict=True):
+            found[true.name, true.axes.tobytes()] = link.at_markers(moved[:, nodes])
+    return found
+
+
+def about_the_pit(angle_deg: float | None = None, share: float = 1.0) -> Altered:
+    """Every pad as it is about the large pit: whole (None), or with a share of what free halves do."""
+    whole, split = units(None), units(angle_deg)
+    before = {(pad.name, pad.axes.tobytes()): pad.unit for pads in true_pads() for pad in pads}
+
+    def change(pad: Recording) -> Recording:
+        key = (pad.name, pad.axes.tobytes())
+        unit = whole[key] + share * (split[key] - whole[key])
+        moved = (unit - before[key]) / E_MPA
+        return replace(pad, position_mm=pad.position_mm + moved, origin_mm=pad.origin_mm + moved.mean(axis=1))
+
+    return change

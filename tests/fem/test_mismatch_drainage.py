@@ -1,0 +1,166 @@
+"""Flesh that loses juice: its modes against the samples' law and the elastic law it ends at; found again.
+
+The coarse fruit's truth is stepped through time on a mesh of its own (drained_flesh).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from coarse_fruit import NU
+from drained_flesh import drained
+from injected_mismatch import E_MPA, TIME_S, Altered, injected_case, only_grasp
+from pinched_forward_model import COMPLIANCE, FRAMES, forward_of
+
+from fem.elements.assembly import unit_lame_constants
+from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
+from fem.mismatch.evidence.linear_evidence import GraspEquations
+from fem.mismatch.model.fading_volume import FadingVolume
+from fem.mismatch.model.reduced_law import ReducedLaw
+from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.selection.modulus_with import modulus_of
+from fem.mismatch.selection.refinement import refit
+from fem.mismatch.selection.screening import LinearRound, screened
+from fem.mismatch.signature_variant import ONE_WAY, value_of
+from fem.solid.linear_solid import UnitModulusSolid
+from samples.mismatch.draining import Draining
+from samples.mismatch.flesh_laws import Lame
+
+EFFECTS = [drainage.EFFECT, viscoelastic.EFFECT, poisson_ratio.EFFECT, clock_lag.EFFECT]
+MU, LAME = unit_lame_constants(NU)
+
+
+def uniform_strain() -> ReducedLaw:
+    """A cube of 1 mm3 in uniform strain along its axes, pulled at one pair of faces."""
+    shear, volume = 2 * np.eye(3), np.ones((3, 3))
+    shares = np.linspace(0.0, 1.0, FRAMES)[:, None] ** 0.3
+    nothing = np.zeros((FRAMES, 1, 3))
+    return ReducedLaw(
+        parts=np.stack([shear, volume]),
+        load=np.array([[0.01], [0.0], [0.0]]),
+        recording=np.eye(3)[:, None],
+        shares=shares,
+        first=nothing,
+        unchanged=nothing,
+    )
+
+
+@pytest.mark.parametrize(("share", "tau_s"), [(0.3, 0.2), (0.9, 0.05), (0.9, 2.0)])
+def test_the_samples_law_gives_back_the_pull_from_the_strain(share: float, tau_s: float):
+    law = uniform_strain()
+    recording = forward_of().base.grasps[0]
+    volume = FadingVolume.of(law, mu=MU, lame=LAME)
+    strain = volume.response(recording, share=share, tau_s=tau_s)[:, 0]
+    # between frames the forces run straight: the strain there, by the same modes on a finer grid of times
+    history = recording.case.history
+    fine_s = np.linspace(0, history.time_s[-1], 70 * (FRAMES - 1) + 1)
+    finer = replace(
+        recording,
+        used=np.ones(len(fine_s), dtype=bool),
+        case=replace(recording.case, history=replace(history, time_s=fine_s, pads=())),
+    )
+    shares = np.interp(fine_s, history.time_s, law.shares[:, 0])[:, None]
+    fine_law = replace(law, shares=shares, unchanged=np.zeros((len(fine_s), 1, 3)))
+    fine = FadingVolume.of(fine_law, mu=MU, lame=LAME).response(finer, share=share, tau_s=tau_s)[:, 0]
+    np.testing.assert_allclose(fine[::70], strain, atol=1e-12)
+    lame = Lame(mu=MU, lam=LAME)
+    truth = Draining(lame=lame, volume_share=share, tau_s=tau_s)
+    state = truth.at_first(())
+    for step in range(1, len(fine_s)):
+        H = np.diag(fine[step])
+        excess, state = truth.excess(H, state, float(fine_s[step] - fine_s[step - 1]))
+        stress = lame.linear(H) + excess
+        np.testing.assert_allclose(stress, np.diag([0.01 * shares[step, 0], 0, 0]), atol=3e-5)
+
+
+@pytest.mark.parametrize("share", [0.3, 0.9])
+def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float):
+    forward = forward_of()
+    (recording,) = forward.base.grasps
+    gone = {drainage.SHARE: share, drainage.TAU: 1e-4}
+    found = drainage.EFFECT.respond(forward, gone, ONE_WAY).unit[0]
+    left = (1 - share) * LAME
+    ratio = left / (2 * (left + MU))
+    solid = UnitModulusSolid.factorise(forward.base.mesh, poisson_ratio=ratio, support="free")
+    solid = replace(solid, contact_nodes=forward.base.solid_of(recording).contact_nodes)
+    leading = recording.leading
+    loads = np.zeros((len(leading), *forward.base.mesh.nodes_mm.shape))
+    loads[:, solid.contact_nodes] = recording.nodal_of(recording.patterns[leading])
+    moved = solid.displacement(loads)[:, solid.contact_nodes] / (2 * MU * (1 + ratio))
+    change = recording.at_markers(moved) - recording.response[leading]
+    expected = np.tensordot(recording.shares[:, leading], change, axes=1)
+    more = found - recording.tracks.unit_displacement
+    # one time constant of 0.1 ms behind the frames' 100 ms: the last 0.1 % of a frame's step
+    assert np.linalg.norm(more - expected) < 5e-3 * np.linalg.norm(expected)
+    assert np.linalg.norm(expected) > 0.05 * np.linalg.norm(recording.tracks.unit_displacement)
+
+
+def test_each_signature_is_the_slope_of_the_model_at_no_drainage():
+    forward = forward_of()
+    plain = forward.base.grasps[0].tracks.unit_displacement
+    for signature in drainage.EFFECT.signatures(forward):
+        parameters = {drainage.SHARE: 1e-5, drainage.TAU: value_of(signature.variant)}
+        more = drainage.EFFECT.respond(forward, parameters, ONE_WAY).unit[0]
+        markers = signature.columns[0].fields[0].markers
+        slope = COMPLIANCE * (more - plain) / 1e-5
+        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
+
+
+def test_no_drainage_changes_nothing_and_little_time_drains_nothing():
+    forward = forward_of()
+    plain = forward.base.grasps[0].tracks.unit_displacement
+    for share, tau_s in [(0.0, 1.0), (0.9, 1e6)]:
+        same = drainage.EFFECT.respond(forward, {drainage.SHARE: share, drainage.TAU: tau_s}, ONE_WAY)
+        np.testing.assert_allclose(same.unit[0], plain, atol=1e-6 * np.abs(plain).max())
+
+
+def rounds(altered: Altered, **options: object):
+    forward, _ = plain_forward_model(injected_case(altered, **options))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    return forward, screened(forward, recorded, EFFECTS)
+
+
+def gains(linear: LinearRound) -> dict[str, float]:
+    return {one.effect.spec.name: one.gain for one in linear.best}
+
+
+@pytest.mark.parametrize(
+    ("share", "least_gain", "share_off", "tau_off"), [(0.85, 2000, 0.05, 0.12), (0.4, 150, 0.05, 0.15)]
+)
+def test_draining_flesh_is_found_with_its_share_its_time_and_the_modulus(
+    share: float, least_gain: float, share_off: float, tau_off: float
+):
+    tau_s = 0.8
+    forward, linear = rounds(drained(share, tau_s))
+    best, second = linear.best[:2]
+    assert best.effect is drainage.EFFECT
+    assert best.gain > max(least_gain, second.gain + 50)
+    again = refit(forward, linear, [best])
+    assert again is not None
+    (found,) = again.parameters
+    assert found[drainage.SHARE] == pytest.approx(share, abs=share_off)
+    assert found[drainage.TAU] == pytest.approx(tau_s, rel=tau_off)
+    assert modulus_of(again.forward, again.response).value == pytest.approx(E_MPA, rel=0.02)
+
+
+def test_an_unaltered_fruit_does_not_seem_to_drain():
+    _, linear = rounds(lambda pad: pad)
+    assert gains(linear)["drainage"] < 1.0
+
+
+def test_flesh_whose_whole_resistance_fades_is_viscoelastic():
+    def relaxed(unit: np.ndarray) -> np.ndarray:
+        law = viscoelastic.RelaxingArm(g=0.3, tau_s=0.8)
+        lag = viscoelastic.lagging(unit, TIME_S, law.retardation_s)
+        return unit + law.creep_share * lag
+
+    _, linear = rounds(lambda pad: pad, crept=relaxed)
+    found = gains(linear)
+    assert linear.best[0].effect is viscoelastic.EFFECT
+    assert found["viscoelastic"] > found["drainage"] + 50
+
+
+def test_one_grasp_is_enough_for_a_strong_case():
+    forward, _ = plain_forward_model(only_grasp(injected_case(drained(0.85, 0.8)), 0))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    assert screened(forward, recorded, EFFECTS).best[0].effect is drainage.EFFECT
