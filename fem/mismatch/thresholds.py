@@ -62,8 +62,8 @@ UNKNOWN_LEFT, UNKNOWN_EXCESS = 0.6, 0.3
 cases leave; where it leaves more of both, it is none of the catalogue. Set by hand on cases whose effect
 the catalogue lacks (`benchmarks/mismatch_bank.py FOLDER outside`)."""
 LEFT_USUALLY, LEFT_AT_MOST = 0.0374, 0.0569
-"""What the plain model leaves of sound recordings, chi-square per number: median, and of all but one in twenty
-of the null reference's 100 cases (the column "what is left" of `benchmarks/mismatch_nulls.py`)."""
+"""What the plain model leaves of sound recordings, chi-square per number: median, and of all but one in
+twenty of the null reference's 100 cases (the column "what is left" of `benchmarks/mismatch_nulls.py`)."""
 ABOVE_NOISE_SHARE, WORSE_SHARE = 0.1, 0.01
 """Where the plain model leaves a tenth more than noise in recordings left out, a name that leaves a hundredth
 more than that model is withdrawn. Of twelve labelled cases by another solver all true names leave less or the
