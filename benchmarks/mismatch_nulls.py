@@ -95,6 +95,7 @@ def row_of(folder: Path, without: Collection[str] = (), grasps: int | None = Non
         "case": f"{folder.parent.name}/{folder.name}",
         **statistics,
         "softness": forward.compliance_ratio,
+        "tried": [effect.spec.name for effect in EFFECTS],
         "shown": shown,
     }
 
@@ -109,9 +110,19 @@ def _gain(row: dict[str, Any], name: str) -> float:
 
 
 def _usual(rows: list[dict[str, Any]]) -> dict[str, float]:
-    """What nine of ten rows stay below, effect by effect; one that shows in no signature gains nothing."""
-    names = sorted({name for row in rows for name in row["shown"]})
-    gains = {name: [_gain(row, name) if name in row["shown"] else 0.0 for row in rows] for name in names}
+    """What nine of ten rows stay below, kind by kind; an effect tried that has no signature gains nothing.
+
+    A row without "tried" is of before that was written down: of what it has a signature of.
+    """
+    kinds = {kind: name for name, spec in SPECS.items() for kind in spec.kinds}
+    gains = {
+        kind: [
+            _gain(row, kind) if kind in row["shown"] else 0.0
+            for row in rows
+            if kind in row["shown"] or kinds.get(kind) in row.get("tried", ())
+        ]
+        for kind in sorted({kind for row in rows for kind in row["shown"]})
+    }
     return {name: max(float(np.quantile(own, USUALLY)), 0.0) for name, own in gains.items()}
 
 

@@ -32,6 +32,7 @@ from fem.mismatch.thresholds import (
     PAIR_LEFT,
     PAIR_PLAIN_GAIN,
     PAIR_SHARE,
+    PAIR_SHARE_ELSE,
     REFIT_SHARE,
     TEMPERATURE,
     UNKNOWN_EXCESS,
@@ -220,8 +221,8 @@ def _pairs(
     least = max(PAIR_GAIN, null_case.least)
     if single.fit.chi2 <= null_case.most_chi2:
         least = max(least, PAIR_PLAIN_GAIN * null_case.compliance_ratio)
-    if any(spec.strain_power for effect in single.effects for spec in effect.spec.searched):
-        least = max(least, PAIR_SHARE * best.gain)
+    bends = any(spec.strain_power for effect in single.effects for spec in effect.spec.searched)
+    least = max(least, (PAIR_SHARE if bends else PAIR_SHARE_ELSE) * best.gain)
     may_leave = null_case.most_chi2 + PAIR_LEFT * (single.fit.chi2 - null_case.chi2)
     gains = added_gains(linear, single)
     best_of: dict[str, tuple[float, LinearFit]] = {}
