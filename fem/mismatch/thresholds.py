@@ -13,7 +13,7 @@ them together name the right effect is what `benchmarks/mismatch.py` shows on 86
 
 DETECTION_P = 0.05
 """p-value below which there is a mismatch: the usual level. Of 100 null cases, each held against the other
-fruits, 7 lie below (`benchmarks/mismatch_nulls.py`)."""
+fruits, 6 lie below (`benchmarks/mismatch_nulls.py`)."""
 
 MOST_SINGLES, MOST_PAIRS = 5, 2
 """Explanations of the linear round that are refitted at most. Set by hand, to bound the time of a case."""
