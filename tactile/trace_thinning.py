@@ -58,9 +58,9 @@ def thin(
     starts = np.unique(starts)
     size = np.diff(np.r_[starts, frames])
     middle = starts + size // 2
-    mean_N, mean_s = np.add.reduceat(force_N, starts) / size, np.add.reduceat(time_s, starts) / size
+    mean_N = np.add.reduceat(force_N, starts) / size
     share = (
-        _path(mean_s, 0.0)
+        _path(np.add.reduceat(time_s, starts) / size, 0.0)
         + _path(mean_N, noise_N / np.sqrt(size.mean()))
         + _path(np.add.reduceat(travel_mm, starts) / size, noise_mm / np.sqrt(size.mean()))
     ) / 3
@@ -69,7 +69,8 @@ def thin(
     kept = np.unique(np.r_[0, kept, frames - 1])
     allowed = BOUND * np.sqrt(1 + 1 / size) * noise_N
     while True:
-        apart = np.abs(mean_N - np.interp(mean_s, time_s[kept], force_N[kept]))
+        line_N = np.interp(time_s, time_s[kept], force_N[kept])
+        apart = np.abs(np.add.reduceat(force_N - line_N, starts)) / size
         worst = _worst_between(kept, middle, apart, apart > allowed)
         if not len(worst) or len(kept) + len(worst) > LIMIT_KEPT:
             break
