@@ -44,6 +44,7 @@ def row_of(name: str, trace: IndenterTrace, account: Account, seconds: float) ->
     tau = [p.value for n, p in relaxing.parameters.items() if n.startswith("tau")]
     relaxes = sum(c.probability for c in said.ranking if "viscoelastic" in c.effect)
     onset = top.parameters["onset_mm"]
+    trace = account.trace
     end, blocks = account.end.rms(trace.force_N), account.blocks.rms(trace.force_N)
     verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
     return {
@@ -70,6 +71,7 @@ def row_of(name: str, trace: IndenterTrace, account: Account, seconds: float) ->
 
 def plot(path: Path, name: str, trace: IndenterTrace, account: Account) -> None:
     """Force over time and over travel; measured, both laws, and what the end was predicted to be."""
+    trace = account.trace
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), layout="constrained")
     for axes, x in ((left, trace.time_s), (right, trace.travel_mm)):
         axes.plot(x, trace.force_N, ".", ms=3, color="0.6", label="measured")

@@ -118,7 +118,7 @@ def main() -> None:
                         off.setdefault(f"{parameter} of {name}", []).append(
                             (found.value / true - 1, low <= true <= high)
                         )
-                ratios.append(account.end.rms(trace.force_N))
+                ratios.append(account.end.rms(account.trace.force_N))
         print(f"{kind:34s}", "  ".join(f"{n} x {v}" for v, n in said.most_common()), flush=True)
     print("\nparameter: median error, share of 90 % intervals that hold the truth, traces")
     for name, rows in off.items():

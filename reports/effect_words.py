@@ -46,6 +46,15 @@ def explain_verdict(found: ExplainEntry) -> str:
             f"Nothing is found to be missing: the recordings agree with the model within their noise "
             f"(E = {_E(found.E_MPa.after)}, its spread counts what is too small to be found)."
         )
+    if found.E_withheld is not None:
+        either = " or ".join(effect_name(effect) for effect in by_rank(found))
+        what = (
+            "The recording differs from the model by something that none of the known effects explains "
+            f"({_chance(found.p_value)})"
+            if named == ("unknown",)
+            else f"This recording cannot tell apart: {either}"
+        )
+        return f"{what}; E is withheld: {found.E_withheld}."
     if named == ("unknown",):
         return (
             f"The recordings differ from the model by something that none of the known effects explains "

@@ -98,8 +98,8 @@ def modulus_over_time(found: ExplainEntry) -> list[tuple[str, Markup]]:
         return []
     values = np.array([cell.E_MPa for cell in sure])
     low, high = np.quantile(values, [0.02, 0.98])
-    ends = [float(low), float(high), found.E_MPa.before.value, found.E_MPa.after.value]
-    limits = padded(ends)
+    levels = [found.E_MPa.before.value, found.E_MPa.after.value]
+    limits = padded([float(low), float(high), *(level for level in levels if math.isfinite(level))])
     pads = sorted({cell.pad for cell in sure})
     charts = []
     for grasp, cells in groupby(sorted(sure, key=lambda c: (c.grasp, c.time_s)), key=lambda c: c.grasp):
@@ -119,6 +119,8 @@ def _cells_chart(
     parts.append(axis_x(x, label="time (s)", top=_TOP, bottom=_BOTTOM, at_most=7))
     parts.append(_axis_y(y, label="E of each frame (MPa)"))
     for value, kind in ((found.E_MPa.before.value, "before"), (found.E_MPa.after.value, "after")):
+        if not math.isfinite(value):  # E is withheld
+            continue
         parts.append(element("line", x1=_LEFT, x2=_RIGHT, y1=y(value), y2=y(value), class_=f"level {kind}"))
     for cell in cells:
         k = pads.index(cell.pad)

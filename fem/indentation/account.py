@@ -1,15 +1,17 @@
 """All that is known of one trace: the answer, and the fits and predicted forces behind it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.fit import TraceFit
-from fem.indentation.heldout import Prediction, predict
+from fem.indentation.fit import TraceFit, fit
+from fem.indentation.heldout import Prediction, predictions
+from fem.indentation.naming import Forecasts, named
 from fem.indentation.next_trace import next_press
 from fem.indentation.no_contact import first_touch, no_contact_noise
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
+from fem.indentation.rupture import before_rupture, find_rupture
 from fem.indentation.search import candidate_fits
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
@@ -17,7 +19,7 @@ from fem.indentation.trace_catalogue import OF_THE_MACHINE
 from fem.indentation.trace_checks import checks
 from fem.indentation.trace_detection import Detection, detect
 from fem.indentation.trace_noise import NoContactNoise
-from fem.mismatch.result import NONE, Explanation, HeldOut, ModulusCell, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
 #: a phase with this share of the excess misfit is when the mismatch shows
 MOST = 0.6
@@ -25,13 +27,20 @@ MOST = 0.6
 CELLS = 24
 #: depth over radius from which small strain is far behind
 DEEP = 0.5
+#: standard deviation, over the travel, of an onset that is not fitted
+FIXED = 1e-6
+#: E that is not given: not a number, which files write as null
+WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: predicted forces."""
+    """`linear`, `named`: fits of the baseline and of the likeliest law; `end`, `blocks`: predicted forces.
+    `trace`: what was explained, cut before a rupture where there is one.
+    """
 
     explanation: Explanation
+    trace: IndenterTrace
     linear: TraceFit
     named: TraceFit
     end: Prediction
@@ -67,23 +76,36 @@ def account_for(
             f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
             f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
         )
+    ruptured = find_rupture(trace, noise_N=no_contact.slow_N)
+    if ruptured is not None:
+        trace = before_rupture(trace, ruptured)
+        no_contact = no_contact_noise(trace, first_touch(trace))
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     fits = candidate_fits(law, trace, no_contact, rng=rng)
     candidates, best = ranking(fits)
     log_odds = log_odds_of_any(fits)
     found = detect(fits[0], trace, no_contact, log_odds=log_odds, rng=rng)
-    verdict = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
-    named = fits[0] if verdict == NONE else best[candidates[0].effect]
-    notes = _notes(trace, named, thickness_mm)
+    proposed = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
+    forecasts = Forecasts(best, trace, no_contact)
+    naming = named(proposed, candidates, best, forecasts, trace)
+    verdict = naming.verdict
+    names = verdict if isinstance(verdict, tuple) else (verdict,)
+    likeliest = naming.ranking[0].effect if verdict == UNKNOWN else names[0]
+    chosen = best[likeliest]
+    notes = (
+        *([ruptured.said] if ruptured is not None else []),
+        *naming.notes,
+        *_notes(trace, chosen, thickness_mm),
+        *(_with_onset_zero(trace, chosen, no_contact) if naming.after is not None else ()),
+    )
     try:
-        end, blocks = predict(fits[0], named, trace, no_contact)
+        foretold = forecasts.of(likeliest)
     except FemFailure as failure:
-        end, blocks = predict(fits[0], fits[0], trace, no_contact)
-        notes = (*notes, f"No prediction with {candidates[0].effect}: {failure.detail}.")
-    rms = end.rms(trace.force_N)
+        foretold = forecasts.of(NONE)
+        notes = (*notes, f"No prediction with {likeliest}: {failure.detail}.")
+    end, blocks = predictions(forecasts.of(NONE), foretold)
     out = np.isfinite(end.before_N)
     noise = no_contact.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
-    remaining = [best[name] for name in verdict] if isinstance(verdict, tuple) else []
     explanation = Explanation(
         detected=verdict != NONE,
         p_value=found.p_value,
@@ -91,23 +113,48 @@ def account_for(
         where=Where(region=_where(verdict)),
         when=_when(trace, found),
         component="normal",
-        ranking=candidates,
+        ranking=naming.ranking,
         verdict=verdict,
-        before=modulus_of(fits[0]),
-        after=modulus_of(named),
-        heldout=HeldOut(rms_before=rms[0], rms_after=rms[1], noise_rms=noise),
-        next_grasp=next_press(remaining, trace, no_contact),
+        before=modulus_of(fits[0]) if naming.after is not None else WITHHELD,
+        after=naming.after or WITHHELD,
+        withheld=naming.withheld,
+        heldout=HeldOut(
+            rms_before=forecasts.of(NONE).end_share, rms_after=foretold.end_share, noise_rms=noise
+        ),
+        next_grasp=next_press([best[name] for name in names if name in best], trace, no_contact),
         cells=_cells(trace, fits[0], no_contact),
-        checks=checks(trace, fits[0], named, rng=rng),
+        checks=checks(trace, fits[0], chosen, rng=rng),
         notes=notes,
     )
     return Account(
         explanation=explanation,
+        trace=trace,
         linear=fits[0],
-        named=named,
+        named=chosen,
         end=end,
         blocks=blocks,
         no_contact=no_contact,
+    )
+
+
+def _with_onset_zero(trace: IndenterTrace, chosen: TraceFit, no_contact: NoContactNoise) -> tuple[str, ...]:
+    """The same law with the first touch where the travel starts, where the fit has it before that."""
+    start = float(trace.travel_mm[0])
+    at = [u.name for u in chosen.law.unknowns].index("onset_mm")
+    if not chosen.scaled[at] < start:
+        return ()
+    fixed = tuple(
+        replace(u, mean=start, sd=FIXED * float(np.ptp(trace.travel_mm))) if u.name == "onset_mm" else u
+        for u in chosen.law.baseline
+    )
+    guess = chosen.scaled.copy()
+    guess[at] = start
+    again = fit(replace(chosen.law, baseline=fixed), trace, no_contact, guess[None], follow=1)
+    modulus = modulus_of(again)
+    return (
+        f"The fitted onset lies {start - chosen.scaled[at]:.2f} mm before the travel starts. With onset 0 "
+        f"E is {modulus.value:.3g} ± {modulus.sd:.2g} MPa, and {again.share:.1%} of the force is left "
+        "unexplained.",
     )
 
 
@@ -157,7 +204,10 @@ def _notes(trace: IndenterTrace, named: TraceFit, thickness_mm: float | None) ->
     onset = float(named.law.values(named.scaled[None])["onset_mm"][0])
     onset_sd = float(named.sd[1])
     depth = float(trace.travel_mm.max()) - onset
+    zero = named.law.values(named.scaled[None])["zero_N"][0]
     notes = [
+        f"First touch {onset - trace.travel_mm[0]:.3g} ± {onset_sd:.2g} mm into the travel, with the load "
+        f"cell at {zero:.3g} ± {float(named.sd[2]):.2g} N before it.",
         f"The best law leaves {100 * named.share:.1f} % of the force unexplained; intervals allow for it.",
     ]
     if onset - trace.travel_mm[0] > 3 * onset_sd + 0.02 * depth:

@@ -29,12 +29,7 @@ class Prediction:
 
     def rms(self, force_N: Float[np.ndarray, " t"]) -> tuple[float, float]:
         """Root mean square error over that of the force left out, before and after."""
-        out = np.isfinite(self.before_N)
-        size = np.sqrt(np.mean(force_N[out] ** 2))
-        return (
-            float(np.sqrt(np.mean((self.before_N - force_N)[out] ** 2)) / size),
-            float(np.sqrt(np.mean((self.after_N - force_N)[out] ** 2)) / size),
-        )
+        return _share(self.before_N, force_N), _share(self.after_N, force_N)
 
 
 def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
@@ -53,20 +48,61 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     return np.asarray(frames >= first)
 
 
+@dataclass(frozen=True, kw_only=True)
+class Foretold:
+    """What one law says of the frames that it was not fitted to, NaN elsewhere, and how far off it is: root
+    mean squares over that of the force left out.
+    """
+
+    end_N: Float[np.ndarray, " t"]
+    blocks_N: Float[np.ndarray, " t"]
+    end_share: float
+    blocks_share: float
+
+    @property
+    def product(self) -> float:
+        """Of both shares: its root is their geometric mean."""
+        return self.end_share * self.blocks_share
+
+    def gains_on(self, other: "Foretold", *, by: float = 0.0) -> bool:
+        """Whether it misses less, by so large a share, of the end or of the blocks: what shows in the ramp
+        alone helps to foretell no hold.
+        """
+        keeps = 1 - by
+        return self.end_share < keeps * other.end_share or self.blocks_share < keeps * other.blocks_share
+
+
+def foretell(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> Foretold:
+    """The law, refitted without the frames it foretells: the trace's end, and its blocks in turn."""
+    block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
+    end = _left_out(known, trace, no_contact, [future_frames(trace)])
+    blocks = _left_out(known, trace, no_contact, [block, ~block])
+    return Foretold(
+        end_N=end,
+        blocks_N=blocks,
+        end_share=_share(end, trace.force_N),
+        blocks_share=_share(blocks, trace.force_N),
+    )
+
+
+def predictions(before: Foretold, after: Foretold) -> tuple[Prediction, Prediction]:
+    """Both laws side by side: the trace's end, and its blocks."""
+    return (
+        Prediction(protocol="end", before_N=before.end_N, after_N=after.end_N),
+        Prediction(protocol="blocks", before_N=before.blocks_N, after_N=after.blocks_N),
+    )
+
+
 def predict(
     linear: TraceFit, named: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
 ) -> tuple[Prediction, Prediction]:
-    """Both laws, refitted without the frames they predict: the trace's end, and its blocks in turn."""
-    block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
-    ways = {"end": [future_frames(trace)], "blocks": [block, ~block]}
-    return tuple(  # type: ignore[return-value]
-        Prediction(
-            protocol=name,
-            before_N=_left_out(linear, trace, no_contact, masks),
-            after_N=_left_out(named, trace, no_contact, masks),
-        )
-        for name, masks in ways.items()
-    )
+    """What both laws foretell of the trace's end, and of its blocks."""
+    return predictions(foretell(linear, trace, no_contact), foretell(named, trace, no_contact))
+
+
+def _share(foretold_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
+    out = np.isfinite(foretold_N)
+    return float(np.sqrt(np.mean((foretold_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
 
 
 def _left_out(

@@ -89,13 +89,22 @@ def verdict_of(
         return NONE
     if log_odds < np.log(2 / ALARM):
         return UNKNOWN if best[NONE].share > NOTICED else NONE
-    unexplained = best[candidates[0].effect].share
-    if unexplained > max(LEFT_OVER, LEFT_OF_LINEAR * best[NONE].share):
+    if not explains(best[candidates[0].effect], best[NONE]):
         return UNKNOWN
+    named = close_to_best(candidates)
+    return named[0] if len(named) == 1 else named
+
+
+def explains(one: TraceFit, linear: TraceFit) -> bool:
+    """Whether a law leaves little enough of the force to be the explanation."""
+    return one.share <= max(LEFT_OVER, LEFT_OF_LINEAR * linear.share)
+
+
+def close_to_best(candidates: tuple[Candidate, ...]) -> tuple[str, ...]:
+    """Names that evidence cannot tell from the first; no pair beside one of its own effects."""
     limit = np.log(candidates[0].probability) - APART
     close = [c.effect for c in candidates if np.log(max(c.probability, 1e-300)) >= limit]
-    named = [n for n in close if not any(o != n and o in n.split("+") for o in close)]
-    return named[0] if len(named) == 1 else tuple(named)
+    return tuple(n for n in close if not any(o != n and o in n.split("+") for o in close))
 
 
 def modulus_of(one: TraceFit) -> Modulus:
@@ -105,11 +114,11 @@ def modulus_of(one: TraceFit) -> Modulus:
 
 
 def parameters_of(one: TraceFit) -> dict[str, Parameter]:
-    """The effects' parameters by the names that files use, and the onset that goes with them."""
+    """The effects' parameters by the names that files use, with onset and zero that go with them."""
     found: dict[str, Parameter] = {}
     at = 0
     for u in one.law.baseline:
-        if u.name == "onset_mm":
+        if u.name in ("onset_mm", "zero_N"):
             found[u.name] = u.parameter(float(one.scaled[at]), float(one.sd[at]))
         at += 1
     for effect in one.law.effects:

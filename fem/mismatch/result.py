@@ -187,7 +187,8 @@ class Explanation:
 
     `statistics`: each detection statistic's own p-value. `notes`: sentences a reader must know (one grasp
     only, the category's pit used). `next_grasp`: in words what to record next, None where nothing is left to
-    tell apart; `next_grasp_plan`: where it was computed.
+    tell apart; `next_grasp_plan`: where it was computed. `withheld`: why no E is given (of a bare ball's
+    trace), which is then not a number in `before`, `after` and `ranking`.
     """
 
     detected: bool
@@ -209,4 +210,5 @@ class Explanation:
     maps: FruitMap | None = None
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] | None = None
+    withheld: str | None = None
     next_grasp_plan: NextGraspPlan | None = None

@@ -25,7 +25,8 @@ def convert(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A raw grasp (folder with grasp.toml), Tac3D arrays, .h5 with images, .npz or .csv.",
+            help="A raw grasp (folder with grasp.toml), Tac3D arrays, .h5 with images, .npz, or a table "
+            "(.csv, .txt, .tsv, .xls, .xlsx).",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The recording to write.")],
@@ -38,6 +39,21 @@ def convert(
     category: Annotated[str, typer.Option(help="Kind of fruit, where SOURCE does not say.")] = "unknown",
     indenter: Annotated[Indenter | None, typer.Option(help="Of a bare load cell's trace.")] = None,
     radius_mm: Annotated[float | None, typer.Option(min=0.001, help="The indenter's radius.")] = None,
+    columns: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="A load cell's columns: time=Time,force=Force,travel=Pos (or gap=..., which closes).",
+        ),
+    ] = None,
+    units: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Units that no name says: force=N (mN, g, kgf), travel=mm (um, cm), time=s (ms, min).",
+        ),
+    ] = None,
+    sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
 ) -> None:
     """Turn frames, tables or another maker's files into a recording that grade and explain read.
 
@@ -48,6 +64,7 @@ def convert(
     with elsewhere():
         from pipeline.recordings.conversion import ConvertRequest
         from pipeline.recordings.conversion import convert as convert_source
+        from pipeline.recordings.trace_options import trace_words
         from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 
@@ -57,6 +74,7 @@ def convert(
         category=category,
         indenter=indenter.value if indenter else None,
         radius_mm=radius_mm,
+        trace=trace_words(columns, units, sheet),
     )
     try:
         notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)

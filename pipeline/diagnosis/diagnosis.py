@@ -24,6 +24,7 @@ from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import BatchRefused, Problem
 from tactile.io.recording import IndenterPad, read_recording
 from tactile.tactile_failure import TactileFailure
+from tactile.trace_thinning import thin
 
 TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
@@ -55,8 +56,9 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
         return _of_grasps(case, log, jobs) if bare is None else _of_trace(case, log, *bare)
 
 
-def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
-    """Name and trace where the case's recordings are those of a bare indenter; None where pads have markers.
+def bare_trace(case: Case) -> tuple[str, IndenterTrace, list[str]] | None:
+    """Name and trace where the case's recordings are those of a bare indenter, thinned where it is long, and
+    a note of that; None where pads have markers.
 
     Raises BatchRefused for more than one such trace, or an indenter that is no ball.
     """
@@ -89,13 +91,15 @@ def bare_trace(case: Case) -> tuple[str, IndenterTrace] | None:
         )
     closing = -1.0 if recording.loading == "grasp" else 1.0
     travel = closing * recording.aperture_mm
+    thinned = thin(recording.time_s, travel, pad.force_z_N)
+    kept = np.arange(len(travel)) if thinned is None else thinned.kept
     trace = IndenterTrace(
-        time_s=recording.time_s,
-        force_N=pad.force_z_N,
-        travel_mm=travel - travel[0],
+        time_s=recording.time_s[kept],
+        force_N=pad.force_z_N[kept],
+        travel_mm=travel[kept] - travel[0],
         radius_mm=pad.radius_mm,
     )
-    return path.stem, trace
+    return path.stem, trace, [] if thinned is None else [thinned.said(path.name)]
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
@@ -191,7 +195,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     )
 
 
-def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace) -> Diagnosis:
+def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace, said: list[str]) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
     with log.stage("explanation"):
         found = explain_trace(
@@ -202,7 +206,7 @@ def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace) -> Dia
         )
     deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
     thin = [] if case.thickness_mm else [deep]
-    notes = dict.fromkeys([*found.notes, *notes_on_trace(case), *case.notes, *thin])
+    notes = dict.fromkeys([*found.notes, *said, *notes_on_trace(case), *case.notes, *thin])
     thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),

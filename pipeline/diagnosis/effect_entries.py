@@ -5,7 +5,10 @@ from collections.abc import Iterable
 from fem.mismatch.catalogue import SPECS
 from reports.explain_entries import EffectEntry
 
-OF_A_TRACE = {"onset_mm": "travel at which the first touch came"}
+OF_A_TRACE = {
+    "onset_mm": "travel at which the first touch came",
+    "zero_N": "what the load cell says before the first touch",
+}
 """Parameters that only the trace of a bare indenter has; they belong to no effect."""
 
 

@@ -38,7 +38,12 @@ def print_explanation(found: ExplainEntry, written: list[Path], *, console: Cons
         line(f"where: {where_in_words(found)}; when: {when_in_words(found)}; {component_in_words(found)}")
     before = with_sd(found.E_MPa.before.value, found.E_MPa.before.sd)
     after = with_sd(found.E_MPa.after.value, found.E_MPa.after.sd)
-    line(f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa")
+    if found.E_withheld is not None:
+        line(f"E: withheld, since {found.E_withheld}")
+    else:
+        line(
+            f"E: {after} MPa" if found.verdict == ("none",) else f"E without: {before} MPa; with: {after} MPa"
+        )
     line(f"chance of so large a difference where nothing is missing: p {found.p_value:.2g}")
     if found.rms is None:
         line("held-out recordings: none, so nothing confirms the answer")

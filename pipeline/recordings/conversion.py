@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
@@ -18,13 +18,14 @@ from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
-from tactile.io.load_cell import is_trace, read_trace
+from tactile.io.load_cell import TABLES, is_trace, read_trace
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
 from tactile.io.sensor_file import read_sensor
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.io.tac3d_arrays import write_source
+from tactile.io.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
@@ -36,9 +37,16 @@ KINDS = (
     "a folder of Tac3D arrays",
     "an .h5 with images",
     "a .npz or .csv of marker fields",
-    "a .csv of a bare load cell",
+    "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
 )
 """What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
+
+
+NO_BALL = (
+    "--indenter {} is no ball: drupe explain, the one reader of a bare indenter's recording, has the laws of "
+    "a ball alone (Hertz, Sneddon), so nothing was written. A tip with a round end is --indenter ball."
+)
+"""A flat punch's and a plate's own laws are not in fem/indentation."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +58,7 @@ class ConvertRequest:
     category: str = "unknown"
     indenter: Literal["ball", "flat", "plate"] | None = None
     radius_mm: float | None = None
+    trace: TraceWords = field(default_factory=TraceWords)
 
 
 def convert(
@@ -140,12 +149,14 @@ def _read(
     if kind in (".h5", ".hdf5"):
         read_recording(source)
         raise BatchRefused([Problem(str(source), "is a recording already; there is nothing to convert.")])
-    if kind == ".csv" and is_trace(source):
-        if wanted.indenter is None or wanted.radius_mm is None:
-            raise BatchRefused(
-                [Problem(str(source), "is a load cell's trace; give --indenter and --radius-mm.")]
-            )
-        return _trace(source, wanted, wanted.indenter, wanted.radius_mm), []
+    said = wanted.trace
+    if kind in TABLES and (
+        said.columns or said.units or said.sheet or is_trace(source, sensor_given=wanted.sensor is not None)
+    ):
+        return _trace(source, wanted), []
+    if said.columns or said.units or said.sheet:
+        what = "is no table of a load cell; --columns, --units and --sheet are of one alone."
+        raise BatchRefused([Problem(str(source), what)])
     if kind in (".npz", ".csv"):
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
         found = read_field_table(source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor)
@@ -154,12 +165,23 @@ def _read(
     raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
 
 
-def _trace(
-    source: Path, wanted: ConvertRequest, indenter: Literal["ball", "flat", "plate"], radius_mm: float
-) -> Converted:
-    return read_trace(
-        source, fruit_id=wanted.fruit_id, category=wanted.category, indenter=indenter, radius_mm=radius_mm
+def _trace(source: Path, wanted: ConvertRequest) -> Converted:
+    """A load cell's trace; refuses an indenter that nothing infers E from."""
+    if wanted.indenter in ("flat", "plate"):
+        raise BatchRefused([Problem(str(source), NO_BALL.format(wanted.indenter))])
+    found = read_trace(
+        source,
+        fruit_id=wanted.fruit_id,
+        category=wanted.category,
+        indenter="ball",
+        radius_mm=wanted.radius_mm or 1.0,
+        words=wanted.trace,
     )
+    if wanted.indenter is None or wanted.radius_mm is None:
+        raise BatchRefused(
+            [Problem(str(source), "is a load cell's trace; give --indenter ball and --radius-mm.")]
+        )
+    return found
 
 
 def _needed(source: Path, given: Path | None, option: str) -> Path:

@@ -1,30 +1,44 @@
-"""A bare indenter's trace: time, travel and force in a CSV file."""
+"""A bare indenter's trace: time, travel and force in a machine's table, text or spreadsheet."""
 
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
+from tactile.io.cell_rows import SPREADSHEETS, Cell, CellTable, number_of, sheets_of
 from tactile.io.converted import Converted
+from tactile.io.decimal_number import meant
 from tactile.io.field_tables import MOVED
-from tactile.io.grasp_log import increasing, read_columns
+from tactile.io.grasp_log import LARGEST, increasing
 from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
+from tactile.io.trace_columns import FORCE, UNITS, FoundColumns, TraceWords, columns_wanted, find_columns
+from tactile.trace_thinning import thin
 
-TRAVEL = ("travel_mm", "aperture_mm")
-FORCE = ("force_N", "force_z_N", "fz_N")
-"""Names that travel and force may have; the first that the file has is taken."""
+TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)
+"""How the name of a trace's file ends."""
 OF_MARKERS = frozenset({"pad", "marker", *MOVED})
-"""Columns that a table of marker fields has and no load cell: a file with one of them is such a table, if an
+"""Columns that a table of marker fields has and no load cell: a .csv with one of them is such a table, if an
 incomplete one, whose reader then names the column that is missing. A place alone (`z_mm`) may be a machine's.
 """
+LATEST_START_S = 1e6
+"""s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
+FEWEST_FRAMES = 2
+"""A table with fewer rows is no recording."""
 
 
-def is_trace(path: Path) -> bool:
-    """Whether the file's header is that of a bare load cell: a force, and no column of markers."""
+def is_trace(path: Path, *, sensor_given: bool) -> bool:
+    """Whether the file is that of a bare load cell, no table of marker fields (a .csv can be either).
+
+    A table of markers has a column of markers in its first row; with a sensor's description given, a .csv
+    without any such column is one as well, unless it has a force by a name that is known.
+    """
+    if path.suffix.lower() != ".csv":
+        return path.suffix.lower() in TABLES
     names = header_of(path)
-    return OF_MARKERS.isdisjoint(names) and any(name in names for name in FORCE)
+    return OF_MARKERS.isdisjoint(names) and (not sensor_given or any(name in names for name in FORCE))
 
 
 def header_of(path: Path) -> list[str]:
@@ -36,29 +50,37 @@ def header_of(path: Path) -> list[str]:
 
 
 def read_trace(
-    path: Path, *, fruit_id: str, category: str, indenter: Literal["ball", "flat", "plate"], radius_mm: float
+    path: Path,
+    *,
+    fruit_id: str,
+    category: str,
+    indenter: Literal["ball", "flat", "plate"],
+    radius_mm: float,
+    words: TraceWords | None = None,
 ) -> Converted:
     """`time_s`, `travel_mm` and `force_N` of a press, positive when pressed; the pose is not known.
 
-    Raises TactileFailure (unreadable-frames) for a missing column, a cell that is no number, or time that
-    runs back.
+    `words`: what was said of the table's columns, units and sheet. A long trace is thinned. Raises
+    TactileFailure (unreadable-frames) for a missing column, a cell that is no number, time that runs back, or
+    a travel that goes the wrong way.
     """
-    columns = read_columns(path, wanted=("time_s", TRAVEL[0], FORCE[0]))
-    travel = next((name for name in TRAVEL if name in columns), None)
-    force = next((name for name in FORCE if name in columns), None)
-    if "time_s" not in columns or travel is None or force is None:
-        found = "the columns " + ", ".join(columns)
-        raise unusable(path.name, found, "time_s, travel_mm and force_N")
-    increasing(path.name, columns["time_s"])
-    pushed = columns[force]
-    notes = ["no pose: written as no motion."]
+    sheet, found, notes = _table(path, words or TraceWords())
+    values = _values(path, sheet, found, notes)
+    time_s, pushed = values["time"], values["force"]
+    increasing(path.name, time_s)
+    if time_s[0] > LATEST_START_S:
+        notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; it is counted from the first frame.")
+        time_s = time_s - time_s[0]
     if -pushed.min() > pushed.max():
         notes.append(f"{path.name}: the force is negative when pressed; its sign is turned.")
         pushed = -pushed
-    frames = len(pushed)
+    travel = _travel(path, values, pushed, notes)
+    if (thinned := thin(time_s, travel, pushed)) is not None:
+        notes.append(thinned.said(path.name))
+        time_s, travel, pushed = time_s[thinned.kept], travel[thinned.kept], pushed[thinned.kept]
     pad = IndenterPad(
         name="tip",
-        pose=np.broadcast_to(np.eye(4), (frames, 4, 4)).copy(),
+        pose=np.broadcast_to(np.eye(4), (len(pushed), 4, 4)).copy(),
         force_z_N=pushed,
         indenter=indenter,
         radius_mm=radius_mm,
@@ -69,8 +91,129 @@ def read_trace(
         loading="press",
         support="base",
         sensor="load cell",
-        time_s=columns["time_s"],
-        aperture_mm=columns[travel],
+        time_s=time_s,
+        aperture_mm=travel,
         pads=(pad,),
     )
     return Converted(recording=recording, notes=tuple(notes))
+
+
+def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list[str]]:
+    """The one sheet that has the columns, and what must be known of how it was read."""
+    sheets = sheets_of(path)
+    if words.sheet is not None:
+        chosen = tuple(sheet for sheet in sheets if sheet.name == words.sheet)
+        if not chosen:
+            known = ", ".join(sheet.name for sheet in sheets if sheet.name) or "none: it is no spreadsheet"
+            raise unusable(path.name, f'no sheet "{words.sheet}"', f"one of its sheets ({known})")
+        sheets = chosen
+    found = [(sheet, columns) for sheet in sheets if (columns := find_columns(path.name, sheet, words))]
+    if not found:
+        raise columns_wanted(path.name, sheets, words)
+    if len(found) > 1:
+        names = ", ".join(f'"{sheet.name}"' for sheet, _ in found)
+        raise unusable(
+            path.name,
+            f"{len(found)} sheets with these columns: {names}",
+            f'to be told which: give --sheet "{found[0][0].name}"',
+        )
+    sheet, columns = found[0]
+    notes = ["no pose: written as no motion."]
+    if sheet.encoding == "cp1252":
+        notes.append(f"{path.name}: is not UTF-8; its letters were read as Windows-1252.")
+    if words.columns or words.units or sheet.name:
+        said = ", ".join(
+            f'{q} is "{columns.header[at]}" in {columns.units[q]}' for q, at in columns.place.items()
+        )
+        notes.append(f"{path.name}{f', sheet {sheet.name}' if sheet.name else ''}: {said}.")
+    return sheet, columns, notes
+
+
+def _values(
+    path: Path, sheet: CellTable, found: FoundColumns, notes: list[str]
+) -> dict[str, Float[np.ndarray, " t"]]:
+    """Each quantity in s, N, mm; rows without any of the three are left out.
+
+    A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
+    numbers is refused, since one of them then parts thousands.
+    """
+    rows = [
+        (number, cells)
+        for number, cells in sheet.rows[found.first :]
+        if any(at < len(cells) and cells[at] != "" for at in found.place.values())
+    ]
+    while rows and any(at >= len(rows[-1][1]) or rows[-1][1][at] == "" for at in found.place.values()):
+        notes.append(f"{path.name}: row {rows[-1][0]}, below the others, is not whole; it was left out.")
+        rows.pop()
+    if len(rows) < FEWEST_FRAMES:
+        raise unusable(path.name, "no rows", "a header and one row for each frame")
+    width = len(found.header)
+    for number, cells in rows:
+        if len(cells) > width or (sheet.delimiter == "commas" and len(cells) <= max(found.place.values())):
+            expected = f"{width} as in the header, and numbers with a decimal point"
+            raise unusable(path.name, f"{len(cells)} cells in row {number}", expected)
+    commas = sheet.delimiter != "commas" and _decimal_commas(path, rows, found)
+    if commas:
+        notes.append(f"{path.name}: decimal commas.")
+    return {
+        q: UNITS[q][found.units[q]]
+        * np.array([_number(path, found.header[at], row, at, commas=commas) for row in rows])
+        for q, at in found.place.items()
+    }
+
+
+def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], found: FoundColumns) -> bool:
+    texts = [
+        (number, cell)
+        for number, cells in rows
+        for at in found.place.values()
+        if at < len(cells) and isinstance(cell := cells[at], str)
+    ]
+    comma = next(((number, cell) for number, cell in texts if "," in cell), None)
+    point = next(((number, cell) for number, cell in texts if "." in cell), None)
+    if comma is not None and point is not None:
+        both = f'"{comma[1][:30]}" in row {comma[0]} and "{point[1][:30]}" in row {point[0]}'
+        raise unusable(
+            path.name, both, "either decimal commas or decimal points, and nothing between thousands"
+        )
+    return comma is not None
+
+
+def _number(path: Path, column: str, row: tuple[int, list[Cell]], at: int, *, commas: bool) -> float:
+    number, cells = row
+    cell = cells[at] if at < len(cells) else ""
+    plain = cell.replace(",", ".") if commas and isinstance(cell, str) else cell
+    value = plain if isinstance(plain, float) else None if "," in plain else number_of(plain)
+    if value is None or not abs(value) <= LARGEST:
+        text = str(cell).strip()
+        found = f'"{text[:60]}"' if text else "nothing"
+        raise unusable(
+            f"{path.name}: {column[:60]}",
+            f"{found} in row {number}",
+            f"a number up to {LARGEST:g}{meant(text)}",
+        )
+    return value
+
+
+def _travel(
+    path: Path, values: dict[str, Float[np.ndarray, " t"]], pushed: Float[np.ndarray, " t"], notes: list[str]
+) -> Float[np.ndarray, " t"]:
+    """The travel, or what the gap has closed by; a TactileFailure where it goes back as the force grows."""
+    quantity = "gap" if "gap" in values else "travel"
+    travel = values["travel"] if quantity == "travel" else values["gap"][0] - values["gap"]
+    if quantity == "gap":
+        notes.append(
+            f"{path.name}: the gap is {values['gap'][0]:.4g} mm at first; what it closes by is the travel."
+        )
+    deepest = int(np.argmax(pushed))
+    gone = float(travel[deepest] - travel[0])
+    if gone < -0.5 * float(np.ptp(travel)):
+        other = "travel" if quantity == "gap" else "gap"
+        grows = "opens" if quantity == "gap" else "falls"
+        raise unusable(
+            path.name,
+            f"a {quantity} that {grows} by {-gone:.3g} mm up to the largest force",
+            f"a {quantity} that {'closes' if quantity == 'gap' else 'grows'} as the force does: is it a "
+            f"{other}? give --columns {other}=...",
+        )
+    return travel

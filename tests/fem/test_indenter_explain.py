@@ -66,9 +66,10 @@ def test_an_effect_of_another_solver_is_named(injecting, name):
 
 
 def test_what_no_effect_explains_is_unknown():
-    assert explained(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=5.0))).verdict == (
-        "unknown"
-    )
+    time_s, force_N, travel_mm = injected(np.random.default_rng(5), press=Press(rate_hz=5.0))
+    said = explained((time_s, force_N * (1 + 0.3 * np.sin(5 * travel_mm)), travel_mm))
+    assert said.verdict == "unknown"
+    assert said.withheld is not None
 
 
 def failure_of(columns, **kind):

@@ -15,8 +15,8 @@ from pipeline.commands.convert import convert
 from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
 from tactile.io.field_tables import COLUMNS as MARKER_COLUMNS
-from tactile.io.load_cell import FORCE, TRAVEL
 from tactile.io.tac3d import FIELDS, RESULTANTS
+from tactile.io.trace_columns import FORCE, TRAVEL
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted(

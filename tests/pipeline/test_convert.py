@@ -122,7 +122,7 @@ def test_a_bare_load_cell_becomes_a_press(tmp_path: Path) -> None:
     pad = read_recording(tmp_path / "out.h5").pads[0]
     assert isinstance(pad, IndenterPad)
     np.testing.assert_array_equal(pad.force_z_N, [0, 1.5, 4])
-    assert "give --indenter and --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
+    assert "give --indenter ball and --radius-mm" in run(tmp_path / "t.csv", tmp_path / "other.h5")[1]
 
 
 @pytest.mark.parametrize("lacking", ["marker", "pad"])
@@ -141,7 +141,7 @@ def test_a_marker_table_that_lacks_a_column_is_not_taken_for_a_load_cell(
 def test_a_load_cell_of_three_axes_and_a_machine_that_says_its_place_are_still_traces(tmp_path: Path) -> None:
     rows = "time_s,aperture_mm,z_mm,fx_N,fy_N,fz_N\n0,0,9,0,0,0\n0.1,0.5,8.5,0,0,1\n0.2,1,8,0,0,4\n"
     (tmp_path / "t.csv").write_text(rows)
-    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "flat", "--radius-mm", "4")
+    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", "ball", "--radius-mm", "4")
     assert code == 0, said
     pad = read_recording(tmp_path / "out.h5").pads[0]
     assert isinstance(pad, IndenterPad)

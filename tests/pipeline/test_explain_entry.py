@@ -11,7 +11,9 @@ from fake_explanation import fake_explanation
 from fem.mismatch.result import Candidate, Explanation, Modulus, Parameter, Where
 from pipeline.diagnosis.diagnosis import Diagnosis
 from pipeline.diagnosis.explain_entry import explain_entry
+from reports.effect_words import explain_verdict
 from reports.explain_entries import ExplainEntry
+from reports.explain_page import explain_html
 
 OF_THE_PAGE = {"cells", "traces", "maps", "effects", "parameter_words", "contacts_mm", "facts"}
 BARE = """{
@@ -171,3 +173,24 @@ def test_every_parameter_has_its_meaning_under_its_effect():
     words = entry(fake_explanation()).parameter_words
     assert words["viscoelastic"]["tau_s"] == "time over which it fades"
     assert set(words["clock_lag"]) == {"lag_s"}
+
+
+def test_an_E_that_is_withheld_is_null_and_said_in_words_on_the_page_and_in_the_file():
+    nothing = Modulus(value=float("nan"), sd=float("nan"))
+    answer = fake_explanation(verdict="unknown", before=nothing, after=nothing, withheld="no law holds")
+    entry = explain_entry(
+        Diagnosis(explanation=answer, grasps=("press",)),
+        case="c",
+        category="plum",
+        seconds={},
+        inputs={},
+        versions={},
+        made=datetime(2026, 11, 23, tzinfo=UTC),
+    )
+    written = entry.as_json()
+    assert written["E_withheld"] == "no law holds"
+    assert written["E_MPa"]["after"] == {"value": None, "sd": None}
+    assert "E is withheld: no law holds" in explain_verdict(entry)
+    page = explain_html(entry)
+    assert "withheld<small>No law holds" in page
+    assert "nan" not in page.lower().replace("finance", "")

@@ -1,0 +1,197 @@
+"""Which names of a trace may be given: those that foretell frames which they did not see."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fem.fem_failure import FemFailure
+from fem.indentation.fit import TraceFit
+from fem.indentation.heldout import Foretold, foretell
+from fem.indentation.rank import close_to_best, explains, modulus_of
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_noise import NoContactNoise
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus
+
+#: share of the force left out that the best explanation may miss in what it foretells (set by hand)
+MISSED = 0.3
+#: factor by which an explanation, or one of several, may move E (set by hand)
+TENFOLD = 10.0
+#: standard deviations that a drift must be apart from every smooth force over the travel (set by hand)
+DISTINCT = 5.0
+#: straight pieces over the travel that such a force is made of
+PIECES = 12
+#: share by which a pair must miss less of what it foretells than each of its effects alone (set by hand)
+PAIR_GAIN = 0.1
+DRIFT = "sensor_drift"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Naming:
+    """`verdict` as in Explanation; `ranking` with drift's probability put right; `after`: E, None where it is
+    withheld for the reason `withheld`; `notes`: why no name, or why several.
+    """
+
+    verdict: str | tuple[str, ...]
+    ranking: tuple[Candidate, ...]
+    after: Modulus | None
+    withheld: str | None = None
+    notes: tuple[str, ...] = ()
+
+
+class Forecasts:
+    """What each law foretells of the frames that it did not see, worked out once."""
+
+    def __init__(self, best: dict[str, TraceFit], trace: IndenterTrace, no_contact: NoContactNoise) -> None:
+        self._best, self._trace, self._no_contact = best, trace, no_contact
+        self._known: dict[str, Foretold | FemFailure] = {}
+
+    def of(self, name: str) -> Foretold:
+        """Raises FemFailure where the law's force cannot be worked out without the measured one."""
+        if name not in self._known:
+            try:
+                self._known[name] = foretell(self._best[name], self._trace, self._no_contact)
+            except FemFailure as failure:
+                self._known[name] = failure
+        found = self._known[name]
+        if isinstance(found, FemFailure):
+            raise found
+        return found
+
+
+def named(
+    verdict: str | tuple[str, ...],
+    candidates: tuple[Candidate, ...],
+    best: dict[str, TraceFit],
+    forecasts: Forecasts,
+    trace: IndenterTrace,
+) -> Naming:
+    """The names that evidence proposes, less those that foretell nothing; E over what is left, or why not.
+
+    A pair that foretells no better than one of its effects is that effect. A drift that any force over the
+    travel could be (a single ramp) is never the only name. A name stays where what it foretells misses MISSED
+    at most, and less than the linear law; and where E is moved by less than TENFOLD.
+    """
+    if verdict == NONE:
+        return Naming(verdict=NONE, ranking=candidates, after=modulus_of(best[NONE]))
+    ranking, notes = candidates, []
+    if verdict != UNKNOWN:
+        names = (verdict,) if isinstance(verdict, str) else verdict
+        names = tuple(dict.fromkeys(_without_idle(name, best, forecasts) for name in names))
+        one_ramp = any(_drifts(name) and drift_apart(best[name], trace) < DISTINCT for name in names)
+        if one_ramp:
+            ranking = _drift_capped(ranking, best)
+            names = tuple(_without_idle(name, best, forecasts) for name in close_to_best(ranking))
+            names = tuple(dict.fromkeys(name for name in names if explains(best[name], best[NONE])))
+            notes.append(
+                "The recording is one ramp, in which a drift of the load cell and a force of the flesh "
+                "cannot be told apart: leave the ball in the air for a while first, or hold it at the end."
+            )
+        doubts = {name: _doubt(name, best, forecasts) for name in names}
+        kept = tuple(name for name in names if not doubts[name])
+        if one_ramp and all(map(_drifts, kept)):
+            kept = ()
+        notes += list(dict.fromkeys(doubt for doubt in doubts.values() if doubt))
+        if kept:
+            return _with_modulus(kept, ranking, best, tuple(notes))
+    return Naming(
+        verdict=UNKNOWN,
+        ranking=tuple(replace(one, modulus=None) for one in ranking),
+        after=None,
+        withheld="no law explains this trace and foretells what it did not see of it",
+        notes=tuple(notes),
+    )
+
+
+def drift_apart(known: TraceFit, trace: IndenterTrace) -> float:
+    """How far the drift of a fit is from all that a smooth force over the travel can be.
+
+    In standard deviations: of the drift's own force, what a force of PIECES over the depth does not take up,
+    in the noise of the fit. Before the first touch, in a hold and on the way back time passes without such
+    a force; in a single ramp it does not.
+    """
+    value = known.law.values(known.scaled[None])
+    drift = value["newton_per_s"][0] * (trace.time_s - trace.time_s[0])
+    depth = np.maximum(trace.travel_mm - value["onset_mm"][0], 0.0)
+    corners = np.unique(np.quantile(depth, np.linspace(0, 1, PIECES + 1)))
+    basis = np.column_stack([np.interp(depth, corners, one) for one in np.eye(len(corners))])
+    weighted = known.noise.solve(np.column_stack([drift, basis]))
+    taken = np.linalg.lstsq(basis.T @ weighted[:, 1:], basis.T @ weighted[:, 0], rcond=1e-10)[0]
+    gap = drift - basis @ taken
+    return float(np.sqrt(max(gap @ known.noise.solve(gap), 0.0)))
+
+
+def _drifts(name: str) -> bool:
+    return DRIFT in name.split("+")
+
+
+def _without_idle(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
+    """The effect of a pair that foretells and explains as well alone; the pair where neither does."""
+    if "+" not in name:
+        return name
+    singles = [one for one in name.split("+") if one in best and explains(best[one], best[NONE])]
+    try:
+        both = forecasts.of(name)
+        alone = {one: forecasts.of(one) for one in singles}
+    except FemFailure:
+        return name
+    enough = [one for one in singles if not both.gains_on(alone[one], by=PAIR_GAIN)]
+    return min(enough, key=lambda one: alone[one].product, default=name)
+
+
+def _drift_capped(ranking: tuple[Candidate, ...], best: dict[str, TraceFit]) -> tuple[Candidate, ...]:
+    """Probabilities with all that drifts no likelier than the best explanation that does not."""
+    others = [
+        c.probability for c in ranking if not _drifts(c.effect) and explains(best[c.effect], best[NONE])
+    ]
+    if not others:
+        return ranking
+    drifting = max(c.probability for c in ranking if _drifts(c.effect))
+    factor = min(1.0, max(others) / drifting)
+    changed = [c.probability * (factor if _drifts(c.effect) else 1.0) for c in ranking]
+    # what is neither (no effect at all) keeps its share, which beside an effect found is next to nothing
+    whole = sum(changed) + max(1 - sum(c.probability for c in ranking), 0.0)
+    put = (replace(c, probability=p / whole) for c, p in zip(ranking, changed, strict=True))
+    return tuple(sorted(put, key=lambda c: -c.probability))
+
+
+def _doubt(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
+    """Why a name may not be given; empty where it may."""
+    try:
+        found, linear = forecasts.of(name), forecasts.of(NONE)
+    except FemFailure as failure:
+        return f"{name} is not named: nothing can be foretold with it ({failure.detail})."
+    if found.end_share > MISSED:
+        return (
+            f"{name} fits best but is not named: of the frames that it did not see it misses "
+            f"{found.end_share:.0%} of the force, more than {MISSED:.0%}."
+        )
+    if not found.gains_on(linear):
+        return (
+            f"{name} is not named: it foretells frames that it did not see no better than linear elasticity."
+        )
+    ratio = modulus_of(best[name]).value / modulus_of(best[NONE]).value
+    if not 1 / TENFOLD < ratio < TENFOLD:
+        return f"{name} is not named: it would move E by a factor of {max(ratio, 1 / ratio):.0f}."
+    return ""
+
+
+def _with_modulus(
+    names: tuple[str, ...], ranking: tuple[Candidate, ...], best: dict[str, TraceFit], notes: tuple[str, ...]
+) -> Naming:
+    """E of the one name; of several the mean weighed by probability, their spread in its deviation."""
+    verdict = names[0] if len(names) == 1 else names
+    moduli = [modulus_of(best[name]) for name in names]
+    chance = {c.effect: c.probability for c in ranking}
+    weight = np.array([max(chance.get(name, 0.0), 1e-12) for name in names])
+    values, sds = np.array([m.value for m in moduli]), np.array([m.sd for m in moduli])
+    if values.max() > TENFOLD * values.min():
+        return Naming(
+            verdict=verdict,
+            ranking=tuple(replace(one, modulus=None) for one in ranking),
+            after=None,
+            withheld=f"{' and '.join(names)}, which cannot be told apart, put E tenfold apart",
+            notes=notes,
+        )
+    mean = float(np.average(values, weights=weight))
+    sd = float(np.sqrt(np.average(sds**2 + (values - mean) ** 2, weights=weight)))
+    return Naming(verdict=verdict, ranking=ranking, after=Modulus(value=mean, sd=sd), notes=notes)

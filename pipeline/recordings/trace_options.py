@@ -1,0 +1,43 @@
+"""What `--columns`, `--units` and `--sheet` say of a load cell's table."""
+
+import re
+
+from pipeline.problem import BatchRefused, Problem
+from tactile.io.trace_columns import KNOWN, UNITS, TraceWords
+
+_NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
+"""A comma that parts two quantities; another one is of a column's name."""
+
+
+def trace_words(columns: str | None, units: str | None, sheet: str | None) -> TraceWords:
+    """The options taken apart; raises BatchRefused with what can be given.
+
+    >>> trace_words("time=Time (s),force=Force, standard,gap=Gap", "gap=um", None).columns["force"]
+    'Force, standard'
+    """
+    names = _pairs("--columns", columns, "time=Time,force=Force,travel=Pos")
+    if {"travel", "gap"} <= names.keys():
+        raise _refused("--columns", "names both a travel and a gap; give one of them.")
+    stated = _pairs("--units", units, "time=s,force=N,travel=mm")
+    for quantity, unit in stated.items():
+        if unit not in UNITS[quantity]:
+            ways = ", ".join(UNITS[quantity])
+            raise _refused("--units", f'knows no unit "{unit}" of {quantity}; give one of {ways}.')
+    return TraceWords(columns=names, units=stated, sheet=sheet)
+
+
+def _pairs(option: str, text: str | None, example: str) -> dict[str, str]:
+    found: dict[str, str] = {}
+    for part in _NEXT.split(text) if text else ():
+        quantity, equals, name = (piece.strip() for piece in part.partition("="))
+        if not equals or not name or quantity not in KNOWN:
+            known = ", ".join(KNOWN)
+            raise _refused(option, f'holds "{part.strip()[:60]}"; give {example} (of {known}).')
+        if quantity in found:
+            raise _refused(option, f"names {quantity} twice.")
+        found[quantity] = name
+    return found
+
+
+def _refused(option: str, sentence: str) -> BatchRefused:
+    return BatchRefused([Problem(option, sentence)])

@@ -1,0 +1,162 @@
+"""Rows of cells from text with any delimiter and from spreadsheets: what a machine's table is found in."""
+
+import csv
+import io
+import re
+import zipfile
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TypeAlias
+
+from tactile.io.decimal_number import decimal_number
+from tactile.io.named_file import FileNotReadable, not_plain, read_bytes
+from tactile.io.pictures import unusable
+
+MOST_BYTES, MOST_UNPACKED = 200_000_000, 500_000_000
+"""Bytes of a file, and of what an .xlsx unpacks to: an hour at 1 kHz is 150 MB of text."""
+LOOKED_AT = 400
+"""Rows in which the names of columns are looked for: machines write some ten to a hundred lines above."""
+DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
+"""In the order in which they are believed: a comma may be a decimal one."""
+SPACES = "spaces"
+"""Cells apart by one space or more, where the text has none of the delimiters."""
+SPREADSHEETS = (".xls", ".xlsx")
+_CALAMINE = "python-calamine, which is not installed: pip install 'drupe[sheets]', or save the sheet as .csv"
+
+Cell: TypeAlias = str | float
+"""A spreadsheet's number, or the text of a cell, stripped."""
+Row: TypeAlias = tuple[int, list[Cell]]
+"""The number of the row in the file, from 1, and its cells without the empty ones at its end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CellTable:
+    """One table's rows. `delimiter`: in words, empty of a spreadsheet; `encoding`: as it was read."""
+
+    name: str
+    rows: tuple[Row, ...]
+    delimiter: str = ""
+    encoding: str = ""
+
+
+def sheets_of(path: Path) -> tuple[CellTable, ...]:
+    """Every sheet of a spreadsheet, the one of a text; blank rows left out.
+
+    Raises TactileFailure (unreadable-frames) with what is wrong with the file.
+    """
+    if wrong := not_plain(path):
+        found = "no such file" if wrong == "does not exist" else f"that it {wrong}"
+        raise unusable(path.name, found, "a table with the columns time_s, travel_mm, force_N")
+    try:
+        data = read_bytes(path, most_bytes=MOST_BYTES)
+    except FileNotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a table of numbers") from cause
+    if path.suffix.lower() in SPREADSHEETS:
+        return _spreadsheet(path, data)
+    return (_text(path, data),)
+
+
+def number_of(cell: Cell) -> float | None:
+    """The number in a cell, with a decimal point or comma; None where there is none.
+
+    >>> number_of("1,5"), number_of(2.0), number_of("N")
+    (1.5, 2.0, None)
+    """
+    if isinstance(cell, float):
+        return cell
+    return decimal_number(cell.replace(",", ".") if cell.count(",") == 1 and "." not in cell else cell)
+
+
+def _text(path: Path, data: bytes) -> CellTable:
+    text, encoding = _decoded(path, data)
+    delimiter = delimiter_of(text)
+    named = DELIMITERS.get(delimiter, delimiter)
+    if delimiter == SPACES:
+        spaced = enumerate(text.splitlines(), 1)
+        return CellTable(
+            name="",
+            rows=tuple((k, list[Cell](line.split())) for k, line in spaced if line.strip()),
+            delimiter=named,
+            encoding=encoding,
+        )
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=delimiter == ",")
+    rows: list[Row] = []
+    begun = 1
+    try:
+        for cells in lines:
+            if kept := _trimmed(cell.strip() for cell in cells):
+                rows.append((begun, kept))
+            begun = lines.line_num + 1
+    except csv.Error as cause:
+        endless = "field limit" in str(cause)
+        found = f"a {'cell' if endless else 'quotation mark'} in line {begun} that does not end"
+        raise unusable(path.name, found, "numbers, without quotation marks") from cause
+    return CellTable(name="", rows=tuple(rows), delimiter=named, encoding=encoding)
+
+
+def _decoded(path: Path, data: bytes) -> tuple[str, str]:
+    """The text and what it was read as: by its byte order mark, else UTF-8, else Windows' Western letters."""
+    encodings = ["utf-16"] if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ["utf-8-sig", "cp1252"]
+    for encoding in encodings:
+        try:
+            text = data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" in text:
+            break
+        return text, encoding
+    raise unusable(path.name, "no text", "a table in UTF-8, UTF-16 with its mark, or Windows-1252")
+
+
+def delimiter_of(text: str) -> str:
+    r"""The delimiter by which most lines with numbers fall into two cells or more; spaces where none does.
+
+    >>> delimiter_of("a;b\n1,5;2,5\n"), delimiter_of("a,b\n1,5\n"), delimiter_of("1.5 2\n2 3\n")
+    (';', ',', 'spaces')
+    """
+    lines = list(islice((line for line in io.StringIO(text) if re.search(r"\d", line)), LOOKED_AT))
+    votes = Counter(next((mark for mark in DELIMITERS if mark in line), SPACES) for line in lines)
+    return max(votes, key=lambda mark: votes[mark]) if votes else ","
+
+
+def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
+    try:
+        from python_calamine import CalamineError, load_workbook
+    except ImportError:
+        raise unusable(path.name, "a spreadsheet", _CALAMINE) from None
+    whole = "a whole spreadsheet; open it and save it again, or save the sheet as .csv"
+    try:
+        if zipfile.is_zipfile(path):
+            with zipfile.ZipFile(path) as archive:
+                if sum(one.file_size for one in archive.infolist()) > MOST_UNPACKED:
+                    raise unusable(path.name, "more than 500 MB unpacked", "a smaller spreadsheet")
+        book = load_workbook(io.BytesIO(data))
+        sheets = [
+            (name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in book.sheet_names
+        ]
+    except (CalamineError, zipfile.BadZipFile, OSError, ValueError) as cause:
+        raise unusable(path.name, "a damaged or locked spreadsheet", whole) from cause
+    return tuple(
+        CellTable(
+            name=name,
+            rows=tuple((k + 1, kept) for k, row in enumerate(rows) if (kept := _trimmed(map(_cell, row)))),
+        )
+        for name, rows in sheets
+    )
+
+
+def _cell(value: object) -> Cell:
+    """A number as it is, everything else (dates, truth values, errors) as its text."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return float(value)
+    return str(value).strip()
+
+
+def _trimmed(cells: Iterable[Cell]) -> list[Cell]:
+    kept = list(cells)
+    while kept and kept[-1] == "":
+        kept.pop()
+    return kept if any(cell != "" for cell in kept) else []

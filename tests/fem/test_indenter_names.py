@@ -1,0 +1,149 @@
+"""Names that may be given of a trace: closed-form presses (Hertz's F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5)."""
+
+import numpy as np
+import pytest
+from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
+
+from fem.fem_failure import FemFailure
+from fem.indentation.account import account_for
+from fem.indentation.contact_law import Law
+from fem.indentation.fit import fit
+from fem.indentation.naming import DISTINCT, drift_apart
+from fem.indentation.no_contact import first_touch, no_contact_noise
+from fem.indentation.rupture import find_rupture
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_baseline import linear_law
+from fem.indentation.trace_catalogue import TRACE_EFFECTS
+
+E_MPa, RADIUS = 0.3, 20.0
+
+
+def hertz_N(depth_mm, *, E_MPa=E_MPa):
+    return 4 / 3 * E_MPa / (1 - NU**2) * np.sqrt(RADIUS) * np.maximum(depth_mm, 0) ** 1.5
+
+
+def ramp(rng, *, air_s=1.0, ramp_s=6.0, hold_s=0.0, depth_mm=0.8, rate_hz=25.0, noise_N=0.003):
+    """Times, travel from zero, depth and noise of a ball driven in at constant speed after `air_s`."""
+    time = np.arange(0, air_s + ramp_s + hold_s, 1 / rate_hz)
+    depth = np.minimum((time - air_s) * depth_mm / ramp_s, depth_mm)
+    return time, depth - depth[0], depth, noise_N * rng.standard_normal(len(time))
+
+
+def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None):
+    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, radius_mm=radius_mm)
+    return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0))
+
+
+def test_hertz_alone_is_nothing_missing_and_zero_and_onset_are_reported_side_by_side():
+    time, travel, depth, noise = ramp(np.random.default_rng(1))
+    said = account(time, hertz_N(depth) + 0.05 + noise, travel).explanation
+    assert said.verdict == "none"
+    assert said.withheld is None
+    assert said.after.value == pytest.approx(E_MPa, rel=0.03)
+    found = said.ranking[0].parameters
+    assert found["zero_N"].value == pytest.approx(0.05, abs=4 * found["zero_N"].sd + 0.003)
+    assert any("with the load cell at 0.0" in note for note in said.notes)
+
+
+def test_a_drift_that_the_air_shows_is_named():
+    time, travel, depth, noise = ramp(np.random.default_rng(2), air_s=6.0, hold_s=6.0)
+    said = account(time, hertz_N(depth) + 0.03 * time + noise, travel).explanation
+    assert said.verdict == "sensor_drift"
+    assert said.ranking[0].parameters["newton_per_s"].value == pytest.approx(0.03, rel=0.05)
+    assert said.after.value == pytest.approx(E_MPa, rel=0.03)
+
+
+@pytest.mark.parametrize(("air_s", "hold_s", "told"), [(0.0, 0.0, False), (6.0, 0.0, True), (0.0, 6.0, True)])
+def test_a_drift_is_told_from_a_force_over_the_travel_only_where_time_passes_without_one(air_s, hold_s, told):
+    time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=air_s, hold_s=hold_s)
+    trace = IndenterTrace(
+        time_s=time, force_N=hertz_N(depth) + 0.1 * time + noise, travel_mm=travel, radius_mm=RADIUS
+    )
+    no_contact = no_contact_noise(trace, first_touch(trace))
+    linear = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
+    drift = next(one for one in TRACE_EFFECTS if one.spec.name == "sensor_drift").forms(trace)
+    law = Law(ball=linear.ball, baseline=linear.baseline, effects=drift)
+    truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0, "newton_per_s": 0.1}
+    start = np.array([[truth[u.name] for u in law.unknowns]])
+    assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == told
+
+
+def test_a_drift_in_a_single_ramp_is_not_the_only_name():
+    time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=0.0)
+    said = account(time, hertz_N(depth) + 0.3 * time + noise, travel).explanation
+    assert said.verdict != "sensor_drift"
+    assert all(c.probability < 0.95 for c in said.ranking if "sensor_drift" in c.effect)
+
+
+@pytest.mark.parametrize("left", [0.3, 0.7])
+def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
+    time, travel, depth, noise = ramp(np.random.default_rng(4), hold_s=2.0)
+    force = hertz_N(depth) * np.where(time > 5.5, left, 1.0)
+    found = account(time, force + noise, travel)
+    assert found.trace.time_s[-1] == pytest.approx(5.5, abs=0.05)
+    assert found.explanation.verdict == "none"
+    assert found.explanation.after.value == pytest.approx(E_MPa, rel=0.04)
+    assert found.explanation.notes[0].startswith("Rupture: at 5.")
+
+
+def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before():
+    time, force, travel = injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0))
+    found = account(time, force, travel, radius_mm=RADIUS_MM, thickness_mm=THICK_MM)
+    assert found.explanation.notes[0].startswith("Rupture")
+    assert found.trace.travel_mm[-1] < 1.4
+    assert found.explanation.after.value == pytest.approx(0.3, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "pressing",
+    [
+        {"g": (0.7,), "tau_s": (0.2,), "press": Press(ramp_s=1.0, rate_hz=20.0)},
+        {"g": (0.4,), "tau_s": (5.0,), "press": Press(ramp_s=0.5, rate_hz=50.0)},
+        {"law": "plastic_set yield_over_E=0.05", "press": Press(rate_hz=20.0)},
+        {"law": "damage dmax=0.5 W0_over_E=0.01", "press": Press(rate_hz=20.0)},
+        {"noise_N": 0.1, "press": Press(rate_hz=20.0)},
+    ],
+)
+def test_no_relaxation_and_no_way_back_is_taken_for_a_rupture(pressing):
+    for seed in range(5):
+        time, force, travel = injected(np.random.default_rng(seed), **pressing)
+        trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, radius_mm=RADIUS_MM)
+        assert find_rupture(trace, noise_N=pressing.get("noise_N", 0.002)) is None
+
+
+def test_one_frame_that_reads_low_or_high_is_no_rupture():
+    time, travel, depth, noise = ramp(np.random.default_rng(6))
+    force = hertz_N(depth) + noise
+    for factor in (0.4, 1.8):
+        spiked = force.copy()
+        spiked[120] *= factor
+        trace = IndenterTrace(time_s=time, force_N=spiked, travel_mm=travel, radius_mm=RADIUS)
+        assert find_rupture(trace, noise_N=0.003) is None
+
+
+def test_a_rupture_at_once_leaves_too_little_and_says_so():
+    time, travel, depth, noise = ramp(np.random.default_rng(7), air_s=0.2, rate_hz=10.0)
+    force = hertz_N(depth) * np.where(time > 1.7, 0.3, 1.0) + noise
+    with pytest.raises(FemFailure, match=r"found a rupture after \d+ frames .* at least 20 before it"):
+        account(time, force, travel)
+
+
+def test_what_is_not_foretold_is_unknown_and_its_E_is_withheld():
+    time, travel, depth, noise = ramp(np.random.default_rng(8), air_s=2.0, ramp_s=8.0)
+    jerks = np.exp(0.8 * np.sin(3.0 * time) + np.maximum(time - 6, 0) * 0.9)
+    said = account(time, hertz_N(depth) * jerks + noise, travel).explanation
+    assert said.verdict == "unknown"
+    assert said.withheld is not None
+    assert np.isnan(said.before.value)
+    assert np.isnan(said.after.value)
+    assert all(c.modulus is None for c in said.ranking)
+
+
+def test_a_press_that_began_in_contact_is_answered_with_onset_zero_as_well():
+    rng = np.random.default_rng(9)
+    time = np.arange(0, 8, 0.04)
+    travel = np.minimum(0.8 * time / 6, 0.8)
+    force = hertz_N(travel + 0.3) + 0.003 * rng.standard_normal(len(time))
+    said = account(time, force, travel).explanation
+    note = next(note for note in said.notes if "With onset 0" in note)
+    assert "mm before the travel starts" in note

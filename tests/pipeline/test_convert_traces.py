@@ -1,0 +1,232 @@
+"""`drupe convert` on tables of a load cell as machines write them: delimiters, names, units, sheets."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from pipeline.cli import app
+from pipeline.problem import BatchRefused
+from tactile.io.recording import IndenterPad, read_recording
+
+BALL = ("--indenter", "ball", "--radius-mm", "5")
+TIMES = np.arange(30) / 10
+PRESSED = 0.02 * np.arange(30) ** 1.5
+GONE = 0.05 * np.arange(30)
+XLS = Path(__file__).parents[1] / "data" / "press.xls"
+"""Two steps of a rheometer, 30 rows each: names, a row of units, s, N and um; written once with xlwt 1.3."""
+NAMES = "time=Time,force=Force,travel=Pos"
+
+
+def run(*words: str | Path) -> tuple[int, str]:
+    done = CliRunner().invoke(app, ["convert", *map(str, words)])
+    if isinstance(done.exception, BatchRefused):
+        return done.exit_code, " ".join(map(str, done.exception.problems))
+    return done.exit_code, done.output
+
+
+def table(header: str, *columns: np.ndarray, mark: str = ",", comma: bool = False, form: str = "%.9g") -> str:
+    rows = [mark.join(form % value for value in row) for row in np.stack(columns, axis=1)]
+    text = "\n".join(rows).replace(".", ",") if comma else "\n".join(rows)
+    return f"{header}\n{text}\n"
+
+
+def read_back(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    recording = read_recording(path)
+    pad = recording.pads[0]
+    assert isinstance(pad, IndenterPad)
+    return recording.time_s, recording.aperture_mm, pad.force_z_N
+
+
+def converted(folder: Path, source: Path, *options: str) -> str:
+    code, said = run(source, folder / "out.h5", *BALL, *options)
+    assert code == 0, said
+    time_s, travel_mm, force_N = read_back(folder / "out.h5")
+    np.testing.assert_allclose(time_s, TIMES, atol=1e-6)
+    np.testing.assert_allclose(travel_mm, GONE, atol=1e-6)
+    np.testing.assert_allclose(force_N, PRESSED, atol=1e-6)
+    return said
+
+
+def refused(folder: Path, source: Path, *options: str) -> str:
+    code, said = run(source, folder / "out.h5", *BALL, *options)
+    assert code in (1, 3), said
+    assert not list(folder.glob("*.h5"))
+    assert "sensor" not in said
+    return " ".join(said.split())
+
+
+def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table("Time,Force,GoalForce,Pos", TIMES, PRESSED, PRESSED, GONE))
+    said = refused(tmp_path, source)
+    assert "found the columns Time, Force, GoalForce, Pos" in said
+    assert "--columns time=Time,force=Force,travel=Pos --units time=s,force=N,travel=mm" in said
+    said = refused(tmp_path, source, "--columns", NAMES)
+    assert 'no unit of time ("Time") in the file' in said
+    assert "force in N, mN, g, kgf" in said
+    said = converted(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
+    assert 'force is "Force" in N' in said
+
+
+@pytest.mark.parametrize(
+    ("units", "factors"),
+    [
+        ("time=ms,force=mN,travel=um", (1e3, 1e3, 1e3)),
+        ("time=min,force=g,travel=cm", (1 / 60, 1 / 9.80665e-3, 0.1)),
+        ("time=s,force=kgf,travel=mm", (1, 1 / 9.80665, 1)),
+    ],
+)
+def test_every_unit_comes_out_in_seconds_newtons_and_millimetres(
+    tmp_path: Path, units: str, factors: tuple[float, float, float]
+) -> None:
+    source = tmp_path / "t.csv"
+    values = [v * factor for v, factor in zip((TIMES, PRESSED, GONE), factors, strict=True)]
+    source.write_text(table("Time,Force,Pos", *values, form="%.12g"))
+    converted(tmp_path, source, "--columns", NAMES, "--units", units)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "mark", "comma"),
+    [("csv", ";", True), ("txt", "\t", False), ("tsv", "\t", True), ("txt", " ", False), ("csv", ",", False)],
+)
+def test_every_delimiter_with_a_mark_and_lines_above_the_table(
+    tmp_path: Path, suffix: str, mark: str, comma: bool
+) -> None:
+    source = tmp_path / f"t.{suffix}"
+    above = "\ufeffTexture report 3\nOperator: A. B., room 2\n\n" if mark != " " else "\ufeff"
+    header = mark.join(("time_s", "travel_mm", "force_N"))
+    body = table(header, TIMES, GONE, PRESSED, mark=mark, comma=comma)
+    source.write_text(above + body, encoding="utf-8")
+    assert ("decimal commas" in converted(tmp_path, source)) == comma
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "cp1252"])
+def test_letters_of_windows_are_read_and_a_gap_that_closes_is_a_travel(tmp_path: Path, encoding: str) -> None:
+    source = tmp_path / "t.txt"
+    text = table("Zeit (s)\tKraft (N)\tGap (µm)", TIMES, PRESSED, 9000 - 1e3 * GONE, mark="\t")
+    source.write_bytes(text.encode(encoding))
+    assert '--columns "time=Zeit (s),force=Kraft (N),gap=Gap (µm)".' in refused(tmp_path, source)
+    said = converted(tmp_path, source, "--columns", "time=Zeit (s),force=Kraft (N),gap=Gap (µm)")
+    assert "the gap is 9 mm at first" in said
+
+
+def test_a_spreadsheet_of_old_asks_for_its_sheet_and_reads_the_row_of_units(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine")
+    columns = "time=Step time,force=Axial force,gap=Gap"
+    assert f'--columns "{columns}".' in refused(tmp_path, XLS)
+    said = refused(tmp_path, XLS, "--columns", columns)
+    assert 'found 2 sheets with these columns: "Axial - 1", "Axial - 2"' in said
+    assert '--sheet "Axial - 1"' in said
+    converted(tmp_path, XLS, "--columns", columns, "--sheet", "Axial - 1")
+    wrong = ("--columns", columns, "--sheet", "Axial - 9")
+    (tmp_path / "out.h5").unlink()
+    assert "(Details, Axial - 1, Axial - 2)" in refused(tmp_path, XLS, *wrong)
+    other = ("--columns", columns, "--sheet", "Axial - 1", "--units", "gap=mm")
+    assert "in um by the file and in mm by --units" in refused(tmp_path, XLS, *other)
+
+
+def test_a_new_spreadsheet_is_read(tmp_path: Path) -> None:
+    pytest.importorskip("python_calamine")
+    write_xlsx(tmp_path / "t.xlsx", ["time_s", "travel_mm", "force_N"], np.stack([TIMES, GONE, PRESSED], 1))
+    converted(tmp_path, tmp_path / "t.xlsx")
+    (tmp_path / "out.h5").unlink()
+    (tmp_path / "broken.xlsx").write_bytes((tmp_path / "t.xlsx").read_bytes()[:300])
+    assert "found a damaged or locked spreadsheet" in refused(tmp_path, tmp_path / "broken.xlsx")
+
+
+def write_xlsx(path: Path, names: list[str], rows: np.ndarray) -> None:
+    """The smallest workbook of ECMA-376 (sec. 18): one sheet, texts inline."""
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    packed = "http://schemas.openxmlformats.org/package/2006"
+    kind = "application/vnd.openxmlformats"
+    cells = "".join(f'<c t="inlineStr"><is><t>{name}</t></is></c>' for name in names)
+    body = "".join(f"<row>{''.join(f'<c><v>{value:.9g}</v></c>' for value in row)}</row>" for row in rows)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr(
+            "[Content_Types].xml",
+            f'<Types xmlns="{packed}/content-types"><Default Extension="xml" ContentType="application/xml"/>'
+            f'<Default Extension="rels" ContentType="{kind}-package.relationships+xml"/>'
+            f'<Override PartName="/xl/workbook.xml" ContentType="{kind}-officedocument.spreadsheetml.sheet.'
+            'main+xml"/></Types>',
+        )
+        link = f'<Relationships xmlns="{packed}/relationships"><Relationship Id="r1" Type="{office}/'
+        file.writestr("_rels/.rels", f'{link}officeDocument" Target="xl/workbook.xml"/></Relationships>')
+        file.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets><sheet name="One" sheetId="1" r:id="r1"/>'
+            "</sheets></workbook>",
+        )
+        file.writestr(
+            "xl/_rels/workbook.xml.rels", f'{link}worksheet" Target="worksheets/sheet1.xml"/></Relationships>'
+        )
+        file.writestr(
+            "xl/worksheets/sheet1.xml",
+            f'<worksheet xmlns="{main}"><sheetData><row>{cells}</row>{body}</sheetData></worksheet>',
+        )
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "words"),
+    [
+        ("time_s,travel_mm,force_N\n0,0,0\n1,abc,2\n2,3,4\n", (), 't.csv: travel_mm: found "abc" in row 3'),
+        ("time_s,travel_mm,force_N\n0,0,0\n1,1,5,2\n", (), "found 4 cells in row 3, expected 3 as"),
+        ("time_s,travel_mm,force_N\n0,0,0\n0,1,1\n", (), "0 s in row 3 after 0 s, expected increasing"),
+        ("time_s,travel_mm,force_N\n", (), "found no rows, expected a header and one row for each"),
+        ("1,2,3\n2,3,4\n3,4,5\n", (), "no row of names above columns of numbers"),
+        ("time_s;travel_mm;force_N\n0;0;0\n1;1,5;1.000,2\n", (), '"1.000,2" in row 3, expected either'),
+        ("time_s;travel_mm;force_N\n0;0;0\n1;1,5;1.5\n", (), '"1,5" in row 3 and "1.5" in row 3, expected'),
+        ("time_s,travel_mm,force_N\n0,9,0\n1,8,1\n2,7,4\n", (), "is it a gap? give --columns gap=..."),
+        ("time_s,gap_mm,force_N\n0,0,0\n1,1,1\n2,2,4\n", (), "is it a travel? give --columns travel=..."),
+        ("T,T,F\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F,travel=T",), "the column 'T' twice"),
+        ("Time,Pos,Frc\n0,0,0\n1,1,1\n2,2,2\n", (NAMES,), 'did you mean force="Frc"?'),
+        ("T,P,F (Pa)\n0,0,0\n1,1,1\n2,2,2\n", ("time=T,force=F (Pa),travel=P",), "no unit of time"),
+    ],
+)
+def test_a_bad_table_is_refused_with_its_row_or_column(
+    tmp_path: Path, text: str, options: tuple[str, ...], words: str
+) -> None:
+    (tmp_path / "t.csv").write_text(text)
+    assert words in refused(tmp_path, tmp_path / "t.csv", *(w for o in options for w in ("--columns", o)))
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--columns", "Time"), 'holds "Time"; give time=Time,force=Force,travel=Pos'),
+        (("--columns", "time=a,time=b"), "names time twice"),
+        (("--columns", "travel=a,gap=b"), "names both a travel and a gap"),
+        (("--units", "force=lbf"), 'knows no unit "lbf" of force; give one of N, mN, g, kgf'),
+        (("--units", "pressure=Pa"), 'holds "pressure=Pa"'),
+    ],
+)
+def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: tuple[str, str], words: str) -> None:
+    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
+    assert words in refused(tmp_path, tmp_path / "t.csv", *options)
+
+
+@pytest.mark.parametrize("indenter", ["flat", "plate"])
+def test_an_indenter_that_nothing_explains_is_refused_before_a_file_is_written(
+    tmp_path: Path, indenter: str
+) -> None:
+    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
+    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", indenter, "--radius-mm", "5")
+    assert code == 1
+    assert f"--indenter {indenter} is no ball" in said
+    assert not (tmp_path / "out.h5").exists()
+
+
+def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", time_s=TIMES)
+    assert "is no table of a load cell" in refused(tmp_path, tmp_path / "a.npz", "--columns", NAMES)
+
+
+def test_a_last_row_cut_short_and_a_clock_of_the_day_are_said(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table("time_s,travel_mm,force_N", 1.75e9 + TIMES, GONE, PRESSED, form="%.12g") + "17\n")
+    said = " ".join(converted(tmp_path, source).split())
+    assert "row 32, below the others, is not whole; it was left out" in said
+    assert "time starts at 1750000000 s; it is counted from the first frame" in said
