@@ -46,8 +46,8 @@ class ReducedCase:
 
     columns: list[dict[str, Any]]
     signatures: list[dict[str, Any]]
-    rows: list[Int[np.ndarray, " k"]]
-    products: list[Float[np.ndarray, "k1 k1"]]
+    rows: list[Int[np.ndarray, " _"]]
+    products: list[Float[np.ndarray, "_ _"]]
     samples: Float[np.ndarray, "s 9"]
     count: int
     facts: dict[str, Any]

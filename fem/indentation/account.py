@@ -99,11 +99,11 @@ def account_for(
         *(_with_onset_zero(trace, chosen, no_contact) if naming.after is not None else ()),
     )
     try:
-        foretold = forecasts.of(likeliest)
+        predicted = forecasts.of(likeliest)
     except FemFailure as failure:
-        foretold = forecasts.of(NONE)
+        predicted = forecasts.of(NONE)
         notes = (*notes, f"No prediction with {likeliest}: {failure.detail}.")
-    end, blocks = predictions(forecasts.of(NONE), foretold)
+    end, blocks = predictions(forecasts.of(NONE), predicted)
     out = np.isfinite(end.before_N)
     noise = no_contact.white_N / float(np.sqrt(np.mean(trace.force_N[out] ** 2)))
     explanation = Explanation(
@@ -119,7 +119,7 @@ def account_for(
         after=naming.after or WITHHELD,
         withheld=naming.withheld,
         heldout=HeldOut(
-            rms_before=forecasts.of(NONE).end_share, rms_after=foretold.end_share, noise_rms=noise
+            rms_before=forecasts.of(NONE).end_share, rms_after=predicted.end_share, noise_rms=noise
         ),
         next_grasp=next_press([best[name] for name in names if name in best], trace, no_contact),
         cells=_cells(trace, fits[0], no_contact),

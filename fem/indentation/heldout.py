@@ -49,7 +49,7 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foretold:
+class LawPrediction:
     """What one law says of the frames that it was not fitted to, NaN elsewhere, and how far off it is: root
     mean squares over that of the force left out.
     """
@@ -64,20 +64,20 @@ class Foretold:
         """Of both shares: its root is their geometric mean."""
         return self.end_share * self.blocks_share
 
-    def gains_on(self, other: "Foretold", *, by: float = 0.0) -> bool:
+    def gains_on(self, other: "LawPrediction", *, by: float = 0.0) -> bool:
         """Whether it misses less, by so large a share, of the end or of the blocks: what shows in the ramp
-        alone helps to foretell no hold.
+        alone helps to predict no hold.
         """
         keeps = 1 - by
         return self.end_share < keeps * other.end_share or self.blocks_share < keeps * other.blocks_share
 
 
-def foretell(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> Foretold:
-    """The law, refitted without the frames it foretells: the trace's end, and its blocks in turn."""
+def predict_law(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> LawPrediction:
+    """The law, refitted without the frames it predicts: the trace's end, and its blocks in turn."""
     block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
     end = _left_out(known, trace, no_contact, [future_frames(trace)])
     blocks = _left_out(known, trace, no_contact, [block, ~block])
-    return Foretold(
+    return LawPrediction(
         end_N=end,
         blocks_N=blocks,
         end_share=_share(end, trace.force_N),
@@ -85,7 +85,7 @@ def foretell(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) 
     )
 
 
-def predictions(before: Foretold, after: Foretold) -> tuple[Prediction, Prediction]:
+def predictions(before: LawPrediction, after: LawPrediction) -> tuple[Prediction, Prediction]:
     """Both laws side by side: the trace's end, and its blocks."""
     return (
         Prediction(protocol="end", before_N=before.end_N, after_N=after.end_N),
@@ -96,13 +96,13 @@ def predictions(before: Foretold, after: Foretold) -> tuple[Prediction, Predicti
 def predict(
     linear: TraceFit, named: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
 ) -> tuple[Prediction, Prediction]:
-    """What both laws foretell of the trace's end, and of its blocks."""
-    return predictions(foretell(linear, trace, no_contact), foretell(named, trace, no_contact))
+    """What both laws predict of the trace's end, and of its blocks."""
+    return predictions(predict_law(linear, trace, no_contact), predict_law(named, trace, no_contact))
 
 
-def _share(foretold_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
-    out = np.isfinite(foretold_N)
-    return float(np.sqrt(np.mean((foretold_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
+def _share(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
+    out = np.isfinite(predicted_N)
+    return float(np.sqrt(np.mean((predicted_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
 
 
 def _left_out(

@@ -1,4 +1,4 @@
-"""Which names of a trace may be given: those that foretell frames which they did not see."""
+"""Which names of a trace may be given: those whose laws predict frames left out of their fit."""
 
 from dataclasses import dataclass, replace
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.indentation.fit import TraceFit
-from fem.indentation.heldout import Foretold, foretell
+from fem.indentation.heldout import LawPrediction, predict_law
 from fem.indentation.rank import close_to_best, explains, modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus
 
-#: share of the force left out that the best explanation may miss in what it foretells (set by hand)
+#: share of the force left out that the best explanation may miss in what it predicts (set by hand)
 MISSED = 0.3
 #: factor by which an explanation, or one of several, may move E (set by hand)
 TENFOLD = 10.0
@@ -20,7 +20,7 @@ TENFOLD = 10.0
 DISTINCT = 5.0
 #: straight pieces over the travel that such a force is made of
 PIECES = 12
-#: share by which a pair must miss less of what it foretells than each of its effects alone (set by hand)
+#: share by which a pair must miss less of what it predicts than each of its effects alone (set by hand)
 PAIR_GAIN = 0.1
 DRIFT = "sensor_drift"
 
@@ -39,17 +39,17 @@ class Naming:
 
 
 class Forecasts:
-    """What each law foretells of the frames that it did not see, worked out once."""
+    """What each law predicts of the frames left out of its fit, worked out once."""
 
     def __init__(self, best: dict[str, TraceFit], trace: IndenterTrace, no_contact: NoContactNoise) -> None:
         self._best, self._trace, self._no_contact = best, trace, no_contact
-        self._known: dict[str, Foretold | FemFailure] = {}
+        self._known: dict[str, LawPrediction | FemFailure] = {}
 
-    def of(self, name: str) -> Foretold:
+    def of(self, name: str) -> LawPrediction:
         """Raises FemFailure where the law's force cannot be worked out without the measured one."""
         if name not in self._known:
             try:
-                self._known[name] = foretell(self._best[name], self._trace, self._no_contact)
+                self._known[name] = predict_law(self._best[name], self._trace, self._no_contact)
             except FemFailure as failure:
                 self._known[name] = failure
         found = self._known[name]
@@ -65,10 +65,10 @@ def named(
     forecasts: Forecasts,
     trace: IndenterTrace,
 ) -> Naming:
-    """The names that evidence proposes, less those that foretell nothing; E over what is left, or why not.
+    """The names that evidence proposes, less those that predict nothing; E over what is left, or why not.
 
-    A pair that foretells no better than one of its effects is that effect. A drift that any force over the
-    travel could be (a single ramp) is never the only name. A name stays where what it foretells misses MISSED
+    A pair that predicts no better than one of its effects is that effect. A drift that any force over the
+    travel could be (a single ramp) is never the only name. A name stays where what it predicts misses MISSED
     at most, and less than the linear law; and where E is moved by less than TENFOLD.
     """
     if verdict == NONE:
@@ -97,7 +97,7 @@ def named(
         verdict=UNKNOWN,
         ranking=tuple(replace(one, modulus=None) for one in ranking),
         after=None,
-        withheld="no law explains this trace and foretells what it did not see of it",
+        withheld="no law explains this trace and predicts the part of it that was left out of the fit",
         notes=tuple(notes),
     )
 
@@ -125,7 +125,7 @@ def _drifts(name: str) -> bool:
 
 
 def _without_idle(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
-    """The effect of a pair that foretells and explains as well alone; the pair where neither does."""
+    """The effect of a pair that predicts and explains as well alone; the pair where neither does."""
     if "+" not in name:
         return name
     singles = [one for one in name.split("+") if one in best and explains(best[one], best[NONE])]
@@ -159,15 +159,15 @@ def _doubt(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
     try:
         found, linear = forecasts.of(name), forecasts.of(NONE)
     except FemFailure as failure:
-        return f"{name} is not named: nothing can be foretold with it ({failure.detail})."
+        return f"{name} is not named: nothing can be predicted with it ({failure.detail})."
     if found.end_share > MISSED:
         return (
-            f"{name} fits best but is not named: of the frames that it did not see it misses "
+            f"{name} fits best but is not named: in frames left out of its fit it misses "
             f"{found.end_share:.0%} of the force, more than {MISSED:.0%}."
         )
     if not found.gains_on(linear):
         return (
-            f"{name} is not named: it foretells frames that it did not see no better than linear elasticity."
+            f"{name} is not named: it predicts frames left out of its fit no better than linear elasticity."
         )
     ratio = modulus_of(best[name]).value / modulus_of(best[NONE]).value
     if not 1 / TENFOLD < ratio < TENFOLD:

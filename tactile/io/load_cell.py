@@ -115,7 +115,7 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
         raise unusable(
             path.name,
             f"{len(found)} sheets with these columns: {names}",
-            f'to be told which: give --sheet "{found[0][0].name}"',
+            f'one of them named: give --sheet "{found[0][0].name}"',
         )
     sheet, columns = found[0]
     notes = ["no pose: written as no motion."]

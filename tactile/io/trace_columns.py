@@ -170,7 +170,7 @@ def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) 
     return unusable(
         source,
         f"the columns {listed}{where}{others_named}",
-        f"time_s, travel_mm and force_N, or to be told which they are: give {option}",
+        f"time_s, travel_mm and force_N, or these named: give {option}",
     )
 
 

@@ -53,8 +53,12 @@ def test_a_drift_that_the_air_shows_is_named():
     assert said.after.value == pytest.approx(E_MPa, rel=0.03)
 
 
-@pytest.mark.parametrize(("air_s", "hold_s", "told"), [(0.0, 0.0, False), (6.0, 0.0, True), (0.0, 6.0, True)])
-def test_a_drift_is_told_from_a_force_over_the_travel_only_where_time_passes_without_one(air_s, hold_s, told):
+@pytest.mark.parametrize(
+    ("air_s", "hold_s", "apart"), [(0.0, 0.0, False), (6.0, 0.0, True), (0.0, 6.0, True)]
+)
+def test_a_drift_stands_apart_from_a_force_over_the_travel_only_where_time_passes_without_one(
+    air_s, hold_s, apart
+):
     time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=air_s, hold_s=hold_s)
     trace = IndenterTrace(
         time_s=time, force_N=hertz_N(depth) + 0.1 * time + noise, travel_mm=travel, radius_mm=RADIUS
@@ -65,7 +69,7 @@ def test_a_drift_is_told_from_a_force_over_the_travel_only_where_time_passes_wit
     law = Law(ball=linear.ball, baseline=linear.baseline, effects=drift)
     truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0, "newton_per_s": 0.1}
     start = np.array([[truth[u.name] for u in law.unknowns]])
-    assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == told
+    assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == apart
 
 
 def test_a_drift_in_a_single_ramp_is_not_the_only_name():
@@ -128,7 +132,7 @@ def test_a_rupture_at_once_leaves_too_little_and_says_so():
         account(time, force, travel)
 
 
-def test_what_is_not_foretold_is_unknown_and_its_E_is_withheld():
+def test_what_is_not_predicted_is_unknown_and_its_E_is_withheld():
     time, travel, depth, noise = ramp(np.random.default_rng(8), air_s=2.0, ramp_s=8.0)
     jerks = np.exp(0.8 * np.sin(3.0 * time) + np.maximum(time - 6, 0) * 0.9)
     said = account(time, hertz_N(depth) * jerks + noise, travel).explanation

@@ -201,8 +201,8 @@ class GramMatrix:
     def from_products(
         cls,
         columns: Sequence[Regressor],
-        rows: Sequence[Int[np.ndarray, " k"]],
-        products: Sequence[Float[np.ndarray, "k1 k1"]],
+        rows: Sequence[Int[np.ndarray, " _"]],
+        products: Sequence[Float[np.ndarray, "_ _"]],
     ) -> "GramMatrix":
         """Products that were computed before, of which nothing but fits can be had.
 
