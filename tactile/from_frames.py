@@ -23,7 +23,7 @@ from tactile.markers.pad_frames import (
     tracked_markers,
 )
 from tactile.markers.reference_places import places_of
-from tactile.markers.tracking import reference_of
+from tactile.markers.tracking import TrackedMarkers, reference_of
 from tactile.sensors import Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 from tactile.view_edge import edge_said
@@ -125,8 +125,16 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         thickness_mm=pad.sensor.thickness_mm,
         gel_E_MPa=pad.sensor.E_MPa,
         gel_nu=pad.sensor.nu,
+        certainty=_least(tracked, second),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
+
+
+def _least(one: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
+    """Certainty of each frame by the camera that is less sure of it."""
+    if one.certainty is None or second is None or second.certainty is None:
+        return one.certainty
+    return np.asarray(np.minimum(one.certainty, second.certainty))
 
 
 def _refuse_other_pads_markers(raw: RawGrasp) -> None:
@@ -178,4 +186,5 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         thickness_mm=pad.thickness_mm,
         gel_E_MPa=pad.gel_E_MPa,
         gel_nu=pad.gel_nu,
+        certainty=None if pad.certainty is None else at_times(when, one.time_s, pad.certainty),
     )

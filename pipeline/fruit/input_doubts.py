@@ -88,6 +88,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
             FindingKind.ZERO_FRAMES,
             FindingKind.MARKERS_UNIT,
             FindingKind.MARKERS_ORDER,
+            FindingKind.MARKERS_PITCH_OFF,
             FindingKind.OVER_EDGE,
             FindingKind.AXES,
             FindingKind.DEAD_FIELD,

@@ -34,6 +34,7 @@ class FindingKind(StrEnum):
     MARKERS_UNIT = "markers-unit"
     MARKERS_ORDER = "markers-order"
     MARKERS_MISSING = "markers-missing"
+    MARKERS_PITCH_OFF = "markers-pitch-off"
     OVER_EDGE = "over-edge"
     # force against displacement
     AXES = "axes"

@@ -1,4 +1,4 @@
-"""The grid of markers: sites without a marker, a contact beyond its edge, markers in another order."""
+"""The grid of markers: a pitch off, sites without a marker, another order, a contact beyond its edge."""
 
 from collections.abc import Sequence
 
@@ -10,6 +10,7 @@ from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
 from tactile.checks.pressing import LOST_REFUSED, LOST_SAID, Pressing, heaviest, like_neighbours
 from tactile.checks.units import LENGTH
 from tactile.io.recording import marker_area_mm2
+from tactile.markers.matching import UNSURE
 
 REGULAR = 0.75
 """Share of the vectors between nearest markers that must be one of two steps for markers to be a grid: square
@@ -70,6 +71,8 @@ def _pad(one: Pressing) -> list[Finding]:
     side = float(np.ptp(rest, axis=0).max())
     if not FACE_MM[0] <= side <= FACE_MM[1]:
         return [_unit(one, side)]
+    if (unsure := _pitch_off(one)) is not None:
+        return [unsure]
     found = []
     if (order := _order(one)) is not None and order < ORDERED:
         found.append(
@@ -107,6 +110,27 @@ def _pad(one: Pressing) -> list[Finding]:
                 )
             )
     return found
+
+
+def _pitch_off(one: Pressing) -> Finding | None:
+    """The finding that tracking could not tell which marker is which, where the pad presses after that."""
+    certainty = one.pad.certainty
+    if certainty is None:
+        return None
+    unsure = np.flatnonzero(certainty < UNSURE)
+    if not len(unsure) or not one.pressed[unsure].any():
+        return None
+    return Finding(
+        kind=FindingKind.MARKERS_PITCH_OFF,
+        rank=FindingRank.FIELD,
+        pads=(one.pad.name,),
+        says=(
+            f"markers may be {one.spacing_mm:.2g} mm off, a pitch of their grid, from frame {unsure[0]} on: "
+            "nearly all of them moved at once by a good part of a pitch; close the jaws more slowly, or "
+            "record more frames a second"
+        ),
+        refused=True,
+    )
 
 
 def missing_sites(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:

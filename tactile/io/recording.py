@@ -46,6 +46,7 @@ THICKNESS = Limit(200.0, "millimetres", least=0.01)
 MODULUS = Limit(1e4, "MPa (is it in Pa or kPa?)", least=1e-5)
 RATIO = Limit(0.4999, "", least=0.1)
 RADIUS = Limit(1000.0, "millimetres", least=0.001)
+SHARE = Limit(1.0, "(a share)")
 """These are the largest that each field can be at all, in the unit named, some hundred times what sensors and
 grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
 likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
@@ -61,7 +62,9 @@ class GelPad:
     """A gel with markers, all in the pad frame; z points out of the gel into the fruit.
 
     `displacement_mm` is from rest (negative z: pressed into the gel), `force_N` is what the gel puts on the
-    fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome.
+    fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome. `certainty`: of each
+    frame, 0 where every marker could as well be a pitch of their grid further, 1 where none could; None where
+    nobody followed markers through pictures.
     """
 
     name: str
@@ -74,6 +77,7 @@ class GelPad:
     thickness_mm: float | None = None
     gel_E_MPa: float | None = None
     gel_nu: float | None = None
+    certainty: Float[np.ndarray, " t"] | None = None
     images: UInt8[np.ndarray, "t h w 3"] | None = None
     images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
@@ -251,6 +255,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         thickness_mm=pad.optional_positive("thickness_mm", limit=THICKNESS),
         gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
         gel_nu=pad.optional_positive("nu", limit=RATIO),
+        certainty=pad.array("certainty", (frames,), limit=SHARE) if "certainty" in pad else None,
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
@@ -275,6 +280,8 @@ def _write_gel(group: Any, pad: GelPad) -> None:
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
     for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
         group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
+    if pad.certainty is not None:
+        group["certainty"] = np.asarray(pad.certainty, dtype=np.float64)
     optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
     group.attrs.update(
         {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}

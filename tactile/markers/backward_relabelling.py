@@ -12,8 +12,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.markers.marker_detection import inside
-from tactile.markers.matching import Lattice, match, neighbours_say
+from tactile.markers.marker_lattice import Lattice, neighbours_say
+from tactile.markers.matching import match
 
 JUMP = 0.5
 """In spacings: a marker that moves further between two frames may have changed its label."""
@@ -25,7 +25,6 @@ LOOK_BACK = 25
 
 def relabelled(
     lattice: Lattice,
-    shape: tuple[int, int],
     position: Float[np.ndarray, "t n 2"],
     blobs_px: Sequence[Float[np.ndarray, "_ 2"]],
 ) -> Float[np.ndarray, "t n 2"]:
@@ -40,7 +39,7 @@ def relabelled(
         back: list[np.ndarray] = []
         after = whole[t]
         for k in range(t - 1, max(-1, t - 1 - LOOK_BACK), -1):
-            now = _relabelled_frame(lattice, shape, after, blobs_px[k])
+            now = _relabelled_frame(lattice, after, blobs_px[k])
             if _differ(lattice, now, whole[k]) < FEWEST:
                 if back and _path(whole[k : t + 1], back) < 0:
                     whole[k + 1 : t] = back[::-1]
@@ -52,7 +51,6 @@ def relabelled(
 
 def _relabelled_frame(
     lattice: Lattice,
-    shape: tuple[int, int],
     after: Float[np.ndarray, "n 2"],
     blobs_px: Float[np.ndarray, "m 2"],
 ) -> Float[np.ndarray, "n 2"]:
@@ -60,8 +58,7 @@ def _relabelled_frame(
     known = np.isfinite(after[:, 0])
     moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
     moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known))
-    expected = inside(lattice.rest_px + moved, shape, 0.0)
-    best = match(lattice, [moved, np.zeros_like(moved)], blobs_px, expected)
+    best = match(lattice, [moved, np.zeros_like(moved)], blobs_px)
     return np.where(best.found[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
 
 

@@ -1,35 +1,49 @@
 """Which blob of a frame is which marker.
 
 A marker's displacement is near its neighbours': a gel has no seams. Each guess of the displacements is
-matched to the blobs and the match is scored by how far neighbours disagree and how many markers find no blob;
-the best guess wins. Where markers stand on a grid, a jump of the whole gel by more than half a pitch between
-two frames looks like a smaller jump the other way: only the grid's rim, a guess from the motion so far, or
-the rest position can tell, and all three are tried.
+matched to the blobs, grown from the markers that it has right, and shifted by every step of the markers'
+grid; the match of least cost wins. Where markers stand on a grid and the grid goes on beyond the picture,
+every match and the same one a pitch further are as smooth and as full. What tells them apart is the part of
+the gel that has not moved: a press leaves some of it where it was, or at rest. Where no part has stayed, the
+two cannot be told apart, and `Match.margin` says so.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import Delaunay, QhullError, cKDTree
+from scipy.spatial import cKDTree
+
+from tactile.markers.marker_detection import inside
+from tactile.markers.marker_lattice import Lattice, neighbours_say, voted
 
 GATE = 0.5
 """A blob farther from where a marker is expected than this share of the spacing is not taken for it."""
-NEIGHBOURS = 8
-"""Of a marker: those round it on a square grid."""
-LONG_EDGE = 1.7
-"""Neighbours are those joined by an edge no longer than this many spacings."""
 UNMATCHED_COST = 1.0
 """Of all markers unmatched, in the unit of the misfit between neighbours (spacings). Set by hand."""
-VOTE_BINS = 0.25
-"""Of displacements that are voted for, in spacings: finer than neighbours differ. Set by hand."""
-VOTE_REACH = 2.5
-"""Spacings that a gel moves between two frames at most. Set by hand."""
-VOTED_GUESSES = 4
-"""Best voted displacements that are tried in full. Set by hand."""
+SPARE_COST = 1.0
+"""Of as many blobs that are no marker, and lie where the reference had none, as there are markers. Set by
+hand."""
+MOVED_COST = 0.1
+"""Of all markers further than STAYS from every guess: about what a grid of ten rows, wholly in view, costs
+when it is a row off (a tenth of its markers without a blob, a tenth of the blobs without a marker: 0.2), by
+half. Set by hand."""
+FAR_COST = 0.01
+"""Of all markers a spacing from the nearest guess: of matches that differ in nothing else the nearest wins.
+Set by hand."""
+STAYS = 0.2
+"""In spacings: a marker nearer to a guess has stayed where that guess has it. Set by hand."""
+SURE = 0.02
+"""A match of so low a cost is taken at once: neighbours that differ by a seventh of the spacing."""
+LEAST_MARGIN = 0.02
+"""Cost by which a match must be better than its shifts, a fifth of the markers that have stayed: of 150 drawn
+jumps of 0.3 to 1.5 pitches all five that were matched a pitch off had less, and 11 of the 145 others
+(benchmarks/gel_lattice_jumps.py 0 150)."""
+STEPS_GONE = 4
+"""Steps of the grid that a match is shifted by in turn, at most: further than VOTE_REACH. Set by hand."""
 SEAM = 0.4
 """Neighbours whose displacements differ by more than this share of the spacing are on two sides of a seam."""
 SEEDS = 3
@@ -42,108 +56,160 @@ GROWTH_NEIGHBOURS = 6
 """Nearest of a marker, two of which must be matched for it to be next. Set by hand."""
 
 
-@dataclass(frozen=True)
-class Lattice:
-    """The markers at rest (px), their usual spacing, which are neighbours, and each one's nearest few."""
-
-    rest_px: Float[np.ndarray, "n 2"]
-    spacing_px: float
-    edges: Int[np.ndarray, "e 2"]
-    nearest: Int[np.ndarray, "n k"]
+UNSURE = 1.0
+"""A frame of less certainty is said, and no modulus comes from what follows it."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """`blob[n]` is marker n's blob or -1; `cost` is lower for a smoother and fuller match."""
+    """`blob[n]` is marker n's blob or -1; `cost` is lower for a smoother and fuller match. `margin`: how much
+    more the best match that is shifted by a step of the grid costs; infinite where none was tried.
+    """
 
     blob: Int[np.ndarray, " n"]
     cost: float
+    margin: float = float("inf")
 
     @property
     def found(self) -> Bool[np.ndarray, " n"]:
         """Whether each marker has a blob."""
         return np.asarray(self.blob >= 0)
 
+    @property
+    def certainty(self) -> float:
+        """0 where a step of the grid fits as well, 1 where none does by far."""
+        return min(1.0, self.margin / LEAST_MARGIN)
 
-def lattice_of(rest_px: Float[np.ndarray, "n 2"], spacing_px: float) -> Lattice:
-    """Neighbours are Delaunay's, without the long edges of the hull."""
-    count = len(rest_px)
-    nearest = np.asarray(cKDTree(rest_px).query(rest_px, k=min(NEIGHBOURS + 1, count))[1]).reshape(count, -1)
-    try:
-        triangles = Delaunay(rest_px).simplices if count > 3 else np.zeros((0, 3), dtype=np.int64)
-    except QhullError:  # all on a line
-        triangles = np.zeros((0, 3), dtype=np.int64)
-    pairs = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
-    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-    length = np.linalg.norm(rest_px[pairs[:, 0]] - rest_px[pairs[:, 1]], axis=1)
-    return Lattice(rest_px, spacing_px, pairs[length < LONG_EDGE * spacing_px], nearest[:, 1:])
+
+@dataclass(frozen=True)
+class _Sought:
+    """What one frame's blobs are matched with: `guesses` of the displacements (px)."""
+
+    lattice: Lattice
+    guesses: Sequence[Float[np.ndarray, "n 2"]]
+    blobs_px: Float[np.ndarray, "m 2"]
+    tree: cKDTree
+
+    def match(self, blob: Int[np.ndarray, " n"]) -> Match:
+        """The match with its cost."""
+        return Match(blob, self._cost(blob))
+
+    def displacement(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """px; of a marker without a blob what its neighbours say."""
+        known = blob >= 0
+        own = np.where(known[:, None], self.blobs_px[blob] - self.lattice.rest_px, 0.0)
+        return np.where(known[:, None], own, neighbours_say(self.lattice, own, known))
+
+    def missing(self, blob: Int[np.ndarray, " n"]) -> tuple[int, int, int]:
+        """Markers without a blob that should be in view, blobs without a marker that should have been in view
+        on the reference, and all markers that should be in view.
+        """
+        lattice, known = self.lattice, blob >= 0
+        place = self.displacement(blob)
+        expected = inside(lattice.rest_px + place, lattice.shape, lattice.margin_px)
+        spare = np.ones(len(self.blobs_px), dtype=bool)
+        spare[blob[known]] = False
+        others = self.blobs_px[spare]
+        nearest = np.asarray(cKDTree(lattice.rest_px + place).query(others.reshape(-1, 2))[1], dtype=np.int64)
+        were = others - place[nearest]
+        unmarked = int(inside(were, lattice.shape, lattice.margin_px + STAYS * lattice.spacing_px).sum())
+        return int((expected & ~known).sum()), unmarked, int((expected | known).sum())
+
+    def _cost(self, blob: Int[np.ndarray, " n"]) -> float:
+        """Mean square disagreement of neighbours in spacings (at most 1 each), and the shares of markers
+        without a blob, of blobs without a marker, and of markers that no guess has near.
+        """
+        known = blob >= 0
+        if not known.any():
+            return float("inf")
+        displacement = (self.blobs_px[blob] - self.lattice.rest_px) / self.lattice.spacing_px
+        a, b = self.lattice.edges.T
+        both = known[a] & known[b]
+        apart = ((displacement[a[both]] - displacement[b[both]]) ** 2).sum(axis=1)
+        rough = float(np.minimum(apart, 1.0).mean()) if both.any() else 1.0
+        unmatched, spare, count = self.missing(blob)
+        lost = UNMATCHED_COST * unmatched + SPARE_COST * spare
+        away = self.away(blob)
+        moved = MOVED_COST * float((away > STAYS).mean()) + FAR_COST * float(away.mean())
+        return rough + lost / max(1, count) + moved
+
+    def away(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
+        """How far each matched marker is from the nearest of the guesses, in spacings."""
+        known = blob >= 0
+        place = self.blobs_px[blob[known]] - self.lattice.rest_px[known]
+        away = [np.linalg.norm(place - guess[known], axis=1) for guess in self.guesses]
+        return np.asarray(np.min(away, axis=0) / self.lattice.spacing_px)
 
 
 def match(
     lattice: Lattice,
-    guesses: list[Float[np.ndarray, "n 2"]],
+    guesses: Sequence[Float[np.ndarray, "n 2"]],
     blobs_px: Float[np.ndarray, "m 2"],
-    expected: Bool[np.ndarray, " n"],
 ) -> Match:
-    """The best match over the guessed displacements; a jump of the whole gel too where blobs are left.
+    """The best match over the guessed displacements (px), what grows from them, and shifts by the grid.
 
-    `expected`: the markers that should be in view; the others cost nothing when they are not found.
+    A marker that a match takes out of view costs nothing when it is not found.
     """
     if not len(blobs_px):
         return Match(np.full(len(lattice.rest_px), -1), np.inf)
-    tree = cKDTree(blobs_px)
-    tried = [_matched(lattice, guess, blobs_px, tree, expected) for guess in guesses]
-    best = min(tried, key=lambda one: one.cost)
-    missing = int((expected & ~best.found).sum())
-    spare = len(blobs_px) - int(best.found.sum())
+    sought = _Sought(lattice, guesses, blobs_px, cKDTree(blobs_px))
+    tried = [_matched(sought, guess) for guess in guesses]
+    best = min(tried, key=_cost_of)
+    if best.cost < SURE:
+        return best
+    seeds = [_stayed(sought, one.blob, guess) for one, guess in zip(tried, guesses, strict=True)]
+    tried += [_grown(sought, seed) for seed in seeds if (seed >= 0).sum() >= FEWEST_SEEDS]
+    missing, spare, _ = sought.missing(best.blob)
     if missing >= 2 and spare >= 2:
-        jumps = _voted_jumps(lattice.rest_px + guesses[0], blobs_px, lattice.spacing_px)
-        tried = [best, *(_matched(lattice, guesses[0] + jump, blobs_px, tree, expected) for jump in jumps)]
-        best = min(tried, key=lambda one: one.cost)
-    torn = _seams(lattice, best, blobs_px)
-    if torn.any():
-        again = [best, *_regrown(lattice, best, torn, blobs_px, tree, expected)]
-        best = min(again, key=lambda one: one.cost)
-    return best
+        jumps = (blobs_px[None] - (lattice.rest_px + guesses[0])[:, None]).reshape(-1, 2)
+        tried += [_matched(sought, guesses[0] + jump) for jump in voted(jumps, lattice.spacing_px)]
+    best = min(tried, key=_cost_of)
+    tried += list(_regrown(sought, best))
+    best = min(tried, key=_cost_of)
+    return _against_shifts(sought, best)
 
 
-def neighbours_say(
-    lattice: Lattice, displacement_px: Float[np.ndarray, "n 2"], known: Bool[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 2"]:
-    """Each marker's displacement as its known neighbours have it: an affine fit, a mean where they are few.
-
-    Weights fall with distance; a marker's own value is not used. Without any known marker near, the mean of
-    all.
-    """
-    near = lattice.nearest
-    offset = (lattice.rest_px[near] - lattice.rest_px[:, None]) / lattice.spacing_px
-    weight = known[near] / (0.5 + (offset**2).sum(axis=2))
-    values = np.where(known[near][..., None], displacement_px[near], 0.0)
-    total = weight.sum(axis=1)
-    everyone = displacement_px[known].mean(axis=0) if known.any() else np.zeros(2)
-    mean = np.einsum("nk,nkc->nc", weight, values) / np.maximum(total, 1e-9)[:, None]
-    basis = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=2)
-    # A little stiffness on the slopes keeps one-sided neighbourhoods (the rim) from running away.
-    normal = np.einsum("nk,nki,nkj->nij", weight, basis, basis) + np.diag([1e-6, 0.2, 0.2])
-    right = np.einsum("nk,nki,nkc->nic", weight, basis, values - mean[:, None])
-    fitted = mean + np.linalg.solve(normal, right)[:, 0]
-    return np.where((total > 0)[:, None], fitted, everyone)
+def _cost_of(one: Match) -> float:
+    return one.cost
 
 
-def _matched(
-    lattice: Lattice,
-    guess: Float[np.ndarray, "n 2"],
-    blobs_px: Float[np.ndarray, "m 2"],
-    tree: cKDTree,
-    expected: Bool[np.ndarray, " n"],
-) -> Match:
+def _against_shifts(sought: _Sought, best: Match) -> Match:
+    """The cheapest of a match and those that are the same but for steps of the grid, and by what margin."""
+    for _ in range(STEPS_GONE):
+        place = sought.displacement(best.blob)
+        shifted = [_matched(sought, place + step) for step in sought.lattice.steps_px]
+        next_best = min([best, *shifted], key=_cost_of)
+        if next_best is best:
+            others = [one.cost for one in shifted if _differs(best, one)]
+            return replace(best, margin=min(others, default=np.inf) - best.cost)
+        best = next_best
+    return replace(best, margin=0.0)
+
+
+def _differs(one: Match, other: Match) -> bool:
+    """Whether most of the markers that both have found have another blob."""
+    both = one.found & other.found
+    return bool(both.any() and (one.blob[both] != other.blob[both]).mean() > 0.5)
+
+
+def _stayed(
+    sought: _Sought, blob: Int[np.ndarray, " n"], guess: Float[np.ndarray, "n 2"]
+) -> Int[np.ndarray, " n"]:
+    """Of a match the markers that are where the guess has them, as their neighbours are; -1 for the rest."""
+    place = sought.blobs_px[blob] - sought.lattice.rest_px
+    near = (blob >= 0) & (np.linalg.norm(place - guess, axis=1) < STAYS * sought.lattice.spacing_px)
+    around = near[sought.lattice.nearest].mean(axis=1) >= 0.5
+    return np.where(near & around, blob, -1)
+
+
+def _matched(sought: _Sought, guess: Float[np.ndarray, "n 2"]) -> Match:
     """Nearest both ways, then once more from where the neighbours' matches put each marker."""
-    blob = _mutual(lattice.rest_px + guess, blobs_px, tree, GATE * lattice.spacing_px)
+    lattice, blobs_px = sought.lattice, sought.blobs_px
+    blob = _mutual(sought, lattice.rest_px + guess)
     known = blob >= 0
     error = np.where(known[:, None], blobs_px[blob] - lattice.rest_px - guess, 0.0)
     drift = _median_of_known(error[lattice.nearest], known[lattice.nearest])
-    blob = _mutual(lattice.rest_px + guess + drift, blobs_px, tree, GATE * lattice.spacing_px)
-    return Match(blob, _cost(lattice, blob, blobs_px, expected))
+    return sought.match(_mutual(sought, lattice.rest_px + guess + drift))
 
 
 def _median_of_known(
@@ -158,88 +224,51 @@ def _median_of_known(
     return np.where((count > 0)[:, None], middle, 0.0)
 
 
-def _seams(lattice: Lattice, best: Match, blobs_px: Float[np.ndarray, "m 2"]) -> Bool[np.ndarray, " e"]:
+def _seams(sought: _Sought, best: Match) -> Bool[np.ndarray, " e"]:
     """The pairs of neighbours that a match tears apart, or pushes onto each other."""
-    displacement = blobs_px[best.blob] - lattice.rest_px
-    a, b = lattice.edges.T
-    apart = np.linalg.norm(displacement[a] - displacement[b], axis=1) > SEAM * lattice.spacing_px
+    displacement = sought.blobs_px[best.blob] - sought.lattice.rest_px
+    a, b = sought.lattice.edges.T
+    apart = np.linalg.norm(displacement[a] - displacement[b], axis=1) > SEAM * sought.lattice.spacing_px
     return np.asarray(apart & best.found[a] & best.found[b])
 
 
-def _regrown(
-    lattice: Lattice,
-    best: Match,
-    torn: Bool[np.ndarray, " e"],
-    blobs_px: Float[np.ndarray, "m 2"],
-    tree: cKDTree,
-    expected: Bool[np.ndarray, " n"],
-) -> Iterator[Match]:
-    """Matches that keep one unbroken part of `best` and let the rest grow from it, marker by marker.
+def _regrown(sought: _Sought, best: Match) -> Iterator[Match]:
+    """Matches that keep one unbroken part of `best`, the rest grown from it; none where all is unbroken.
 
     A region that took its neighbours' blobs is inwardly smooth; only the seam around it shows.
     """
-    count = len(lattice.rest_px)
-    a, b = lattice.edges[~torn & best.found[lattice.edges].all(axis=1)].T
+    torn = _seams(sought, best)
+    if not torn.any():
+        return
+    count = len(sought.lattice.rest_px)
+    a, b = sought.lattice.edges[~torn & best.found[sought.lattice.edges].all(axis=1)].T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     part = connected_components(links, directed=False)[1]
     sizes = np.bincount(part[best.found], minlength=1)
     for seed in np.argsort(-sizes, kind="stable")[:SEEDS]:
         if sizes[seed] < FEWEST_SEEDS:
             return
-        blob = np.where((part == seed) & best.found, best.blob, -1)
-        for _ in range(GROWTH_ROUNDS):
-            known = blob >= 0
-            ready = ~known & (known[lattice.nearest[:, :GROWTH_NEIGHBOURS]].sum(axis=1) >= 2)
-            displacement = np.where(known[:, None], blobs_px[blob] - lattice.rest_px, 0.0)
-            where = lattice.rest_px + neighbours_say(lattice, displacement, known)
-            found = _mutual(where, blobs_px, tree, GATE * lattice.spacing_px)
-            grown = ready & (found >= 0) & ~np.isin(found, blob[known])
-            if not grown.any():
-                break
-            blob = np.where(grown, found, blob)
-        yield Match(blob, _cost(lattice, blob, blobs_px, expected))
+        yield _grown(sought, np.where((part == seed) & best.found, best.blob, -1))
 
 
-def _cost(
-    lattice: Lattice,
-    blob: Int[np.ndarray, " n"],
-    blobs_px: Float[np.ndarray, "m 2"],
-    expected: Bool[np.ndarray, " n"],
-) -> float:
-    """Mean square disagreement of neighbours in spacings (at most 1 each) and the share without a blob."""
-    known = blob >= 0
-    if not known.any():
-        return float("inf")
-    displacement = blobs_px[blob] - lattice.rest_px
-    a, b = lattice.edges.T
-    both = known[a] & known[b]
-    apart = ((displacement[a[both]] - displacement[b[both]]) ** 2).sum(axis=1) / lattice.spacing_px**2
-    rough = float(np.minimum(apart, 1.0).mean()) if both.any() else 1.0
-    return rough + UNMATCHED_COST * float((expected & ~known).sum() / max(1, expected.sum()))
+def _grown(sought: _Sought, seed: Int[np.ndarray, " n"]) -> Match:
+    """The match that grows from a part of one, marker by marker, each where its neighbours say that it is."""
+    lattice, blob = sought.lattice, seed
+    for _ in range(GROWTH_ROUNDS):
+        known = blob >= 0
+        ready = ~known & (known[lattice.nearest[:, :GROWTH_NEIGHBOURS]].sum(axis=1) >= 2)
+        found = _mutual(sought, lattice.rest_px + sought.displacement(blob))
+        grown = ready & (found >= 0) & ~np.isin(found, blob[known])
+        if not grown.any():
+            break
+        blob = np.where(grown, found, blob)
+    return sought.match(blob)
 
 
-def _mutual(
-    where_px: Float[np.ndarray, "n 2"], blobs_px: Float[np.ndarray, "m 2"], tree: cKDTree, gate_px: float
-) -> Int[np.ndarray, " n"]:
+def _mutual(sought: _Sought, where_px: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
     """Pairs that are each other's nearest within the gate; -1 for the rest."""
-    away, blob = tree.query(where_px)
-    marker = cKDTree(where_px).query(blobs_px)[1]
-    fits = (np.asarray(away) <= gate_px) & (np.asarray(marker)[blob] == np.arange(len(where_px)))
+    away, blob = sought.tree.query(where_px)
+    marker = cKDTree(where_px).query(sought.blobs_px)[1]
+    near = np.asarray(away) <= GATE * sought.lattice.spacing_px
+    fits = near & (np.asarray(marker)[blob] == np.arange(len(where_px)))
     return np.where(fits, blob, -1)
-
-
-def _voted_jumps(
-    where_px: Float[np.ndarray, "n 2"], blobs_px: Float[np.ndarray, "m 2"], spacing_px: float
-) -> list[Float[np.ndarray, "2"]]:
-    """Jumps of the whole gel that would put most markers on a blob, most votes first."""
-    jumps = (blobs_px[None] - where_px[:, None]).reshape(-1, 2) / spacing_px
-    jumps = jumps[np.abs(jumps).max(axis=1) < VOTE_REACH]
-    cells = np.rint(jumps / VOTE_BINS).astype(np.int64)
-    kinds, count = np.unique(cells, axis=0, return_counts=True)
-    chosen: list[np.ndarray] = []
-    for kind in kinds[np.argsort(-count, kind="stable")[: 4 * VOTED_GUESSES]]:
-        near = np.abs(jumps / VOTE_BINS - kind).max(axis=1) <= 1.0
-        middle = jumps[near].mean(axis=0) * spacing_px
-        if all(np.linalg.norm(middle - other) > 0.4 * spacing_px for other in chosen):
-            chosen.append(middle)
-    return chosen[:VOTED_GUESSES]

@@ -7,6 +7,7 @@ from jaxtyping import Bool
 
 from tactile.io.frame_checks import Watch, refuse_saturated
 from tactile.io.raw_grasp import RawCamera, RawPad
+from tactile.markers.matching import UNSURE
 from tactile.markers.reference_places import Places, places_of
 from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places, reference_of
 from tactile.sensors import GelCamera
@@ -42,7 +43,15 @@ def tracked_markers(
         if progress is not None:
             progress(pad.name, t + 1, count)
     position, quality = labelled_places(reference, rows)
+    certainty = np.minimum.accumulate([row.certainty for row in rows])
     notes = []
+    if (unsure := np.flatnonzero(certainty < UNSURE)).size:
+        k = int(unsure[0])
+        notes.append(
+            f"{source}: frame {view.pictures.numbers[k]} ({pad.time_s[k]:.3f} s): nearly all markers move at "
+            "once, and a pitch of their grid more or less fits the picture as well; displacements from there "
+            "on may be a pitch off. Close the jaws more slowly, or record more frames a second."
+        )
     unknown = len(rest_px) - len(places.kept)
     if unknown:
         notes.append(f"{source}: {unknown} marks that the sensor's description does not know are left out.")
@@ -52,6 +61,7 @@ def tracked_markers(
         position_px=position[:, places.kept],
         quality=quality[:, places.kept],
         rest_mm=places.rest_mm,
+        certainty=certainty,
     )
     return tracked, np.array(watch.doubled, dtype=bool), places, notes
 
@@ -76,6 +86,7 @@ def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedM
         position_px=tracked.position_px[kept],
         quality=tracked.quality[kept],
         rest_mm=tracked.rest_mm,
+        certainty=None if tracked.certainty is None else tracked.certainty[kept],
     )
 
 
@@ -87,6 +98,7 @@ def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
         position_px=tracked.position_px[:, markers],
         quality=tracked.quality[:, markers],
         rest_mm=tracked.rest_mm[markers],
+        certainty=tracked.certainty,
     )
 
 

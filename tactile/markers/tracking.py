@@ -10,7 +10,8 @@ from tactile.markers.backward_relabelling import relabelled
 from tactile.markers.contrast import MarkerLook, contrast, find_look, grey
 from tactile.markers.cut_markers import OUTSIDE, disc_radius_px, uncut
 from tactile.markers.marker_detection import Blobs, centred, find_blobs, inside, markers_of, spacing_of
-from tactile.markers.matching import Lattice, lattice_of, match, neighbours_say
+from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say
+from tactile.markers.matching import match
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_MARKERS = 9
@@ -32,7 +33,7 @@ class TrackedMarkers:
     `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
     NaN where a marker is lost or hidden. `quality` is 0 (lost) to 1 (as clear as on the reference).
     `rest_mm` is each marker's place on the undeformed gel, gel frame: the sensor's own where it states a
-    grid.
+    grid. `certainty` is the least of the frames so far (FrameMarkers); None: it is not known.
     """
 
     time_s: Float[np.ndarray, " t"]
@@ -40,6 +41,7 @@ class TrackedMarkers:
     position_px: Float[np.ndarray, "t n 2"]
     quality: Float[np.ndarray, "t n"]
     rest_mm: Float[np.ndarray, "n 3"]
+    certainty: Float[np.ndarray, " t"] | None = None
 
     @property
     def seen(self) -> Float[np.ndarray, " t"]:
@@ -69,12 +71,14 @@ class ReferenceMarkers:
 class FrameMarkers:
     """One frame: `position_px` (NaN where lost) and `quality` of every marker of the reference.
 
-    `blobs_px` is all that looked like a marker, so that names can be set right later.
+    `blobs_px` is all that looked like a marker, so that names can be set right later. `certainty`:
+    0 where the markers could as well be a pitch of their grid further, 1 where they could not.
     """
 
     position_px: Float[np.ndarray, "n 2"]
     quality: Float[np.ndarray, " n"]
     blobs_px: Float[np.ndarray, "m 2"]
+    certainty: float
 
 
 def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> ReferenceMarkers:
@@ -93,8 +97,9 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
             f"{source}: found {count} markers, expected at least {FEWEST_MARKERS}; is it a picture of the "
             "untouched gel, in focus, with its lights on?",
         )
-    lattice = lattice_of(markers.centre_px, spacing_of(markers.centre_px))
     shape = (intensity.shape[0], intensity.shape[1])
+    spacing = spacing_of(markers.centre_px)
+    lattice = lattice_of(markers.centre_px, spacing, shape=shape, margin_px=look.radius_px)
     return ReferenceMarkers(look, markers, lattice, shape, disc_radius_px(shown, markers))
 
 
@@ -133,7 +138,7 @@ def labelled_places(
 ) -> tuple[Float[np.ndarray, "t n 2"], Float[np.ndarray, "t n"]]:
     """Positions and quality of all frames followed so far, names corrected by later frames."""
     before = np.stack([row.position_px for row in rows])
-    position = relabelled(reference.lattice, reference.shape, before, [row.blobs_px for row in rows])
+    position = relabelled(reference.lattice, before, [row.blobs_px for row in rows])
     quality = np.stack([row.quality for row in rows])
     lost, again = ~np.isfinite(position[..., 0]), ~np.isfinite(before[..., 0])
     return position, np.where(lost, 0.0, np.where(again, FAINT, quality))
@@ -153,8 +158,7 @@ def _markers_in(
     blobs = replace(blobs, centre_px=uncut(blobs.centre_px, reference.shape, reference.disc_px))
     blobs = blobs.of(inside(blobs.centre_px, reference.shape, margin))
     guesses = [moved + speed, moved, np.zeros_like(moved)]
-    expected = inside(lattice.rest_px + moved + speed, reference.shape, look.radius_px)
-    best = match(lattice, guesses, blobs.centre_px, expected)
+    best = match(lattice, guesses, blobs.centre_px)
     count = len(lattice.rest_px)
     position, peak, mass = np.full((count, 2), np.nan), np.zeros(count), np.zeros(count)
     found = best.found
@@ -166,7 +170,8 @@ def _markers_in(
     clear = np.minimum(peak / usual.peak, 1.0) * np.minimum(
         mass / usual.mass, usual.mass / np.maximum(mass, 1e-9)
     )
-    return FrameMarkers(position, np.where(found, np.clip(clear, 0.0, 1.0), 0.0), blobs.centre_px)
+    quality = np.where(found, np.clip(clear, 0.0, 1.0), 0.0)
+    return FrameMarkers(position, quality, blobs.centre_px, best.certainty)
 
 
 def _look_for_lost(

@@ -5,9 +5,9 @@ from drawn_gel import PITCH_PX, SHAPE, grid
 from jaxtyping import Float
 
 from tactile.markers.backward_relabelling import relabelled
-from tactile.markers.matching import lattice_of
+from tactile.markers.marker_lattice import lattice_of
 
-LATTICE = lattice_of(grid(), PITCH_PX)
+LATTICE = lattice_of(grid(), PITCH_PX, shape=SHAPE, margin_px=0.0)
 JUMPS_AT, HEALS_AT, FRAMES = 4, 8, 14
 FADE = np.exp(-((grid() - [215.0, 120.0]) ** 2).sum(axis=1) / 2 / 70.0**2)
 PATCH = np.flatnonzero(FADE > 0.6)
@@ -41,7 +41,7 @@ def slipped(where: Float[np.ndarray, "t n 2"], first: int, end: int) -> Float[np
 def test_names_wrong_between_two_jumps_are_set_right() -> None:
     right = truth()
     wrong = slipped(right, JUMPS_AT, HEALS_AT)
-    found = relabelled(LATTICE, SHAPE, wrong, blobs(right))
+    found = relabelled(LATTICE, wrong, blobs(right))
     both = np.isfinite(found) & np.isfinite(right)
     assert np.abs(wrong - right)[np.isfinite(wrong) & np.isfinite(right)].max() > 0.9 * PITCH_PX
     assert np.abs(found - right)[both].max() == 0.0
@@ -50,10 +50,10 @@ def test_names_wrong_between_two_jumps_are_set_right() -> None:
 
 def test_a_true_jump_is_left_alone() -> None:
     right = truth()
-    np.testing.assert_array_equal(relabelled(LATTICE, SHAPE, right, blobs(right)), right)
+    np.testing.assert_array_equal(relabelled(LATTICE, right, blobs(right)), right)
 
 
 def test_a_patch_that_jumps_and_jumps_back_is_left_alone() -> None:
     right = truth()
     right[HEALS_AT:] = right[:1]
-    np.testing.assert_array_equal(relabelled(LATTICE, SHAPE, right, blobs(right)), right)
+    np.testing.assert_array_equal(relabelled(LATTICE, right, blobs(right)), right)

@@ -1,0 +1,194 @@
+"""Frames of real gel videos in which the tracked markers are off by a pitch of their lattice.
+
+    python benchmarks/gel_lattice_slips.py FOLDER --out CSV [--half even|odd] [--most N] [--pictures DIR]
+
+FOLDER holds clips `camera_<k>.avi` at any depth (the data set of
+github.com/amitparag/Incipient-Slip-Detection, BSD-2-Clause); copies of a clip count once. Halves go by the
+clip's SHA-256: one to work on, one to score.
+
+The detector shares no code with the tracker. Where the gel looks as it did in the first frame, it is not
+loaded, and its dots are where the nearest dot is: the patch of the first frame around each marker is looked
+for within half a pitch (normalised cross-correlation of all three colours), and the gel about the dot must
+have kept its colours. A frame slips where more than half of these markers are tracked more than half a pitch
+away from there.
+"""
+
+import argparse
+import csv
+import hashlib
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from gel_video import frames_of
+
+from tactile.markers.marker_detection import spacing_of
+from tactile.markers.matching import UNSURE
+from tactile.markers.tracking import follow, labelled_places, reference_of
+from tactile.tactile_failure import TactileFailure
+
+PATCH, REACH = 0.42, 0.5
+"""Half a patch's side and how far it is looked for, in pitches: beyond half a pitch is the next dot."""
+LIKE = 0.9
+"""Least correlation of an unloaded patch with itself in another frame (codec noise leaves 0.95 and more)."""
+COLOUR = 6.0
+"""Grey levels of 255 by which an unloaded gel's colours may differ about the dot; light changes by 5 to 15
+from one dot to the next."""
+STAYS = 0.3
+"""Pitches by which the dot of an unloaded place may have moved."""
+FEWEST = 4
+"""Unloaded markers that a frame is judged by, at least."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Of one clip: frames, those with enough unloaded markers, of them those that slip and those with single
+    markers off; frames that tracking itself is unsure of; share of the markers found; CPU seconds.
+    """
+
+    frames: int
+    judged: int
+    slipped: list[int]
+    partly: list[int]
+    uncertain: list[int]
+    kept: float
+    seconds: float
+
+
+def unloaded_motion(
+    first: np.ndarray, now: np.ndarray, rest_px: np.ndarray, pitch: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Motion (px) of each marker's patch within half a pitch, and whether the gel about it is unloaded."""
+    half, reach = round(PATCH * pitch), round(REACH * pitch)
+    height, width = first.shape[:2]
+    motion, unloaded = np.zeros_like(rest_px), np.zeros(len(rest_px), dtype=bool)
+    for n, (x, y) in enumerate(np.rint(rest_px).astype(int)):
+        side = half + reach
+        if not (side <= x < width - side and side <= y < height - side):
+            continue
+        patch = first[y - half : y + half + 1, x - half : x + half + 1]
+        there = now[y - side : y + side + 1, x - side : x + side + 1]
+        score = cv2.matchTemplate(there, patch, cv2.TM_CCOEFF_NORMED)
+        _, best, _, (across, down) = cv2.minMaxLoc(score)
+        motion[n] = across - reach, down - reach
+        found = there[down : down + 2 * half + 1, across : across + 2 * half + 1]
+        ring = np.abs(found.astype(np.int16) - patch).mean(axis=2)
+        about = np.hypot(*np.mgrid[-half : half + 1, -half : half + 1]) > 0.3 * pitch
+        unloaded[n] = best > LIKE and np.hypot(*motion[n]) < STAYS * pitch and np.median(ring[about]) < COLOUR
+    return motion, unloaded
+
+
+def judged(frames: list[np.ndarray]) -> tuple[Judged, np.ndarray, np.ndarray]:
+    """The clip followed from its first frame, and judged frame by frame."""
+    reference = reference_of(frames[0], source="first frame")
+    rest = reference.lattice.rest_px
+    pitch = spacing_of(rest)
+    start = time.process_time()
+    rows = list(follow(reference, frames))
+    position, _ = labelled_places(reference, rows)
+    seconds = time.process_time() - start
+    uncertain = [t for t, row in enumerate(rows) if row.certainty < UNSURE]
+    slipped, partly, count = [], [], 0
+    for t in range(1, len(frames)):
+        motion, unloaded = unloaded_motion(frames[0], frames[t], rest, pitch)
+        seen = unloaded & np.isfinite(position[t, :, 0])
+        if unloaded.sum() < FEWEST:
+            continue
+        count += 1
+        off = np.linalg.norm(position[t] - rest - motion, axis=1) > 0.5 * pitch
+        if (off & seen).sum() > 0.5 * max(seen.sum(), FEWEST):
+            slipped.append(t)
+        elif (off & seen).any():
+            partly.append(t)
+    kept = float(np.isfinite(position[..., 0]).mean())
+    return Judged(len(frames), count, slipped, partly, uncertain, kept, seconds), rest, position
+
+
+def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
+    """Clips without copies, in an order that is their digests'."""
+    known: dict[str, Path] = {}
+    for path in sorted(folder.rglob("camera_*.avi"), key=lambda p: (len(p.parts), str(p))):
+        known.setdefault(hashlib.sha256(path.read_bytes()).hexdigest(), path)
+    for digest, path in sorted(known.items()):
+        if half is None or (int(digest[:8], 16) % 2 == 0) == (half == "even"):
+            yield digest, path
+
+
+def picture(path: Path, frames: list[np.ndarray], rest: np.ndarray, position: np.ndarray, t: int) -> None:
+    """The frame before and this one, with each marker's line from its place in the first frame."""
+    shown = []
+    for k in (t - 1, t):
+        image = cv2.resize(frames[k], None, fx=2, fy=2)
+        for a, b in zip(rest, position[k], strict=True):
+            if np.isfinite(b[0]):
+                start, end = (tuple(int(v) for v in 2 * p + 1) for p in (a, b))
+                cv2.line(image, start, end, (0, 255, 255), 1, cv2.LINE_AA)
+                cv2.circle(image, end, 5, (255, 255, 255), 1, cv2.LINE_AA)
+        cv2.putText(image, f"frame {k}", (6, 16), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (255, 255, 255), 1)
+        shown.append(image)
+    cv2.imwrite(str(path), np.hstack(shown))
+
+
+def main() -> None:
+    """One row per clip, and sums."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--half", choices=("even", "odd"))
+    parser.add_argument("--most", type=int, default=10_000)
+    parser.add_argument("--pictures", type=Path)
+    given = parser.parse_args()
+    cv2.setNumThreads(1)
+    rows = []
+    for k, (digest, path) in enumerate(clips_of(given.folder, given.half)):
+        if k >= given.most:
+            break
+        name = str(path.relative_to(given.folder).with_suffix(""))
+        frames = list(frames_of(path))
+        row: dict[str, object] = {"clip": name, "sha256": digest[:12]}
+        try:
+            found, rest, position = judged(frames)
+        except TactileFailure as failure:
+            rows.append(row | {"failure": str(failure)})
+            print(name, failure, flush=True)
+            continue
+        row |= {
+            "frames": found.frames,
+            "judged": found.judged,
+            "slipped": len(found.slipped),
+            "first_slip": found.slipped[0] if found.slipped else "",
+            "partly": len(found.partly),
+            "uncertain": len(found.uncertain),
+            "kept": round(found.kept, 4),
+            "frames_per_s": round(found.frames / found.seconds, 1),
+            "failure": "",
+        }
+        rows.append(row)
+        if found.slipped or found.partly or found.uncertain:
+            print(row, flush=True)
+            if given.pictures is not None:
+                given.pictures.mkdir(parents=True, exist_ok=True)
+                at = (found.slipped or found.uncertain or found.partly)[0]
+                picture(given.pictures / f"{digest[:12]}-{at}.png", frames, rest, position, at)
+    with given.out.open("w", newline="") as file:
+        fields = ["clip", "sha256", "frames", "judged", "slipped", "first_slip", "partly", "uncertain",
+                  "kept", "frames_per_s", "failure"]  # fmt: skip
+        table = csv.DictWriter(file, fields, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+    good = [row for row in rows if not row["failure"]]
+    total = {name: sum(int(row[name]) for row in good) for name in ("frames", "judged", "slipped", "partly")}
+    clips = {name: sum(bool(row[name]) for row in good) for name in ("slipped", "partly", "uncertain")}
+    print(
+        f"{len(rows)} clips, {len(rows) - len(good)} without an answer; {total}, in so many clips {clips}; "
+        f"markers kept {np.mean([row['kept'] for row in good]):.4f}"
+    )
+
+
+if __name__ == "__main__":
+    main()
