@@ -100,7 +100,9 @@ def explain(
         ranking=ranking,
         verdict=found.verdict,
         before=plain,
-        after=reported_modulus(found.verdict, ranking, plain, undetected=undetected_spread(found, p_value)),
+        after=reported_modulus(
+            found.verdict, ranking, plain, undetected=undetected_spread(found, p_value), proof=proof
+        ),
         heldout=proof,
         next_grasp=fixed if plan is None else in_words(plan),
         next_grasp_plan=plan,
@@ -125,8 +127,8 @@ NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
 )
 WITHDRAWN_NOTE = (
-    "{name} is among the best explanations of all recordings together, but foretells those left out worse "
-    "than the plain model does: it stands for something else, and is not named."
+    "{name} is among the best explanations of all recordings together, but predicts those left out worse "
+    "than the plain model does, or hardly better: it stands for something else, and is not named."
 )
 
 

@@ -1,4 +1,4 @@
-"""The E that is said with a verdict, and names that foretell worse than none."""
+"""The E that is said with a verdict, and names that recordings left out do not bear out."""
 
 import math
 from types import SimpleNamespace
@@ -9,7 +9,7 @@ from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.reported_verdict import (
     borne_out,
-    predicts_worse,
+    fails_held_out,
     reported_modulus,
     undetected_spread,
 )
@@ -31,15 +31,42 @@ def candidate(effect: str, probability: float, E: float | None) -> Candidate:
     )
 
 
-def test_a_name_that_foretells_worse_than_the_plain_model_is_no_name() -> None:
-    assert predicts_worse(HeldOut(rms_before=0.0548, rms_after=0.0581, noise_rms=0.0185))
-    assert not predicts_worse(HeldOut(rms_before=0.0557, rms_after=0.0205, noise_rms=0.0185))
-    assert not predicts_worse(HeldOut(rms_before=0.0196, rms_after=0.0196, noise_rms=0.0176))
+def test_a_name_that_predicts_worse_than_the_plain_model_is_no_name() -> None:
+    assert fails_held_out(HeldOut(rms_before=0.0548, rms_after=0.0581, noise_rms=0.0185))
+    assert not fails_held_out(HeldOut(rms_before=0.0557, rms_after=0.0205, noise_rms=0.0185))
+    assert not fails_held_out(HeldOut(rms_before=0.0196, rms_after=0.0196, noise_rms=0.0176))
+
+
+def test_a_name_that_leaves_much_of_a_large_misfit_is_no_name() -> None:
+    """By hand: of 25 - 1 beyond noise 9 - 1 are a third, 16 - 1 are 0.63; 2.25 - 1 is no large misfit."""
+    assert not fails_held_out(HeldOut(rms_before=0.05, rms_after=0.03, noise_rms=0.01))
+    assert fails_held_out(HeldOut(rms_before=0.05, rms_after=0.04, noise_rms=0.01))
+    assert not fails_held_out(HeldOut(rms_before=0.015, rms_after=0.0145, noise_rms=0.01))
+
+
+@pytest.mark.parametrize(
+    ("after", "wider"),
+    [(0.0110, False), (0.0140, True)],
+)
+def test_where_a_name_leaves_most_of_the_misfit_E_is_as_uncertain_as_unknown_physics(after, wider) -> None:
+    """By hand: of 2.25 - 1 beyond noise 1.21 - 1 are 0.17, 1.96 - 1 are 0.77."""
+    proof = HeldOut(rms_before=0.015, rms_after=after, noise_rms=0.01)
+    said = reported_modulus("skin", [candidate("skin", 0.9, 0.3)], PLAIN, proof=proof)
+    assert said.value == 0.3
+    assert said.sd == pytest.approx(math.hypot(0.01, 0.17 * 0.3) if wider else 0.01)
+
+
+def test_unknown_physics_with_a_large_misfit_leaves_E_more_uncertain() -> None:
+    small = HeldOut(rms_before=0.015, rms_after=0.015, noise_rms=0.01)
+    large = HeldOut(rms_before=0.05, rms_after=0.05, noise_rms=0.01)
+    of_small, of_large = (reported_modulus(UNKNOWN, [], PLAIN, proof=one).sd for one in (small, large))
+    assert of_small == pytest.approx(math.hypot(PLAIN.sd, 0.17 * PLAIN.value))
+    assert of_large == pytest.approx(math.hypot(PLAIN.sd, 0.3 * PLAIN.value))
 
 
 def test_within_noise_or_of_one_recording_held_out_fits_say_nothing() -> None:
-    assert not predicts_worse(HeldOut(rms_before=0.0190, rms_after=0.0210, noise_rms=0.0185))
-    assert not predicts_worse(None)
+    assert not fails_held_out(HeldOut(rms_before=0.0190, rms_after=0.0210, noise_rms=0.0185))
+    assert not fails_held_out(None)
 
 
 def test_where_nothing_is_missing_E_is_the_plain_models() -> None:
@@ -111,17 +138,17 @@ def proof_of(again: object) -> HeldOut:
     return PROOFS[str(again)]
 
 
-def test_of_names_that_cannot_be_told_apart_only_those_that_foretell_stand() -> None:
+def test_of_names_that_cannot_be_told_apart_only_those_that_predict_stand() -> None:
     found, worse = borne_out(selection(("skin", "slip"), skin="bad", slip="good"), proof_of)
     assert (found.verdict, worse) == ("slip", ("skin",))
     assert found.ranking[0].name == "slip"
 
 
-def test_where_no_name_foretells_the_verdict_is_unknown() -> None:
+def test_where_no_name_predicts_the_verdict_is_unknown() -> None:
     found, worse = borne_out(selection("skin", skin="bad", slip="good"), proof_of)
     assert (found.verdict, worse) == (UNKNOWN, ("skin",))
 
 
-def test_names_that_foretell_and_sound_fruit_are_left_as_they_are() -> None:
+def test_names_that_predict_and_sound_fruit_are_left_as_they_are() -> None:
     for before in (selection("skin", skin="good"), selection(NONE, none=None, skin="bad")):
         assert borne_out(before, proof_of) == (before, ())

@@ -1,11 +1,12 @@
 """What the held-out recordings leave of a verdict, and the E that is said with it.
 
 A name that explains all recordings best must not predict those left out worse, taken together, than the
-plain model does: then it stands for something that the catalogue does not have. What E is said goes with the
-verdict: that of the plain model where nothing is missing, its spread what effects that went undetected may do
-to it too; the mean over all names that cannot be told apart, by their probabilities, its spread what they
-differ by too; and where something unknown is missing that of the plain model, as uncertain as unknown physics
-has made it.
+plain model does, nor leave much of a large misfit as it was: then it stands for something that the catalogue
+does not have. What E is said goes with the verdict: that of the plain model where nothing is missing, its
+spread what effects that went undetected may do to it too; the mean over all names that cannot be told apart,
+by their probabilities, its spread what they differ by too, and what unknown physics may do where most of the
+misfit is left; and where something unknown is missing that of the plain model, as uncertain as unknown
+physics has made it.
 """
 
 from collections.abc import Callable, Sequence
@@ -18,6 +19,10 @@ from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.thresholds import (
     ABOVE_NOISE_SHARE,
+    LARGE_MISFIT,
+    LARGE_MISFIT_LEFT,
+    LARGE_MISFIT_MODULUS_SD,
+    MOST_LEFT,
     P_EXPONENT,
     TEMPERATURE,
     UNKNOWN_MODULUS_SD,
@@ -28,19 +33,31 @@ LEAST_P = 1e-6
 """Of an undetected effect p is above DETECTION_P; this only keeps a power finite."""
 
 
-def predicts_worse(proof: HeldOut | None) -> bool:
-    """Whether the explanation foretells recordings left out worse than the plain model does, where that one
-    leaves more than noise; not to be said of one recording alone.
+def fails_held_out(proof: HeldOut | None) -> bool:
+    """Whether the explanation predicts recordings left out worse than the plain model does, or leaves much of
+    what that one leaves where this is far above noise; not to be said of one recording alone.
     """
-    if proof is None or proof.rms_before < (1 + ABOVE_NOISE_SHARE) * proof.noise_rms:
+    if proof is None or not _above_noise(proof):
         return False
-    return proof.rms_after > (1 + WORSE_SHARE) * proof.rms_before
+    if proof.rms_after > (1 + WORSE_SHARE) * proof.rms_before:
+        return True
+    return proof.rms_before > LARGE_MISFIT * proof.noise_rms and share_left(proof) > LARGE_MISFIT_LEFT
+
+
+def share_left(proof: HeldOut) -> float:
+    """What an explanation leaves of the plain model's misfit beyond noise, in squares."""
+    noise = proof.noise_rms**2
+    return (proof.rms_after**2 - noise) / (proof.rms_before**2 - noise)
+
+
+def _above_noise(proof: HeldOut) -> bool:
+    return proof.rms_before >= (1 + ABOVE_NOISE_SHARE) * proof.noise_rms
 
 
 def borne_out(
     found: ModelSelection, proof_of: Callable[[Refit], HeldOut | None]
 ) -> tuple[ModelSelection, tuple[str, ...]]:
-    """The selection with those names alone that do not predict worse than none, and the others.
+    """The selection with those names alone that recordings left out bear out, and the others.
 
     The names that stand come first in the ranking; where none does, the verdict is "unknown". `proof_of`: the
     held-out recordings by a refit.
@@ -51,7 +68,7 @@ def borne_out(
     worse = tuple(
         one.name
         for one in found.ranking
-        if one.name in names and one.refit is not None and predicts_worse(proof_of(one.refit))
+        if one.name in names and one.refit is not None and fails_held_out(proof_of(one.refit))
     )
     left = tuple(name for name in names if name not in worse)
     if not worse:
@@ -84,13 +101,35 @@ def undetected_spread(found: ModelSelection, p_value: float) -> float:
 
 
 def reported_modulus(
-    verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus, *, undetected: float = 0.0
+    verdict: str | tuple[str, ...],
+    ranking: Sequence[Candidate],
+    plain: Modulus,
+    *,
+    undetected: float = 0.0,
+    proof: HeldOut | None = None,
 ) -> Modulus:
-    """E as the module's docstring says. `undetected`: of undetected_spread."""
+    """E as the module's docstring says. `undetected`: of undetected_spread; `proof`: of what is said."""
     if verdict == NONE:
-        return replace(plain, sd=float(np.hypot(plain.sd, undetected * plain.value)))
+        return _widened(plain, undetected)
     if verdict == UNKNOWN:
-        return replace(plain, sd=float(np.hypot(plain.sd, UNKNOWN_MODULUS_SD * plain.value)))
+        return _widened(plain, unknown_spread(proof))
+    unexplained = proof is not None and _above_noise(proof) and share_left(proof) > MOST_LEFT
+    named = _of_names(verdict, ranking, plain)
+    return _widened(named, unknown_spread(proof)) if unexplained else named
+
+
+def unknown_spread(proof: HeldOut | None) -> float:
+    """Relative spread of E by physics that is not known."""
+    large = proof is not None and proof.rms_before > LARGE_MISFIT * proof.noise_rms
+    return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
+
+
+def _widened(modulus: Modulus, relative_sd: float) -> Modulus:
+    return replace(modulus, sd=float(np.hypot(modulus.sd, relative_sd * modulus.value)))
+
+
+def _of_names(verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plain: Modulus) -> Modulus:
+    """The mean over the names, by their probabilities; the plain model's E where none has one."""
     names = (verdict,) if isinstance(verdict, str) else verdict
     known = [(one.probability, one.modulus) for one in ranking if one.effect in names and one.modulus]
     weight = np.array([share for share, _ in known])
