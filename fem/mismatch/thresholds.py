@@ -75,12 +75,13 @@ same; with the true effect out of the catalogue `clock_lag` stood for creep and 
 LARGE_MISFIT, LARGE_MISFIT_LEFT = 2.0, 0.4
 """Where the plain model leaves twice the noise in recordings left out, a name that leaves so much of it
 beyond noise, in squares, is withdrawn. Of 18 labelled cases with one effect rightly named there the worst
-leaves 0.30 (`benchmarks/results/mismatch.csv`); `graded_modulus` in the place of stiffening left 0.52, and put E
-three times too high."""
+leaves 0.30 (`benchmarks/results/mismatch.csv`); `graded_modulus` in the place of stiffening left 0.52, and
+put E three times too high."""
 MOST_LEFT = 0.5
-"""Share left beyond noise, in squares, from which on E of a name is as uncertain as unknown physics makes it:
-`graded_modulus` in the place of a sensor that is not linear left 0.55 and E 29 % too low. True names on
-graded contact meshes leave 0.22 at most (seven cases, `benchmarks/mismatch.py`); weak ones on coarse meshes more."""
+"""Share left beyond noise, in squares, from which on E of a name is as uncertain as unknown physics makes it.
+`graded_modulus` in the place of a sensor that is not linear left 0.55 and E 29 % too low. True names leave
+0.22 at most on graded contact meshes (seven cases, `benchmarks/mismatch.py`), weak ones on coarse meshes more.
+"""
 UNKNOWN_MODULUS_SD, LARGE_MISFIT_MODULUS_SD = 0.17, 0.3
 """Relative; of E where something unknown is missing, without and with a large misfit. So that nine of ten of
 the plain model's errors on labelled cases with an effect lie within 1.645 of it, of 34 cases and of 28

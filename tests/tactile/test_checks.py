@@ -61,6 +61,21 @@ def test_a_mild_mistake_is_said_and_leaves_the_recording_of_use(nectarine_grasp,
     assert not any(one.refused for one in found)
 
 
+@pytest.mark.parametrize(("from_share", "refused"), [(0.4, True), (0.99, False)])
+def test_markers_that_may_be_a_pitch_off_while_the_pad_presses_are_refused(
+    nectarine_grasp, from_share, refused
+):
+    """In the last frames the jaws are open again: whatever the markers are, nothing is taken from them."""
+    recording, mesh = nectarine_grasp
+    frames = len(recording.time_s)
+    certainty = np.where(np.arange(frames) < from_share * frames, 1.0, 0.2)
+    unsure = on_pads(lambda pad: replace(pad, certainty=certainty), only="right")(recording)
+    found = findings(unsure, mesh)
+    assert [one.kind for one in found if one.refused] == refused * [FindingKind.MARKERS_PITCH_OFF]
+    if refused:
+        assert f"a pitch of their grid, from frame {np.flatnonzero(certainty < 1)[0]} on" in found[0].sentence
+
+
 @pytest.mark.parametrize("side", [lambda p: p.rest_mm[:, 0] > 0.2, lambda p: p.rest_mm[:, 1] < 0.0])
 def test_half_of_the_gel_missing_is_refused_without_a_mesh_too(nectarine_grasp, side):
     """As `drupe check` meets a photographed fruit, whose mesh nobody has yet."""

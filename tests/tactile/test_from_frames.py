@@ -96,6 +96,25 @@ def swapped(folder: Path) -> None:
     (folder / "x").rename(folder / "right")
 
 
+def test_a_jump_that_a_pitch_more_or_less_fits_as_well_is_said_with_its_frame(raw: Path) -> None:
+    """The right pad's grid goes on beyond the picture, and all of it moves by half a pitch at once."""
+    shifts = np.array([[dx, dy] for dx in (-270.0, 0.0, 270.0) for dy in (-210.0, 0.0, 210.0)])
+    wide = (grid()[None] + shifts[:, None]).reshape(-1, 2)
+    text = (raw / "right.toml").read_text()
+    (raw / "right.toml").write_text(text[: text.index("[markers]")])
+    write_picture(raw / "right/reference.png", drawn(wide, noise=1.0, seed=91))
+    for t in range(FRAMES):
+        moved = wide + (HALF_PITCH if t >= 5 else 0.0)
+        write_picture(raw / f"right/frame_{t:06d}.png", drawn(moved, noise=1.0, seed=10 * t + 1))
+    found = recording_of(read_raw_grasp(raw))
+    assert any("right: frame 5 (0.250 s): nearly all markers move at once" in note for note in found.notes)
+    np.testing.assert_array_equal(gel(found, 0).certainty, 1.0)
+    certainty = gel(found, 1).certainty
+    assert certainty is not None
+    assert (certainty[:5] == 1).all()
+    assert (certainty[5:] < 1).all()
+
+
 def swapped_unlike(folder: Path) -> None:
     """The right pad's markers are shifted by half a pitch, as its description says; then the pads swap."""
     replaced(folder / "right.toml", "columns = 9", "columns = 9\nfirst_mm = [-7.0, -6.0, 0.0]")

@@ -38,6 +38,7 @@ def test_optional_fields_come_back_too(injected, tmp_path):
         thickness_mm=4.0,
         gel_E_MPa=0.3,
         gel_nu=0.48,
+        certainty=np.linspace(1.0, 0.25, frames),
         images=np.repeat(picture[None], frames, axis=0),
         images_reference=picture,
     )
@@ -159,6 +160,10 @@ REFUSALS = {
     "no aperture": (drop("aperture_mm"), "aperture_mm"),
     "a short aperture": (put("aperture_mm", lambda v: v[:-1]), "aperture_mm"),
     "a five-column wrench": (lambda f: f.create_dataset("wrench_N", data=np.ones((60, 5))), "wrench_N"),
+    "a certainty that is no share": (
+        lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, 2.0)),
+        "pads/left/certainty",
+    ),
     "no pads": (drop("pads"), "pads"),
     "one pad of a grasp": (drop("pads/right"), "pads/right"),
     "no pose": (drop("pads/left/pose"), "pads/left/pose"),
