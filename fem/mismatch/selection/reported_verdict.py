@@ -1,12 +1,11 @@
 """What the held-out recordings leave of a verdict, and the E that is said with it.
 
-A name that explains all recordings best must not predict those left out worse, taken together, than the
-plain model does, nor leave much of a large misfit as it was: then it stands for something that the catalogue
-does not have. What E is said goes with the verdict: that of the plain model where nothing is missing, its
-spread what effects that went undetected may do to it too; the mean over all names that cannot be told apart,
-by their probabilities, its spread what they differ by too, and what unknown physics may do where most of the
-misfit is left; and where something unknown is missing that of the plain model, as uncertain as unknown
-physics has made it.
+A name that explains all recordings best must also explain at least half of what those left out show beyond
+noise: else it stands for something that the catalogue does not have. What E is said goes with the verdict:
+that of the plain model where nothing is missing, its spread what effects that went undetected may do to it
+too; the mean over all names that cannot be told apart, by their probabilities, its spread what they differ by
+too; and where something unknown is missing that of the plain model, as uncertain as unknown physics has made
+it.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,13 +19,11 @@ from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.thresholds import (
     ABOVE_NOISE_SHARE,
     LARGE_MISFIT,
-    LARGE_MISFIT_LEFT,
     LARGE_MISFIT_MODULUS_SD,
     MOST_LEFT,
     P_EXPONENT,
     TEMPERATURE,
     UNKNOWN_MODULUS_SD,
-    WORSE_SHARE,
 )
 
 LEAST_P = 1e-6
@@ -34,24 +31,13 @@ LEAST_P = 1e-6
 
 
 def fails_held_out(proof: HeldOut | None) -> bool:
-    """Whether the explanation predicts recordings left out worse than the plain model does, or leaves much of
-    what that one leaves where this is far above noise; not to be said of one recording alone.
+    """Whether recordings left out keep more than MOST_LEFT of what the plain model leaves of them beyond noise,
+    in squares; not to be said where that is within noise, or of one recording alone.
     """
-    if proof is None or not _above_noise(proof):
+    if proof is None or proof.rms_before < (1 + ABOVE_NOISE_SHARE) * proof.noise_rms:
         return False
-    if proof.rms_after > (1 + WORSE_SHARE) * proof.rms_before:
-        return True
-    return proof.rms_before > LARGE_MISFIT * proof.noise_rms and share_left(proof) > LARGE_MISFIT_LEFT
-
-
-def share_left(proof: HeldOut) -> float:
-    """What an explanation leaves of the plain model's misfit beyond noise, in squares."""
     noise = proof.noise_rms**2
-    return (proof.rms_after**2 - noise) / (proof.rms_before**2 - noise)
-
-
-def _above_noise(proof: HeldOut) -> bool:
-    return proof.rms_before >= (1 + ABOVE_NOISE_SHARE) * proof.noise_rms
+    return proof.rms_after**2 - noise > MOST_LEFT * (proof.rms_before**2 - noise)
 
 
 def borne_out(
@@ -108,14 +94,12 @@ def reported_modulus(
     undetected: float = 0.0,
     proof: HeldOut | None = None,
 ) -> Modulus:
-    """E as the module's docstring says. `undetected`: of undetected_spread; `proof`: of what is said."""
+    """E as the module's docstring says. `undetected`: of undetected_spread; `proof`: of the plain model."""
     if verdict == NONE:
         return _widened(plain, undetected)
     if verdict == UNKNOWN:
         return _widened(plain, unknown_spread(proof))
-    unexplained = proof is not None and _above_noise(proof) and share_left(proof) > MOST_LEFT
-    named = _of_names(verdict, ranking, plain)
-    return _widened(named, unknown_spread(proof)) if unexplained else named
+    return _of_names(verdict, ranking, plain)
 
 
 def unknown_spread(proof: HeldOut | None) -> float:
