@@ -127,8 +127,8 @@ NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
 )
 WITHDRAWN_NOTE = (
-    "{name} is among the best explanations of all recordings together, but leaves more than half of what those "
-    "left out of the fit show beyond noise: it stands for something else, and is not named."
+    "{name} is among the best explanations of all recordings together, but leaves more than half of what "
+    "those left out of the fit show beyond noise: it stands for something else, and is not named."
 )
 
 

@@ -31,8 +31,8 @@ LEAST_P = 1e-6
 
 
 def fails_held_out(proof: HeldOut | None) -> bool:
-    """Whether recordings left out keep more than MOST_LEFT of what the plain model leaves of them beyond noise,
-    in squares; not to be said where that is within noise, or of one recording alone.
+    """Whether recordings left out keep more than MOST_LEFT of what the plain model leaves beyond noise, in
+    squares; not to be said where that is within noise, or of one recording alone.
     """
     if proof is None or proof.rms_before < (1 + ABOVE_NOISE_SHARE) * proof.noise_rms:
         return False
