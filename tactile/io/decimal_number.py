@@ -24,11 +24,13 @@ def decimal_number(cell: str) -> float | None:
 
 def meant(cell: str) -> str:
     """How a number that is written otherwise is to be written, as the end of a sentence; empty where the cell
-    is no number at all.
+    is no number at all, or one that is written plainly.
 
-    >>> meant("60,5"), meant("6_0"), meant("tall")
-    ('; it has a decimal comma; write 60.5', '; write 60', '')
+    >>> meant("60,5"), meant("6_0"), meant("tall"), meant("1e300")
+    ('; it has a decimal comma; write 60.5', '; write 60', '', '')
     """
+    if decimal_number(cell) is not None:
+        return ""
     text = "".join(_ascii_digit(c) for c in cell.strip() if not c.isspace() and c not in "_'\u2019")
     if text.count(",") + text.count("\u066b") == 1 and "." not in text:
         pointed = text.translate(_POINTS)
