@@ -1,5 +1,6 @@
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -97,6 +98,57 @@ def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
 def test_a_print_wider_than_the_ball_is_refused() -> None:
     with pytest.raises(TactileFailure, match=r"b: found a print that reaches .* ball's radius of 1 mm"):
         ball_print(eye(), image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2), radius_mm=1.0, source="b")
+
+
+def ridge(at: np.ndarray) -> np.ndarray:
+    """A rod's print: the same all along y."""
+    return ball(5.0, 2.0)(np.stack([at[:, 0], np.full(len(at), 0.6)], axis=1))
+
+
+def bumps(at: np.ndarray) -> np.ndarray:
+    """Something woven: waves of 0.1 mm, 2.2 mm long."""
+    wave = np.sin(2 * np.pi * at[:, 0] / 2.2) * np.sin(2 * np.pi * at[:, 1] / 2.2)
+    return np.stack([0 * wave, 0 * wave, 0.1 * wave - 0.1], axis=1)
+
+
+def pole(at: np.ndarray) -> np.ndarray:
+    """A pin of 0.3 mm: a print smaller than the look-up needs."""
+    return 0.2 * ball(0.3, 0.2)(at)
+
+
+@pytest.mark.parametrize("shape", [ridge, bumps, pole])
+def test_what_is_no_ball_is_refused(shape: Field) -> None:
+    with pytest.raises(TactileFailure, match=r"b\.png: (found a print|colours change)"):
+        ball_print(eye(), image(eye(), flat, 0), image(eye(), shape, 2), radius_mm=5.0, source="b.png")
+
+
+def test_a_soft_stain_is_no_ball() -> None:
+    rng = np.random.default_rng(4)
+    stain = cv2.GaussianBlur(rng.normal(size=(360, 480)), (0, 0), rng.uniform(10, 40))
+    coloured = 1 + 0.5 * stain[..., None] / stain.max() * rng.uniform(-1, 1, 3)
+    press = np.clip(image(eye(), flat, 0) * coloured, 0, 255).astype(np.uint8)
+    with pytest.raises(TactileFailure, match=r"whose colours go with a ball's slopes by 70%"):
+        ball_print(eye(), image(eye(), flat, 0), press, radius_mm=5.0, source="b.png")
+
+
+def test_a_picture_of_another_sensor_is_no_ball() -> None:
+    other = GelLook(rest_mm=DOTS, dot_mm=0.35, ambient=0.8)
+    turned = tuple(GelLight(direction=light.direction[[1, 0, 2]], colour=light.colour) for light in LIGHTS)
+    press = gel_image(eye(), turned, other, flat, np.random.default_rng(2))
+    press[:, :160] //= 2
+    with pytest.raises(TactileFailure, match=r"b\.png: found a print"):
+        ball_print(eye(), image(eye(), flat, 0), press, radius_mm=5.0, source="b.png")
+
+
+def test_beside_the_gel_nothing_is_looked_for() -> None:
+    """The gel fills the left two thirds; beside it the camera sees a dark wall that flickers."""
+    rng = np.random.default_rng(4)
+    reference, press = image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2)
+    for picture, level in ((reference, 2), (press, 12)):
+        picture[:, 330:] = rng.integers(0, level, picture[:, 330:].shape)
+    found = ball_print(eye(), reference, press, radius_mm=5.0, source="b.png")
+    np.testing.assert_allclose(found.centre_mm, [-0.4, 0.6], atol=0.1)
+    assert found.contact_mm == pytest.approx(2.0, rel=0.15)
 
 
 def test_a_look_up_that_is_not_finite_is_not_written(tmp_path: Path) -> None:
