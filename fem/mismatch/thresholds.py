@@ -69,10 +69,9 @@ LEFT_USUALLY, LEFT_AT_MOST = 0.0374, 0.0569
 twenty of the null reference's 100 cases (the column "what is left" of `benchmarks/mismatch_nulls.py`)."""
 ABOVE_NOISE_SHARE, MOST_LEFT = 0.1, 0.5
 """Where the plain model leaves a tenth more than noise in recordings left out, a name that leaves more than
-half of that, in squares, is withdrawn. On graded contact meshes true names leave 0.22 at most (seven cases,
+half of that, in squares, is withdrawn. True names leave 0.39 at most on graded contact meshes (14 cases,
 `benchmarks/mismatch.py`); others in their place, with the true effect out of the catalogue, 0.29, 0.52, 0.55,
-0.68 and 0.94 (`--ablation effect-left-out`). On coarse meshes, whose own misfit stays, true names leave up to
-0.31 where the misfit is twice the noise (18 cases), and more in ten weaker ones.
+0.68 and 0.94 (`--ablation effect-left-out`).
 """
 LARGE_MISFIT = 2.0
 """Times the noise, root mean square in recordings left out. Set by hand."""
