@@ -10,7 +10,7 @@ from fem.indentation.heldout import LawPrediction, predict_law
 from fem.indentation.rank import close_to_best, explains, modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, mixture
 
 #: share of the force left out that the best explanation may miss in what it predicts (set by hand)
 MISSED = 0.3
@@ -182,9 +182,8 @@ def _with_modulus(
     verdict = names[0] if len(names) == 1 else names
     moduli = [modulus_of(best[name]) for name in names]
     chance = {c.effect: c.probability for c in ranking}
-    weight = np.array([max(chance.get(name, 0.0), 1e-12) for name in names])
-    values, sds = np.array([m.value for m in moduli]), np.array([m.sd for m in moduli])
-    if values.max() > TENFOLD * values.min():
+    values = [modulus.value for modulus in moduli]
+    if max(values) > TENFOLD * min(values):
         return Naming(
             verdict=verdict,
             ranking=tuple(replace(one, modulus=None) for one in ranking),
@@ -192,6 +191,5 @@ def _with_modulus(
             withheld=f"{' and '.join(names)}, which cannot be told apart, put E tenfold apart",
             notes=notes,
         )
-    mean = float(np.average(values, weights=weight))
-    sd = float(np.sqrt(np.average(sds**2 + (values - mean) ** 2, weights=weight)))
-    return Naming(verdict=verdict, ranking=ranking, after=Modulus(value=mean, sd=sd), notes=notes)
+    modulus = mixture([max(chance.get(name, 0.0), 1e-12) for name in names], moduli)
+    return Naming(verdict=verdict, ranking=ranking, after=modulus, notes=notes)

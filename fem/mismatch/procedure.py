@@ -22,13 +22,13 @@ from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.detection import best_beyond_quantile, p_values
-from fem.mismatch.selection.model_selection import NullCase, select_model
+from fem.mismatch.selection.model_selection import Hypothesis, NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_verdict import borne_out, reported_modulus, undetected_spread
 from fem.mismatch.selection.screening import LinearRound, screened
-from fem.mismatch.signature_variant import OfPad
+from fem.mismatch.signature_variant import OfPad, pad_of
 from fem.mismatch.thresholds import DETECTION_P, LEFT_AT_MOST, LEFT_USUALLY
 
 
@@ -118,6 +118,7 @@ def explain(
             ),
             *(WITHDRAWN_NOTE.format(name=name.replace("_", " ")) for name in worse),
             *([] if best is None else _remarks(best, ranking[0].parameters)),
+            *([] if best is None else _other_pads(found.ranking[0])),
         ),
         seconds=seconds,
     )
@@ -147,6 +148,21 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
                 effect.remark({k.removeprefix(own): v for k, v in parameters.items() if k.startswith(own)})
             )
     return [remark for remark in said if remark]
+
+
+def _other_pads(first: Hypothesis) -> list[str]:
+    """What the named effect would be on another pad, where recordings cannot tell the pads apart."""
+    said = []
+    for share, again in first.alternatives:
+        words = [
+            f"{effect.spec.name.replace('_', ' ')} of the {pad_of(variant)} pad ("
+            + ", ".join(f"{name} {value:.3g}" for name, value in own.items())
+            + ")"
+            for effect, variant, own in zip(again.effects, again.variants, again.parameters, strict=True)
+            if isinstance(variant, OfPad)
+        ]
+        said.append(f"{' and '.join(words)} explains the recordings about as well (probability {share:.2f}).")
+    return said
 
 
 def _where(recording: Where, best: Refit) -> Where:

@@ -9,7 +9,7 @@ from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
 from fem.mismatch.evidence.linear_evidence import GramMatrix, GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
-from fem.mismatch.result import Candidate, GraspTrace, Parameter
+from fem.mismatch.result import Candidate, GraspTrace, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive
 from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
@@ -45,8 +45,18 @@ def _candidate(one: Hypothesis, linear: LinearRound, base: float | None) -> Cand
         gain=linear.null.chi2 - again.fit.chi2,
         heldout=None if held is None or base is None else held - base,
         refitted=True,
-        modulus=modulus.known,
+        modulus=_over_alternatives(modulus.known, one),
     )
+
+
+def _over_alternatives(known: Modulus | None, one: Hypothesis) -> Modulus | None:
+    """E over the pads that cannot be told apart, by their shares: their mean, as uncertain as they differ."""
+    others = [(share, modulus_with(again).known) for share, again in one.alternatives]
+    there = [(share, modulus) for share, modulus in others if modulus is not None]
+    if known is None or not there:
+        return known
+    own = 1 - sum(share for share, _ in one.alternatives)
+    return mixture([own, *(share for share, _ in there)], [known, *(modulus for _, modulus in there)])
 
 
 def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:

@@ -1,5 +1,6 @@
 """What the mismatch finder says of one fruit's recordings: everything a page or a file is written from."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,15 @@ class Modulus:
 
     value: float
     sd: float
+
+
+def mixture(weights: Sequence[float], moduli: Sequence[Modulus]) -> Modulus:
+    """Mean and standard deviation of E that is one of several, by their weights (any sum above zero)."""
+    share = np.asarray(weights) / np.sum(weights)
+    value = np.array([modulus.value for modulus in moduli])
+    sd = np.array([modulus.sd for modulus in moduli])
+    mean = float(share @ value)
+    return Modulus(value=mean, sd=float(np.sqrt(share @ (sd**2 + (value - mean) ** 2))))
 
 
 @dataclass(frozen=True, kw_only=True)

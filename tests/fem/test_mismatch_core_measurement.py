@@ -29,6 +29,7 @@ from fem.mismatch.evidence.linear_evidence import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.reported_values import candidates
 from fem.mismatch.selection.model_selection import NullCase, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
@@ -104,6 +105,27 @@ def test_one_pads_gain_over_the_others_is_found():
     as_said = parameters["gain"] if choice == pad else 1 / parameters["gain"]
     assert as_said == pytest.approx(gain, rel=0.02)
     assert pytest.approx(E_MPA * (1 if choice == pad else gain), rel=0.03) == E
+
+
+def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
+    """Nothing is known of the gels: with 0.8 on the right pad E is right, with 1.25 on the left 0.8 of it."""
+    forward, _ = plain_forward_model(only_grasp(injected_case(on_pad("right", gained(0.8))), 0))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, [sensor_gain.EFFECT])
+    null_case = NullCase(chi2=linear.null.chi2, most_chi2=2 * linear.null.chi2, compliance_ratio=1.0)
+    selected = select_model(forward, linear, detected=True, null_case=null_case)
+    first = selected.ranking[0]
+    assert first.refit is not None
+    ((share, other),) = first.alternatives
+    assert 0.2 < share <= 0.5
+    assert {one.variants[0].label for one in (first.refit, other)} == {"left", "right"}
+    said = candidates(selected, linear)[0].modulus
+    assert said is not None
+    of_right, of_left = E_MPA, 0.8 * E_MPA
+    own = of_left if first.refit.variants[0].label == "left" else of_right
+    mean = (1 - share) * own + share * (of_right + of_left - own)
+    assert said.value == pytest.approx(mean, rel=0.03)
+    assert said.sd >= np.sqrt(share * (1 - share)) * 0.95 * (of_right - of_left)
 
 
 def test_a_pads_drift_is_found_and_which_pad():

@@ -28,6 +28,7 @@ from fem.mismatch.thresholds import (
     NEAR_EQUAL,
     NOT_DETECTED_GAIN,
     OTHER_PAD_SHARE,
+    OTHER_PAD_UNSURE,
     PAIR_GAIN,
     PAIR_LEFT,
     PAIR_PLAIN_GAIN,
@@ -43,13 +44,16 @@ from fem.mismatch.thresholds import (
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
     """One explanation: its name, its gain in ln evidence (all channels, beyond what is usual on sound
-    recordings), its probability, its refit."""
+    recordings), its probability, its refit. `alternatives`: the same with another pad, where that gains about
+    as much: its share of the explanation's probability, and its refit.
+    """
 
     name: str
     gain: float
     probability: float
     linear_fits: tuple[LinearFit, ...]
     refit: Refit | None
+    alternatives: tuple[tuple[float, Refit], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +75,16 @@ class _Candidate:
     linear_fits: tuple[LinearFit, ...] = ()
     refit: Refit | None = None
     failed: str = ""
+    others: tuple[tuple[float, Refit], ...] = ()
+    """Gains and refits of the same with another pad."""
+
+    @property
+    def alternatives(self) -> tuple[tuple[float, Refit], ...]:
+        """Of others that cannot be told from this the share of both, and the refit."""
+        unsure = max(TEMPERATURE, OTHER_PAD_UNSURE * self.gain)
+        weight = {k: np.exp((gain - self.gain) / unsure) for k, (gain, _) in enumerate(self.others)}
+        kept = {k: one for k, one in weight.items() if one >= EQUAL_PROBABILITY}
+        return tuple((float(one / (1 + sum(kept.values()))), self.others[k][1]) for k, one in kept.items())
 
     @property
     def always_refitted(self) -> bool:
@@ -131,7 +145,12 @@ def select_model(
     weight /= weight.sum()
     ranking = tuple(
         Hypothesis(
-            name=one.name, gain=one.gain, probability=float(p), linear_fits=one.linear_fits, refit=one.refit
+            name=one.name,
+            gain=one.gain,
+            probability=float(p),
+            linear_fits=one.linear_fits,
+            refit=one.refit,
+            alternatives=one.alternatives,
         )
         for one, p in zip(found, weight, strict=True)
     )
@@ -175,7 +194,12 @@ def _refitted(
         gain = _gain(linear, again, null_case)
         found.append(replace(one, gain=gain, linear_fits=(linear_fit,), refit=again))
         best = max(best, gain)
-    return max(found, key=lambda tried: tried.gain, default=replace(one, failed=failed))
+    if not found:
+        return replace(one, failed=failed)
+    first, *rest = sorted(found, key=lambda tried: -tried.gain)
+    return replace(
+        first, others=tuple((other.gain, other.refit) for other in rest if other.refit is not None)
+    )
 
 
 def _pads_that_may_be(gains: Sequence[tuple[float, LinearFit]], one: LinearFit) -> list[LinearFit]:
@@ -247,9 +271,10 @@ def _pairs(
             if failed:
                 found.append(_Candidate(f"{best.name}+{other.effect.spec.name}", -np.inf, failed=failed))
             continue
-        gained, again, both = max(tried, key=lambda pair: pair[0])
+        (gained, again, both), *rest = sorted(tried, key=lambda pair: -pair[0])
         if gained > best.gain + least and again.fit.chi2 < may_leave:
-            found.append(_Candidate(again.name, gained, both, again))
+            others = tuple((gain, refitted) for gain, refitted, _ in rest)
+            found.append(_Candidate(again.name, gained, both, again, others=others))
     return found
 
 

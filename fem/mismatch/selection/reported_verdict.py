@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus
+from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
 from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.thresholds import (
@@ -116,11 +116,5 @@ def _of_names(verdict: str | tuple[str, ...], ranking: Sequence[Candidate], plai
     """The mean over the names, by their probabilities; the plain model's E where none has one."""
     names = (verdict,) if isinstance(verdict, str) else verdict
     known = [(one.probability, one.modulus) for one in ranking if one.effect in names and one.modulus]
-    weight = np.array([share for share, _ in known])
-    if not weight.sum() > 0:
-        return plain
-    weight /= weight.sum()
-    value = np.array([modulus.value for _, modulus in known])
-    sd = np.array([modulus.sd for _, modulus in known])
-    mean = float(weight @ value)
-    return Modulus(value=mean, sd=float(np.sqrt(weight @ (sd**2 + (value - mean) ** 2))))
+    shares = [share for share, _ in known]
+    return mixture(shares, [modulus for _, modulus in known]) if sum(shares) > 0 else plain
