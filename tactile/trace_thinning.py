@@ -103,6 +103,10 @@ def _worst_between(
 
 
 def _noise(value: Float[np.ndarray, " t"]) -> float:
-    """Standard deviation of white noise, from third differences: a smooth course leaves next to nothing."""
+    """Standard deviation of white noise, from third differences: a smooth course leaves next to nothing. At
+    least that of rounding to the smallest step that the values take.
+    """
     third = MAD * float(np.median(np.abs(np.diff(value, 3)))) / THIRD**0.5
-    return float(max(third, 1e-6 * np.ptp(value), 1e-12))
+    steps = np.diff(np.unique(value))
+    rounded = float(steps.min()) / 12**0.5 if len(steps) else 0.0
+    return float(max(third, rounded, 1e-6 * np.ptp(value), 1e-12))

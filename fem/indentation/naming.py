@@ -7,7 +7,7 @@ import numpy as np
 from fem.fem_failure import FemFailure
 from fem.indentation.fit import TraceFit
 from fem.indentation.heldout import LawPrediction, predict_law
-from fem.indentation.rank import close_to_best, explains, modulus_of
+from fem.indentation.rank import APART, close_to_best, explains, modulus_of
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, mixture
@@ -23,6 +23,7 @@ PIECES = 12
 #: share by which a pair must miss less of what it predicts than each of its effects alone (set by hand)
 PAIR_GAIN = 0.1
 DRIFT = "sensor_drift"
+ONE_RAMP = "the recording is one ramp, which a drift of the load cell explains about as well"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,16 +69,25 @@ def named(
     """The names that evidence proposes, less those that predict nothing; E over what is left, or why not.
 
     A pair that predicts no better than one of its effects is that effect. A drift that any force over the
-    travel could be (a single ramp) is never the only name. A name stays where what it predicts misses MISSED
-    at most, and less than the linear law; and where E is moved by less than TENFOLD.
+    travel could be (a single ramp) is never the only name; E is withheld there, since nothing says how much
+    of the force is the drift's. A name stays where what it predicts misses MISSED at most, and less than the
+    linear law's prediction does, of the trace's end or of its blocks; and where E is moved by less than
+    TENFOLD.
     """
     if verdict == NONE:
         return Naming(verdict=NONE, ranking=candidates, after=modulus_of(best[NONE]))
     ranking, notes = candidates, []
+    withheld = "no explanation of this trace stands: its notes say why"
     if verdict != UNKNOWN:
         names = (verdict,) if isinstance(verdict, str) else verdict
+        one_ramp = any(
+            _drifts(one.effect)
+            and one.probability > candidates[0].probability * np.exp(-APART)
+            and explains(best[one.effect], best[NONE])
+            and drift_apart(best[one.effect], trace) < DISTINCT
+            for one in candidates
+        )
         names = tuple(dict.fromkeys(_without_idle(name, best, forecasts) for name in names))
-        one_ramp = any(_drifts(name) and drift_apart(best[name], trace) < DISTINCT for name in names)
         if one_ramp:
             ranking = _drift_capped(ranking, best)
             names = tuple(_without_idle(name, best, forecasts) for name in close_to_best(ranking))
@@ -88,16 +98,16 @@ def named(
             )
         doubts = {name: _doubt(name, best, forecasts) for name in names}
         kept = tuple(name for name in names if not doubts[name])
-        if one_ramp and all(map(_drifts, kept)):
-            kept = ()
+        if one_ramp and kept and all(map(_drifts, kept)):
+            kept, withheld = (), ONE_RAMP
         notes += list(dict.fromkeys(doubt for doubt in doubts.values() if doubt))
         if kept:
-            return _with_modulus(kept, ranking, best, tuple(notes))
+            return _with_modulus(kept, ranking, best, tuple(notes), one_ramp=one_ramp)
     return Naming(
         verdict=UNKNOWN,
         ranking=tuple(replace(one, modulus=None) for one in ranking),
         after=None,
-        withheld="no law explains this trace and predicts the part of it that was left out of the fit",
+        withheld=withheld,
         notes=tuple(notes),
     )
 
@@ -118,6 +128,10 @@ def drift_apart(known: TraceFit, trace: IndenterTrace) -> float:
     taken = np.linalg.lstsq(basis.T @ weighted[:, 1:], basis.T @ weighted[:, 0], rcond=1e-10)[0]
     gap = drift - basis @ taken
     return float(np.sqrt(max(gap @ known.noise.solve(gap), 0.0)))
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ").replace("+", " with ")
 
 
 def _drifts(name: str) -> bool:
@@ -159,36 +173,43 @@ def _doubt(name: str, best: dict[str, TraceFit], forecasts: Forecasts) -> str:
     try:
         found, linear = forecasts.of(name), forecasts.of(NONE)
     except FemFailure as failure:
-        return f"{name} is not named: nothing can be predicted with it ({failure.detail})."
+        return f"{_words(name)} is not named: nothing can be predicted with it ({failure.detail})."
     if found.end_share > MISSED:
         return (
-            f"{name} fits best but is not named: in frames left out of its fit it misses "
+            f"{_words(name)} fits best but is not named: in frames left out of its fit it misses "
             f"{found.end_share:.0%} of the force, more than {MISSED:.0%}."
         )
     if not found.gains_on(linear):
         return (
-            f"{name} is not named: it predicts frames left out of its fit no better than linear elasticity."
+            f"{_words(name)} is not named: it predicts frames left out of its fit no better than linear "
+            "elasticity."
         )
     ratio = modulus_of(best[name]).value / modulus_of(best[NONE]).value
     if not 1 / TENFOLD < ratio < TENFOLD:
-        return f"{name} is not named: it would move E by a factor of {max(ratio, 1 / ratio):.0f}."
+        return f"{_words(name)} is not named: it would move E by a factor of {max(ratio, 1 / ratio):.0f}."
     return ""
 
 
 def _with_modulus(
-    names: tuple[str, ...], ranking: tuple[Candidate, ...], best: dict[str, TraceFit], notes: tuple[str, ...]
+    names: tuple[str, ...],
+    ranking: tuple[Candidate, ...],
+    best: dict[str, TraceFit],
+    notes: tuple[str, ...],
+    *,
+    one_ramp: bool,
 ) -> Naming:
     """E of the one name; of several the mean weighed by probability, their spread in its deviation."""
     verdict = names[0] if len(names) == 1 else names
     moduli = [modulus_of(best[name]) for name in names]
     chance = {c.effect: c.probability for c in ranking}
     values = [modulus.value for modulus in moduli]
-    if max(values) > TENFOLD * min(values):
+    if one_ramp or max(values) > TENFOLD * min(values):
+        apart = f"{' and '.join(map(_words, names))}, which cannot be told apart, put E tenfold apart"
         return Naming(
             verdict=verdict,
             ranking=tuple(replace(one, modulus=None) for one in ranking),
             after=None,
-            withheld=f"{' and '.join(names)}, which cannot be told apart, put E tenfold apart",
+            withheld=ONE_RAMP if one_ramp else apart,
             notes=notes,
         )
     modulus = mixture([max(chance.get(name, 0.0), 1e-12) for name in names], moduli)

@@ -22,6 +22,8 @@ BACKLASH = 0.01
 WINDOW, STEEPEST = 0.02, 0.9
 #: frames that the force must stay down for: one that reads low is no rupture
 STAYS = 3
+#: frames over which the ball must not come back either: its travel may be read one or two frames late
+WATCHED = 6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +62,7 @@ def find_rupture(trace: IndenterTrace, *, noise_N: float) -> Rupture | None:
     for k in np.flatnonzero(large):
         first = int(at_top[k])
         gone = float(np.ptp(trace.travel_mm[: first + 1]))
-        still = trace.travel_mm[k] >= trace.travel_mm[first] - BACKLASH * gone
+        still = trace.travel_mm[k : k + WATCHED].min() >= trace.travel_mm[first] - BACKLASH * gone
         stays = (lost[k : k + STAYS] > 0.5 * lost[k]).all() and k + STAYS <= len(force)
         if first < STAYS or not still or not stays:
             continue

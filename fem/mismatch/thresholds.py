@@ -71,11 +71,13 @@ the catalogue lacks (`benchmarks/mismatch_bank.py FOLDER outside`)."""
 LEFT_USUALLY, LEFT_AT_MOST = 0.0374, 0.0569
 """What the plain model leaves of sound recordings, chi-square per number: median, and of all but one in
 twenty of the null reference's 100 cases (the column "what is left" of `benchmarks/mismatch_nulls.py`)."""
-ABOVE_NOISE_SHARE, MOST_LEFT = 0.1, 0.5
-"""Where the plain model leaves a tenth more than noise in recordings left out, a name that leaves more than
-half of that, in squares, is withdrawn. True names leave 0.39 at most on graded contact meshes (14 cases,
+ABOVE_NOISE_SHARE, WORSE_SHARE, MOST_LEFT = 0.1, 0.01, 0.5
+"""Where the plain model leaves a tenth more than noise in recordings left out, a name that leaves a
+hundredth more than that model is withdrawn, and a property of the fruit that leaves more than half of what is
+beyond noise, in squares. True names leave 0.39 at most on graded contact meshes (14 cases,
 `benchmarks/mismatch.py`); others in their place, with the true effect out of the catalogue, 0.29, 0.52, 0.55,
-0.68 and 0.94 (`--ablation effect-left-out`).
+0.68 and 0.94 (`--ablation effect-left-out`), all of the fruit. A true gain of one pad between two solvers
+leaves more (tests/fem/test_mismatch_core_explain.py): it shows in the balance of forces.
 """
 LARGE_MISFIT = 2.0
 """Times the noise, root mean square in recordings left out. Set by hand."""

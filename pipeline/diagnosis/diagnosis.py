@@ -205,8 +205,8 @@ def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace, said: 
             rng=np.random.default_rng(TRACE_SEED),
         )
     deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
-    thin = [] if case.thickness_mm else [deep]
-    notes = dict.fromkeys([*found.notes, *said, *notes_on_trace(case), *case.notes, *thin])
+    assumed = [] if case.thickness_mm else [deep]
+    notes = dict.fromkeys([*found.notes, *said, *notes_on_trace(case), *case.notes, *assumed])
     thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),

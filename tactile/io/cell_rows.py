@@ -24,6 +24,8 @@ DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
 SPACES = "spaces"
 """Cells apart by one space or more, where the text has none of the delimiters."""
 SPREADSHEETS = (".xls", ".xlsx")
+SPREADSHEETS_BEGIN = (b"\xd0\xcf\x11\xe0", b"PK\x03\x04")
+"""First bytes of an OLE file (.xls) and a zip (.xlsx); machines also name text .xls."""
 _CALAMINE = "python-calamine, which is not installed: pip install 'drupe[sheets]', or save the sheet as .csv"
 
 Cell: TypeAlias = str | float
@@ -54,7 +56,7 @@ def sheets_of(path: Path) -> tuple[CellTable, ...]:
         data = read_bytes(path, most_bytes=MOST_BYTES)
     except FileNotReadable as cause:
         raise unusable(path.name, f"that it {cause}", "a table of numbers") from cause
-    if path.suffix.lower() in SPREADSHEETS:
+    if path.suffix.lower() in SPREADSHEETS and data.startswith(SPREADSHEETS_BEGIN):
         return _spreadsheet(path, data)
     return (_text(path, data),)
 
@@ -82,7 +84,7 @@ def _text(path: Path, data: bytes) -> CellTable:
             delimiter=named,
             encoding=encoding,
         )
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=delimiter == ",")
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     rows: list[Row] = []
     begun = 1
     try:

@@ -25,6 +25,10 @@ incomplete one, whose reader then names the column that is missing. A place alon
 """
 LATEST_START_S = 1e6
 """s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
+UNLOADED_FRAMES = 5
+"""First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
+MOST_BROKEN = 5
+"""Rows at the end of a table that may not be whole, as a machine that is switched off leaves. Set by hand."""
 FEWEST_FRAMES = 2
 """A table with fewer rows is no recording."""
 
@@ -71,7 +75,8 @@ def read_trace(
     if time_s[0] > LATEST_START_S:
         notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; it is counted from the first frame.")
         time_s = time_s - time_s[0]
-    if -pushed.min() > pushed.max():
+    unloaded = float(np.median(pushed[:UNLOADED_FRAMES]))
+    if unloaded - pushed.min() > pushed.max() - unloaded:
         notes.append(f"{path.name}: the force is negative when pressed; its sign is turned.")
         pushed = -pushed
     travel = _travel(path, values, pushed, notes)
@@ -142,9 +147,17 @@ def _values(
         for number, cells in sheet.rows[found.first :]
         if any(at < len(cells) and cells[at] != "" for at in found.place.values())
     ]
-    while rows and any(at >= len(rows[-1][1]) or rows[-1][1][at] == "" for at in found.place.values()):
-        notes.append(f"{path.name}: row {rows[-1][0]}, below the others, is not whole; it was left out.")
-        rows.pop()
+    whole = [all(at < len(cells) and cells[at] != "" for at in found.place.values()) for _, cells in rows]
+    broken = 0 if not any(whole) else whole[::-1].index(True)
+    if broken > MOST_BROKEN:
+        says = f"{broken} rows at the end, from row {rows[-broken][0]} on, that are not whole"
+        raise unusable(path.name, says, "time, force and travel in every row; remove those rows")
+    if broken:
+        notes.append(
+            f"{path.name}: {broken} {'row' if broken == 1 else 'rows'} at the end, from row "
+            f"{rows[-broken][0]} on, not whole; left out."
+        )
+        rows = rows[:-broken]
     if len(rows) < FEWEST_FRAMES:
         raise unusable(path.name, "no rows", "a header and one row for each frame")
     width = len(found.header)

@@ -255,10 +255,17 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         thickness_mm=pad.optional_positive("thickness_mm", limit=THICKNESS),
         gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
         gel_nu=pad.optional_positive("nu", limit=RATIO),
-        certainty=pad.array("certainty", (frames,), limit=SHARE) if "certainty" in pad else None,
+        certainty=_certainty(pad, frames) if "certainty" in pad else None,
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
+
+
+def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
+    values = pad.array("certainty", (frames,), limit=SHARE)
+    below = f"{values.min():g}", "0 to 1", "leave the field out, or write it again"
+    pad.refuse("certainty", below if (values < 0).any() else None)
+    return values
 
 
 def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:

@@ -86,6 +86,8 @@ def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColum
             if names.count(name) > 1:
                 raise unusable(source, f"the column {name[:60]!r} twice", "each column once")
         place = {quantity: names.index(name) for quantity, name in chosen.items()}
+        if len(set(place.values())) < len(place):
+            raise unusable(source, "one column named for two quantities", "a column of its own for each")
         below = sheet.rows[k + 1 : k + 2]
         row = _units_row(below[0][1], place) if below else None
         in_file = {q: (row or {}).get(q) or unit_of_name(chosen[q]) for q in place}

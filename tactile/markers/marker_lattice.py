@@ -18,6 +18,9 @@ VOTED_GUESSES = 4
 """Best voted displacements that are tried in full. Set by hand."""
 STEPS = 8
 """Steps of a grid to its neighbours, diagonals included; a hexagonal one has six."""
+FEWEST_ON_GRID = 6
+"""Markers that a step must leave within the outline to be judged by: scattered ones meet by chance. Set by
+hand."""
 ON_GRID = 0.3
 """In spacings: a marker that a step brings so near to another one's place lies on it. Set by hand."""
 
@@ -63,7 +66,8 @@ def _steps(rest_px: Float[np.ndarray, "n 2"], spacing_px: float) -> Float[np.nda
     pairs = tree.query_pairs(LONG_EDGE * spacing_px, output_type="ndarray")
     offsets = rest_px[pairs[:, 1]] - rest_px[pairs[:, 0]]
     kinds = voted(np.concatenate([offsets, -offsets]), spacing_px, most=STEPS)
-    return np.array([step for step in kinds if _regular(tree, rest_px, step, spacing_px)]).reshape(-1, 2)
+    found = [step for step in kinds if _regular(tree, rest_px, step, spacing_px)]
+    return np.array([*found, *(-step for step in found)]).reshape(-1, 2)
 
 
 def _regular(
@@ -74,7 +78,7 @@ def _regular(
     there = rest_px + step
     within = ((there > low) & (there < high)).all(axis=1)
     away = np.asarray(tree.query(there[within])[0])
-    return bool(len(away) > 0 and (away < ON_GRID * spacing_px).mean() > 0.5)
+    return bool(len(away) >= FEWEST_ON_GRID and (away < ON_GRID * spacing_px).mean() > 0.5)
 
 
 def neighbours_say(

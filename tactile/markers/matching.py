@@ -5,7 +5,8 @@ matched to the blobs, grown from the markers that it has right, and shifted by e
 grid; the match of least cost wins. Where markers stand on a grid and the grid goes on beyond the picture,
 every match and the same one a pitch further are as smooth and as full. What tells them apart is the part of
 the gel that has not moved: a press leaves some of it where it was, or at rest. Where no part has stayed, the
-two cannot be told apart, and `Match.margin` says so.
+two cannot be told apart, and `Match.margin` says so; but a gel that moves as a whole by nearly whole pitches
+(within 0.2 of one) looks as if it had stayed, and nothing here can say that it has not.
 """
 
 from collections.abc import Iterator, Sequence
@@ -151,7 +152,7 @@ def match(
     A marker that a match takes out of view costs nothing when it is not found.
     """
     if not len(blobs_px):
-        return Match(np.full(len(lattice.rest_px), -1), np.inf)
+        return Match(np.full(len(lattice.rest_px), -1), np.inf, margin=0.0)
     sought = _Sought(lattice, guesses, blobs_px, cKDTree(blobs_px))
     tried = [_matched(sought, guess) for guess in guesses]
     best = min(tried, key=_cost_of)
@@ -179,6 +180,8 @@ def _against_shifts(sought: _Sought, best: Match) -> Match:
         place = sought.displacement(best.blob)
         shifted = [_matched(sought, place + step) for step in sought.lattice.steps_px]
         next_best = min([best, *shifted], key=_cost_of)
+        if not np.isfinite(next_best.cost):
+            return replace(best, margin=0.0)
         if next_best is best:
             others = [one.cost for one in shifted if _differs(best, one)]
             return replace(best, margin=min(others, default=np.inf) - best.cost)

@@ -1,5 +1,7 @@
 """Names that may be given of a trace: closed-form presses (Hertz's F = 4/3 E/(1 - nu^2) sqrt(R) d^1.5)."""
 
+import re
+
 import numpy as np
 import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
@@ -77,6 +79,8 @@ def test_a_drift_in_a_single_ramp_is_not_the_only_name():
     said = account(time, hertz_N(depth) + 0.3 * time + noise, travel).explanation
     assert said.verdict != "sensor_drift"
     assert all(c.probability < 0.95 for c in said.ranking if "sensor_drift" in c.effect)
+    assert said.withheld is not None or abs(said.after.value - E_MPa) < 2 * said.after.sd
+    assert any("one ramp" in note for note in said.notes)
 
 
 @pytest.mark.parametrize("left", [0.3, 0.7])
@@ -115,6 +119,16 @@ def test_no_relaxation_and_no_way_back_is_taken_for_a_rupture(pressing):
         assert find_rupture(trace, noise_N=pressing.get("noise_N", 0.002)) is None
 
 
+@pytest.mark.parametrize("late", [1, 2])
+def test_a_quick_way_back_whose_travel_is_read_late_is_no_rupture(late):
+    time = np.arange(0, 12, 0.04)
+    travel = np.interp(time, [0, 8, 8.8, 12], [0, 0.8, 0, 0])
+    read = np.r_[np.full(late, travel[0]), travel[:-late]]
+    noise = 0.003 * np.random.default_rng(6).standard_normal(len(time))
+    trace = IndenterTrace(time_s=time, force_N=hertz_N(travel) + noise, travel_mm=read, radius_mm=RADIUS)
+    assert find_rupture(trace, noise_N=0.003) is None
+
+
 def test_one_frame_that_reads_low_or_high_is_no_rupture():
     time, travel, depth, noise = ramp(np.random.default_rng(6))
     force = hertz_N(depth) + noise
@@ -150,4 +164,6 @@ def test_a_press_that_began_in_contact_is_answered_with_onset_zero_as_well():
     force = hertz_N(travel + 0.3) + 0.003 * rng.standard_normal(len(time))
     said = account(time, force, travel).explanation
     note = next(note for note in said.notes if "With onset 0" in note)
-    assert "mm before the travel starts" in note
+    E_from_zero = float(re.search(r"With onset 0 E is ([0-9.]+)", note)[1])
+    assert said.after.value == pytest.approx(E_MPa, rel=0.1)
+    assert E_from_zero > 1.2 * E_MPa

@@ -228,5 +228,44 @@ def test_a_last_row_cut_short_and_a_clock_of_the_day_are_said(tmp_path: Path) ->
     source = tmp_path / "t.csv"
     source.write_text(table("time_s,travel_mm,force_N", 1.75e9 + TIMES, GONE, PRESSED, form="%.12g") + "17\n")
     said = " ".join(converted(tmp_path, source).split())
-    assert "row 32, below the others, is not whole; it was left out" in said
+    assert "1 row at the end, from row 32 on, not whole; left out" in said
     assert "time starts at 1750000000 s; it is counted from the first frame" in said
+
+
+@pytest.mark.parametrize("mark", [";", "\t", ","])
+def test_a_quotation_mark_that_does_not_end_is_refused_and_no_row_is_lost(tmp_path: Path, mark: str) -> None:
+    source = tmp_path / "t.csv"
+    lines = table(mark.join(("time_s", "travel_mm", "force_N")), TIMES, GONE, PRESSED, mark=mark).splitlines()
+    lines = [f"{line}{mark}{note}" for line, note in zip(lines, ["note", *[""] * len(TIMES)], strict=True)]
+    lines[4] += '"5 in'
+    source.write_text("\n".join(lines) + "\n")
+    assert "a quotation mark in line 5 that does not end" in refused(tmp_path, source)
+
+
+def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    offset = 2 * float(PRESSED.max())
+    source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED - offset))
+    code, said = run(source, tmp_path / "out.h5", *BALL)
+    assert code == 0
+    assert "sign is turned" not in said
+    np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
+
+
+def test_many_broken_rows_at_the_end_are_refused_and_a_few_are_one_note(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    whole = table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED)
+    source.write_text(whole + "9.0,1.0,\n" * 3)
+    assert "3 rows at the end" in converted(tmp_path, source)
+    (tmp_path / "out.h5").unlink()
+    source.write_text(whole + "9.0,1.0,\n" * 20)
+    assert "20 rows at the end" in refused(tmp_path, source)
+
+
+def test_one_column_is_not_two_quantities_and_text_may_be_called_xls(tmp_path: Path) -> None:
+    source = tmp_path / "t.xls"
+    source.write_text(table("time_s\ttravel_mm\tforce_N", TIMES, GONE, PRESSED, mark="\t"))
+    converted(tmp_path, source)
+    (tmp_path / "out.h5").unlink()
+    said = refused(tmp_path, source, "--columns", "time=time_s,force=time_s,travel=travel_mm")
+    assert "one column named for two quantities" in said

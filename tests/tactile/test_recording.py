@@ -164,6 +164,10 @@ REFUSALS = {
         lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, 2.0)),
         "pads/left/certainty",
     ),
+    "a certainty below nothing": (
+        lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, -0.5)),
+        "pads/left/certainty",
+    ),
     "no pads": (drop("pads"), "pads"),
     "one pad of a grasp": (drop("pads/right"), "pads/right"),
     "no pose": (drop("pads/left/pose"), "pads/left/pose"),

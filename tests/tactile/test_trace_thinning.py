@@ -34,6 +34,16 @@ def test_a_thinned_trace_keeps_its_ramp_and_its_hold_within_the_bound_that_it_st
     assert "frames were thinned to" in found.said("t.csv")
 
 
+@pytest.mark.parametrize(("step_N", "noise_N"), [(0.01, 0.0), (0.1, 0.01)])
+def test_a_force_that_is_rounded_has_the_noise_of_its_steps(step_N, noise_N):
+    rng = np.random.default_rng(4)
+    time = np.linspace(0, 400, 40_000)
+    travel, _, force = drawn(time, ramp_s=60.0, start_s=20.0, noise_N=noise_N, rng=rng)
+    found = thin(time, travel, np.round(force / step_N) * step_N)
+    assert found.noise_N == pytest.approx(step_N / 12**0.5, rel=0.3)
+    assert found.off < 3 * BOUND
+
+
 def test_a_sudden_fall_is_kept_to_the_frame():
     rng = np.random.default_rng(2)
     time = np.linspace(0, 100, 30_000)
