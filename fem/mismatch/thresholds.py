@@ -26,10 +26,6 @@ linear round is refitted too. Set by hand, to save refits that cannot win."""
 OTHER_PAD_SHARE = 0.5
 """Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
 misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""
-OTHER_PAD_UNSURE = 0.005
-"""Share of the gain by which differences between the same effect on two pads are divided, where that is more
-than TEMPERATURE: a gain of 0.8 on one pad, injected where nothing is known of the gels, gains 1,720 and 1,725
-on the two, though nothing tells them apart (tests/fem/test_mismatch_core_measurement.py)."""
 BEATEN_SHARE = 0.7
 """A refit that even with what its slopes promise gains less than such a share of another is given up. Set by
 hand, below 1 for what the slopes do not tell."""

@@ -15,6 +15,7 @@ from jaxtyping import Bool, Float
 
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, DiscrepancyPrior, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import OfSomeForces
@@ -98,16 +99,43 @@ class SensorGain:
         return float(np.clip(found, -MOST_AUXILIARY, MOST_AUXILIARY))
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The forces of that pad divided by the gain."""
+        """The forces of that pad divided by the gain, and the sums with them on the scale of their noise."""
         share = 1 - 1 / parameters["gain"]
-        parts = _of_pad(forward, pad_of(variant))
+        pad = pad_of(variant)
+        parts = _of_pad(forward, pad)
         return Response(
             unit=[
                 recording.tracks.unit_displacement - share * alone
                 for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
             ],
-            balance=[share * balance for _, balance in parts],
+            balance=[
+                _balance(forward, recording, share * own, _noise_scale(recording, pad, parameters["gain"]))
+                for recording, (_, own) in zip(forward.base.grasps, parts, strict=True)
+            ],
         )
+
+
+def _balance(
+    forward: ForwardModel, recording: GraspResponse, taken_N: Float[np.ndarray, "f 6"], scale: float
+) -> Float[np.ndarray, "f 6"]:
+    """What brings the recorded sums to those without the part that is taken away, times a scale."""
+    equations = balance_equations(forward, recording)
+    if equations is None:
+        return taken_N
+    return np.asarray(equations.measured - scale * (equations.measured - taken_N))
+
+
+def _noise_scale(recording: GraspResponse, pad: str, gain: float) -> float:
+    """Noise of the recorded sums over that of the sums with one pad's forces divided by the gain.
+
+    Forces of one pad over the gain balance those of the other as well as forces of the other times the gain,
+    but all of them are smaller and so is what noise leaves of their sums: without this scale a pad that reads
+    too high would always explain recordings better than the other reading too low.
+    """
+    if pad not in recording.pad_names:
+        return 1.0
+    own = float(own_markers(recording, recording.pad_names.index(pad)).mean())
+    return float((own / gain**2 + 1 - own) ** -0.5)
 
 
 def _of(pad: str) -> Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]:

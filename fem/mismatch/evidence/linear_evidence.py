@@ -373,10 +373,15 @@ def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]
 def _change(
     forward: ForwardModel, recorded: Sequence[GraspEquations], response: Response
 ) -> list[ObservationDelta]:
-    """What a model adds to the plain one's response of the markers, recording by recording."""
+    """What a model adds to the plain one's observations, recording by recording.
+
+    The shift of markers, which no noise of forces reaches, is left out.
+    """
     return [
         ObservationDelta(
-            markers=forward.compliance * (response.unit[k] - one.recording.tracks.unit_displacement)
+            markers=forward.compliance * (response.unit[k] - one.recording.tracks.unit_displacement),
+            balance=None if response.balance is None else response.balance[k],
+            rest=None if response.rest is None else response.rest[k],
         )
         for k, one in enumerate(recorded)
     ]

@@ -28,7 +28,6 @@ from fem.mismatch.thresholds import (
     NEAR_EQUAL,
     NOT_DETECTED_GAIN,
     OTHER_PAD_SHARE,
-    OTHER_PAD_UNSURE,
     PAIR_GAIN,
     PAIR_LEFT,
     PAIR_PLAIN_GAIN,
@@ -81,8 +80,7 @@ class _Candidate:
     @property
     def alternatives(self) -> tuple[tuple[float, Refit], ...]:
         """Of others that cannot be told from this the share of both, and the refit."""
-        unsure = max(TEMPERATURE, OTHER_PAD_UNSURE * self.gain)
-        weight = {k: np.exp((gain - self.gain) / unsure) for k, (gain, _) in enumerate(self.others)}
+        weight = {k: np.exp((gain - self.gain) / TEMPERATURE) for k, (gain, _) in enumerate(self.others)}
         kept = {k: one for k, one in weight.items() if one >= EQUAL_PROBABILITY}
         return tuple((float(one / (1 + sum(kept.values()))), self.others[k][1]) for k, one in kept.items())
 
