@@ -28,7 +28,7 @@ def trace_words(columns: str | None, units: str | None, sheet: str | None) -> Tr
 
 def _pairs(option: str, text: str | None, example: str) -> dict[str, str]:
     found: dict[str, str] = {}
-    for part in _NEXT.split(text) if text else ():
+    for part in _NEXT.split(text) if text is not None else ():
         quantity, equals, name = (piece.strip() for piece in part.partition("="))
         if not equals or not name or quantity not in KNOWN:
             known = ", ".join(KNOWN)

@@ -80,7 +80,7 @@ def _text(path: Path, data: bytes) -> CellTable:
         spaced = enumerate(text.splitlines(), 1)
         return CellTable(
             name="",
-            rows=tuple((k, list[Cell](line.split())) for k, line in spaced if line.strip()),
+            rows=tuple((k, list[Cell](_spaced(line))) for k, line in spaced if line.strip()),
             delimiter=named,
             encoding=encoding,
         )
@@ -113,15 +113,29 @@ def _decoded(path: Path, data: bytes) -> tuple[str, str]:
     raise unusable(path.name, "no text", "a table in UTF-8, UTF-16 with its mark, or Windows-1252")
 
 
+def _spaced(line: str) -> list[str]:
+    """Cells apart by spaces; a unit in brackets belongs to the name before it, but for a row of units."""
+    text = line.strip()
+    return text.split() if text[0] in "([" else re.split(r"\s+(?![(\[])", text)
+
+
 def delimiter_of(text: str) -> str:
     r"""The delimiter by which most lines with numbers fall into two cells or more; spaces where none does.
 
-    >>> delimiter_of("a;b\n1,5;2,5\n"), delimiter_of("a,b\n1,5\n"), delimiter_of("1.5 2\n2 3\n")
+    >>> delimiter_of("a;b\n1,5;2,5\n"), delimiter_of("a,b\n1,5\n"), delimiter_of("1,5 2\n2,5 3\n")
     (';', ',', 'spaces')
     """
     lines = list(islice((line for line in io.StringIO(text) if re.search(r"\d", line)), LOOKED_AT))
-    votes = Counter(next((mark for mark in DELIMITERS if mark in line), SPACES) for line in lines)
+    votes = Counter(_delimiter_in(line) for line in lines)
     return max(votes, key=lambda mark: votes[mark]) if votes else ","
+
+
+def _delimiter_in(line: str) -> str:
+    """Of one line; a comma inside each of several numbers that spaces part is a decimal one."""
+    mark = next((mark for mark in DELIMITERS if mark in line), SPACES)
+    cells = line.split()
+    decimal = len(cells) > 1 and all(number_of(cell) is not None for cell in cells)
+    return SPACES if mark == "," and decimal else mark
 
 
 def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:

@@ -5,7 +5,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tactile.io.cell_rows import LOOKED_AT, Cell, CellTable, Row, number_of
+from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
 from tactile.tactile_failure import TactileFailure
 
@@ -86,12 +86,17 @@ def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColum
             if names.count(name) > 1:
                 raise unusable(source, f"the column {name[:60]!r} twice", "each column once")
         place = {quantity: names.index(name) for quantity, name in chosen.items()}
+        _check_apart(source, sheet, k)
         if len(set(place.values())) < len(place):
             raise unusable(source, "one column named for two quantities", "a column of its own for each")
         below = sheet.rows[k + 1 : k + 2]
         row = _units_row(below[0][1], place) if below else None
         in_file = {q: (row or {}).get(q) or unit_of_name(chosen[q]) for q in place}
         stated = {q: words.units.get(q) or in_file[q] for q in place}
+        if idle := [q for q in words.units if q not in place]:
+            read = ", ".join(f'{q} ("{chosen[q][:60]}")' for q in place)
+            found = f"--units of {idle[0]}, where {read} are read"
+            raise unusable(source, found, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
         for q, unit in in_file.items():
             if unit in UNITS[q] and unit != stated[q]:
                 found = f'{q} ("{chosen[q][:60]}") in {unit} by the file and in {stated[q]} by --units'
@@ -106,6 +111,15 @@ def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColum
             first=k + 1 if row is None else k + 2,
         )
     return None
+
+
+def _check_apart(source: str, sheet: CellTable, k: int) -> None:
+    """As many names as numbers in the first row of numbers below, where only spaces part them."""
+    numbers = next((cells for _, cells in sheet.rows[k + 1 : k + 4] if _numeric(cells)), [])
+    names = sheet.rows[k][1]
+    if sheet.delimiter == SPACES and numbers and len(numbers) != len(names):
+        found = f"{len(names)} names above {len(numbers)} columns of numbers, apart by spaces"
+        raise unusable(source, found, "names without spaces in them, or tabs or semicolons between columns")
 
 
 def _chosen(names: Sequence[str], words: TraceWords) -> dict[str, str] | None:

@@ -90,13 +90,21 @@ def test_every_unit_comes_out_in_seconds_newtons_and_millimetres(
 
 @pytest.mark.parametrize(
     ("suffix", "mark", "comma"),
-    [("csv", ";", True), ("txt", "\t", False), ("tsv", "\t", True), ("txt", " ", False), ("csv", ",", False)],
+    [
+        ("csv", ";", True),
+        ("txt", "\t", False),
+        ("tsv", "\t", True),
+        ("txt", " ", False),
+        ("txt", "  ", True),
+        ("csv", ",", False),
+        ("csv", ", ", False),
+    ],
 )
 def test_every_delimiter_with_a_mark_and_lines_above_the_table(
     tmp_path: Path, suffix: str, mark: str, comma: bool
 ) -> None:
     source = tmp_path / f"t.{suffix}"
-    above = "\ufeffTexture report 3\nOperator: A. B., room 2\n\n" if mark != " " else "\ufeff"
+    above = "\ufeffTexture report 3\nOperator: A. B., room 2\n\n" if mark.strip(" ") else "\ufeff"
     header = mark.join(("time_s", "travel_mm", "force_N"))
     body = table(header, TIMES, GONE, PRESSED, mark=mark, comma=comma)
     source.write_text(above + body, encoding="utf-8")
@@ -197,6 +205,7 @@ def test_a_bad_table_is_refused_with_its_row_or_column(
     ("options", "words"),
     [
         (("--columns", "Time"), 'holds "Time"; give time=Time,force=Force,travel=Pos'),
+        (("--columns", ""), 'holds ""; give time=Time'),
         (("--columns", "time=a,time=b"), "names time twice"),
         (("--columns", "travel=a,gap=b"), "names both a travel and a gap"),
         (("--units", "force=lbf"), 'knows no unit "lbf" of force; give one of N, mN, g, kgf'),
@@ -217,6 +226,24 @@ def test_an_indenter_that_nothing_explains_is_refused_before_a_file_is_written(
     assert code == 1
     assert f"--indenter {indenter} is no ball" in said
     assert not (tmp_path / "out.h5").exists()
+
+
+def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
+    source = tmp_path / "t.txt"
+    source.write_text(table("Time (s)  Force (N)  Pos (mm)", TIMES, PRESSED, GONE, mark="  "))
+    converted(tmp_path, source, "--columns", "time=Time (s),force=Force (N),travel=Pos (mm)")
+    (tmp_path / "out.h5").unlink()
+    source.write_text(table("Time Axial Force Pos", TIMES, PRESSED, GONE, mark=" "))
+    said = refused(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
+    assert "4 names above 3 columns of numbers, apart by spaces" in said
+
+
+def test_a_unit_of_what_is_not_read_is_refused(tmp_path: Path) -> None:
+    source = tmp_path / "t.csv"
+    source.write_text(table("time_s,force_N,travel_mm", TIMES, PRESSED, GONE))
+    said = refused(tmp_path, source, "--units", "gap=um")
+    assert "--units of gap, where" in said
+    assert 'travel ("travel_mm")' in said
 
 
 def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:
