@@ -68,7 +68,7 @@ class PrintWatch:
         return np.interp(np.arange(self.frames), at, [self.shown[t].evidence for t in at])
 
     def flatter_frame(self, known: PadReference) -> int | None:
-        """The frame whose gel is clearly flatter than the reference's (tactile.reference_print.becomes_flatter)."""
+        """The frame whose gel is clearly flatter than the reference's (`becomes_flatter`)."""
         if known.shown is None:
             return None
         return next((t for t in sorted(self.shown) if becomes_flatter(known.shown, self.shown[t])), None)

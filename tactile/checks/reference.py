@@ -38,9 +38,12 @@ def print_without_force(pad: GelPad) -> str | None:
     if on_reference:
         cause = "the reference bears a print itself"
     elif pad.print_shown is not None and pad.print_shown[0] >= SURE:
-        cause = "the gel is loaded from the first frame, and the reference is not of this gel untouched"
+        cause = "the gel is loaded from frame 0 on, and the reference is not of this gel untouched"
     else:
-        cause = "the reference is of another gel or sensor, or the sensor's description is"
+        cause = (
+            "the reference or the sensor's description is of another gel, or the fruit drags the gel more "
+            "than it presses it, of which one camera tells no depth"
+        )
     shows = (
         f"pictures show a print ({shown:.1f} times what an empty gel shows), yet its force is at most "
         if shown >= SURE

@@ -64,7 +64,7 @@ def estimated_reference(
 
     `ideal`: their places on a regular grid, in steps; `described_px`: where the sensor's description has
     them, which is taken instead; `known`: the markers of which either is known, the others stay where they
-    are seen. Raises TactileFailure (no-markers) where too few markers are unloaded for the rest to be place_sd_px.
+    are seen. Raises TactileFailure (no-markers) where too few markers are unloaded for the others' places.
     """
     fit = _shift(lattice, described_px) if described_px is not None else _lens(lattice, ideal)
     unloaded = _widest(lattice, fit, ideal if described_px is None else described_px, known)

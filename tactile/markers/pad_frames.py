@@ -11,7 +11,7 @@ from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
 from tactile.markers.reference_places import Places, places_of
 from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places
-from tactile.pad_reference import PrintWatch, pad_reference, flatter_said
+from tactile.pad_reference import PrintWatch, flatter_said, pad_reference
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
