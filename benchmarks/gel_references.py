@@ -129,9 +129,9 @@ def main() -> None:
         )  # fmt: skip
         if said == "empty":
             mean = np.mean(frames[:EMPTY_FRAMES], axis=0).round().astype(np.uint8)
-            told = estimates(frames, reference_of(rgb(mean), source="empty"), rng)
-            clips += bool(told)
-            for name, answer in told:
+            answered = estimates(frames, reference_of(rgb(mean), source="empty"), rng)
+            clips += bool(answered)
+            for name, answer in answered:
                 answers.setdefault(name, []).append(answer)
     for name in ("empty", "print", "loaded", "unclear"):
         values = [float(str(row["evidence"])) for row in rows if row["label"] == name and not row["failure"]]

@@ -49,7 +49,7 @@ def test_a_print_is_seen_by_its_markers_alone() -> None:
 def test_a_print_is_seen_by_its_shading_alone() -> None:
     picture = drawn(grid(), noise=2.0).astype(float)
     rows, columns = np.mgrid[: SHAPE[0], : SHAPE[1]]
-    ridge = np.exp(-(((columns + 0.5 * rows - 200.0) / 6.0) ** 2))
+    ridge = sum(np.exp(-(((columns + 0.5 * rows - middle) / 6.0) ** 2)) for middle in (120.0, 200.0, 290.0))
     picture *= 1.0 + ridge[..., None] * [0.35, -0.1, -0.25]
     shown = shown_on(np.clip(picture, 0, 255).astype(np.uint8))
     assert shown.shading > 1.3

@@ -100,7 +100,7 @@ def test_an_estimate_needs_no_more_than_places_of_markers(grasp: Path) -> None:
     assert read_raw_grasp(grasp).pads[0].view.estimated
     replaced(grasp / "left.toml", 'kind = "markers-mono"', 'kind = "photometric"')
     lights = "".join(
-        f"[[lights]]\ndirection = [{x}, {y}, -0.5]\ncolour = [1.0, 0.0, 0.0]\n"
+        f"[[lights]]\ndirection = [{x}, {y}, -0.5]\ncolour = [1.0, 1.0, 1.0]\n"
         for x, y in ((1.0, 0.0), (-0.5, 0.9), (-0.5, -0.9))
     )
     (grasp / "left.toml").write_text((grasp / "left.toml").read_text() + lights)
