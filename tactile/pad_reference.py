@@ -19,9 +19,9 @@ from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, sho
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure
 
-LOOKED_AT = 25
-"""Frames of a recording in which a print is looked for, evenly spaced: each costs about three frames of
-tracking (0.08 s at 320 x 240 pixels)."""
+LOOKED_AT = 12
+"""Frames of a recording in which a print is looked for, evenly spaced: each takes about 0.08 s at 320 x 240
+pixels, as two or three frames of tracking do."""
 
 
 @dataclass(frozen=True, kw_only=True)

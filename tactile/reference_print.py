@@ -21,8 +21,8 @@ from tactile.markers.tracking import ReferenceMarkers
 from tactile.sensors import GelCamera
 
 LEAST_BULGE = 0.0085
-"""Root mean square of the markers' common misfit, in spacings. Of 39 empty first frames the largest is 0.0054,
-of four empty pictures of two more gels 0.0075; of 120 with a print that can be seen 88 have more
+"""Root mean square of the markers' common misfit, in spacings. Of 39 empty first frames the largest is
+0.0054, of four empty pictures of two more gels 0.0075; of 120 with a print that can be seen 88 have more
 (benchmarks/gel_references.py FOLDER --half even; the four are of the clips of benchmarks/gel_video.py)."""
 LEAST_SHADING = 0.055
 """As a relative change of colour: the same 43 have at most 0.049, 74 of the 120 more."""

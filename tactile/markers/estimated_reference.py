@@ -23,8 +23,8 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 AGREES_SD = 2.5
 """Standard deviations of the unloaded markers' own misfit, up to which one agrees. Set by hand."""
 AGREES_LEAST, AGREES_MOST = 0.02, 0.035
-"""Bounds of that, in spacings: printed markers are off by 0.006 to 0.014 (root mean square, 43 empty pictures),
-so that 2.5 standard deviations are 0.015 to 0.035."""
+"""Bounds of that, in spacings: printed markers are off by 0.006 to 0.014 (root mean square, 43 empty
+pictures), so that 2.5 standard deviations are 0.015 to 0.035."""
 ROUNDS = 6
 """Of fitting to the markers that agree, each time anew: sets stay the same after about three. Set by hand."""
 FEWEST_UNLOADED, LEAST_SHARE = 20, 0.4
