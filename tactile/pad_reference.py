@@ -98,12 +98,13 @@ def pad_reference(sensor: Sensor, view: RawCamera, camera: GelCamera, *, source:
 
 
 def references_said(raw: RawGrasp) -> list[str]:
-    """Of each pad whose reference bears a print or is estimated a sentence; raises as `pad_reference`."""
+    """A sentence on each pad whose reference bears a print; raises as `pad_reference` does."""
     said: list[str] = []
     for pad in raw.pads:
         if pad.sensor.camera is not None:
             source = f"{raw.source}/{pad.name}"
-            said += pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source).notes
+            found = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
+            said += found.notes if found.shown is not None else ()
     return said
 
 

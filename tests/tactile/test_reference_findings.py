@@ -91,6 +91,9 @@ def test_a_pad_without_a_print_still_never_touches(sound: Recording) -> None:
     with pytest.raises(TactileFailure, match="close the jaws further") as caught:
         find_contact(changed(sound, shown(0.6)), source="g.h5")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
+    assert "If it does touch, the reference is as loaded as the frames" in str(caught.value)
+    with pytest.raises(TactileFailure, match=r"close the jaws further\.$"):
+        find_contact(changed(sound, lambda pad: {"force_N": shown(0.0)(pad)["force_N"]}), source="g.h5")
 
 
 def test_a_force_that_is_pulled_by_the_print_on_the_reference_is_no_matter_of_sign(sound: Recording) -> None:
