@@ -35,7 +35,12 @@ def print_without_force(pad: GelPad) -> str | None:
     noise = noise_in_contact(pad.force_N).sd * float(np.sqrt(len(pad.rest_mm)))
     if float(total.max()) > max(FORCE_BEYOND_NOISE * noise, LEAST_PRINT_N):
         return None
-    if on_reference:
+    what_to_do = WHAT_TO_DO
+    if pad.reference_sd_mm is not None:
+        spread_mm = float(np.sqrt((pad.reference_sd_mm**2).mean()))
+        cause = f"the untouched gel is estimated to {spread_mm:.2g} mm, too coarsely for this print's force"
+        what_to_do = "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
+    elif on_reference:
         cause = "the reference bears a print itself"
     elif pad.print_shown is not None and pad.print_shown[0] >= SURE:
         cause = "the gel is loaded from frame 0 on, and the reference is not of this gel untouched"
@@ -49,7 +54,7 @@ def print_without_force(pad: GelPad) -> str | None:
         if shown >= SURE
         else "force is at most "
     )
-    return f"{shows}{max(float(total.max()), 0.0):.2g} N: {cause}; {WHAT_TO_DO}"
+    return f"{shows}{max(float(total.max()), 0.0):.2g} N: {cause}; {what_to_do}"
 
 
 def _pad(pad: GelPad) -> list[Finding]:
