@@ -36,6 +36,7 @@ from tactile.correction import corrected
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording
 from tactile.io.recording_fields import first_line
+from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure
 
@@ -182,9 +183,11 @@ def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
 def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:
     """Why a raw grasp is of no use, or whose it may be."""
     found: list[Finding] = []
+    said: list[str] = []
 
     def read() -> None:
         raw = read_raw_grasp(path)
+        said.extend(references_said(raw))
         field = "fruit_id in grasp.toml"
         found.extend(
             owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)
@@ -192,6 +195,7 @@ def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Pr
 
     yield from _tried(row, path, read)
     yield from (_doubted(row, path, f"{path.name}: {one.sentence}.") for one in found)
+    yield from (_doubted(row, path, sentence) for sentence in said)
 
 
 def _owner(batch: Survey, row: FruitRow) -> Owner:

@@ -36,6 +36,8 @@ class FindingKind(StrEnum):
     MARKERS_MISSING = "markers-missing"
     MARKERS_PITCH_OFF = "markers-pitch-off"
     OVER_EDGE = "over-edge"
+    REFERENCE_PRINT = "reference-print"
+    PRINT_WITHOUT_FORCE = "print-without-force"
     # force against displacement
     AXES = "axes"
     DEAD_FIELD = "dead-field"

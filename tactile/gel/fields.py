@@ -22,7 +22,7 @@ from tactile.gel.photometric import PhotometricDepth
 from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
 from tactile.gel.spring_force import SpringForce
 from tactile.gel.stereo import ray_information, triangulated
-from tactile.gel_camera import on_face
+from tactile.gel_camera import mm_per_px, on_face
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -108,6 +108,7 @@ class GelReader:
         shape: PhotometricDepth | None = None,
         noise_px: float = 0.03,
         depth_sd_mm: float = LEAST_DEPTH_SD_MM,
+        reference_sd_px: Float[np.ndarray, " n"] | None = None,
     ) -> None:
         self.sensor, self._shape = sensor, shape
         self._camera = _needed(sensor, sensor.camera, "camera")
@@ -136,11 +137,10 @@ class GelReader:
             self.observed, self._border = border_observation(layer, self.grid, self._camera)
         elif self._second is None:
             slab_sd_mm = MONO_SIDES_SD_MM if sides_known(layer) else MONO_SLAB_SD_MM
-            information *= (noise_px / (noise_px + slab_sd_mm / self._mm_per_px())) ** 2
+            information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(self._camera))) ** 2
+        if reference_sd_px is not None:
+            information /= (1.0 + (reference_sd_px / noise_px) ** 2)[:, None, None]
         self.information = information
-
-    def _mm_per_px(self) -> float:
-        return float(abs(self._camera.gel_from_camera[2, 3]) / np.mean(self._camera.focal_px))
 
     def measured(
         self,
@@ -177,8 +177,12 @@ def fields_of(
     images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
     shape: PhotometricDepth | None = None,
     hyperparameters: PriorHyperparameters | None = None,
+    reference_sd_px: Float[np.ndarray, " n"] | None = None,
 ) -> GelFields:
     """Displacement and force of a whole recording; `images` are read once, one at a time.
+
+    `reference_sd_px`: standard deviations of the places at rest, where these are estimated; they add to each
+    marker's noise, as if they were drawn anew in every frame.
 
     `second` is the other camera's tracking of the same markers (stereo); `images` and `shape` are the frames
     and the shading's reader (photometric). `hyperparameters` None: chosen on the frames that move most.
@@ -191,6 +195,7 @@ def fields_of(
     draft = GelReader(
         sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
         second_reference_px=None if second is None else second.reference_px,
+        reference_sd_px=reference_sd_px,
     )  # fmt: skip
     seen = np.empty((frames, len(tracked.rest_mm), 3))
     for t, image in zip(range(frames), images if images is not None else [None] * frames, strict=True):

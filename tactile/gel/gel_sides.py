@@ -110,7 +110,7 @@ def _finite(
             own = compliance[ends[i] : ends[i + 1], ends[j] : ends[j + 1]]
             left, right = (np.kron(bases[0][k][0], bases[1][k][0]) for k in (i, j))
             found[:, :, i, :, :, j] += (left @ own @ right.T).reshape(*nodes, *nodes)
-    return found.reshape(3 * nodes[0] * nodes[1], -1)
+    return np.asarray(found.reshape(3 * nodes[0] * nodes[1], -1))
 
 
 def _endless(
