@@ -156,7 +156,7 @@ def _stiffness(
         x, y, z = (along(axis, i, j, test=axis == a, trial=axis == b) for axis in range(3))
         found = np.einsum("zw,xij,ykl->xyzikwjl", z, x, y)
         rows = int(np.prod(found.shape[2:5]))
-        return found.reshape(*found.shape[:2], rows, -1)
+        return np.asarray(found.reshape(*found.shape[:2], rows, -1))
 
     rows = []
     for i in range(3):
