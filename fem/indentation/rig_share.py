@@ -7,6 +7,7 @@ from jaxtyping import Float, Int
 
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.no_contact import first_touch
+from fem.indentation.rig_error import STEEPER
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_noise import NoContactNoise
@@ -23,10 +24,11 @@ SAID_SHARE = 0.1
 """Of the same, from which it is said by how much E is too low. Set by hand."""
 SOFT_RIG_N_PER_MM = 8.0
 """Stiffness that is taken for a rig's of which nothing is known: of a parallel gripper with soft pads, the
-softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 3 to 5 N/mm over its way to 25 N
+softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 to 4 N/mm over its way to 25 N
 (benchmarks/rig_golf_ball.py), arms have some 10 to 50 N/mm, presses on a frame some hundreds. With MOST_SHARE
-contacts above 2.4 N/mm are said: kiwis have 0.2 to 1.9, pieces of meat 0.1 to 0.8 (a tenth to nine tenths of
-44 and 15 traces, benchmarks/rig_golf_ball.py --slopes)."""
+contacts above 2.4 N/mm are said: 44 kiwis have 0.2 to 2.0 (two are said), pieces of meat and silicone 0.1 to
+0.7 (one of 37), mangoes 2.3 to 12 (half of 70), in a tenth to nine tenths (benchmarks/rig_golf_ball.py
+--slopes)."""
 UPPER = 0.5
 """Share of the peak force above which slopes are taken. Set by hand: E is ruled by the upper half."""
 FEWEST = 4
@@ -153,6 +155,16 @@ def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
         moved = replace(trace, travel_mm=trace.travel_mm + way * trace.rig_sd_mm)
         found.append(fit(known.law, moved, no_contact, known.scaled[None], follow=1).scaled[at])
     return 0.5 * float(abs(found[1] - found[0]))
+
+
+def unsure_E(after: Modulus, ln_sd: float) -> str | None:
+    """Why E is a lower bound with the rig's spread in it, where the slopes did not say so; None: it is none.
+
+    Where the rig's spread alone moves ln E by more than STEEPER UNSURE, or E's error is E and more.
+    """
+    if ln_sd <= STEEPER * UNSURE and after.sd <= after.value:
+        return None
+    return f"the rig's spread moves E by a factor of {min(float(np.exp(ln_sd)), 1e3):.2g}"
 
 
 def widened(modulus: Modulus, ln_sd: float) -> Modulus:
