@@ -18,6 +18,8 @@ class IndenterTrace:
     """Force that pushes the ball back (positive in contact) and how far the machine has driven it in.
 
     `travel_mm` is the machine's own reading: contact may start later than travel, or before the first frame.
+    Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
+    which all frames share.
     Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
     """
 
@@ -25,6 +27,8 @@ class IndenterTrace:
     force_N: Float[np.ndarray, " t"]
     travel_mm: Float[np.ndarray, " t"]
     radius_mm: float
+    rig_give_mm: Float[np.ndarray, " t"] | None = None
+    rig_sd_mm: Float[np.ndarray, " t"] | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time_s)
@@ -34,6 +38,14 @@ class IndenterTrace:
                 f"indenter trace: found {frames} times, {len(self.force_N)} forces and "
                 f"{len(self.travel_mm)} travels, expected as many of each: export them from one table.",
             )
+        for name in ("rig_give_mm", "rig_sd_mm"):
+            values = getattr(self, name)
+            if values is not None and (len(values) != frames or not np.isfinite(values).all()):
+                raise FemFailure(
+                    FemProblem.BAD_LOAD,
+                    f"indenter trace: found {name} that is not one finite number a frame, expected {frames}: "
+                    "convert the trace again with --rig.",
+                )
         if frames < FEWEST_FRAMES:
             raise FemFailure(
                 FemProblem.BAD_LOAD,

@@ -98,6 +98,8 @@ def bare_trace(case: Case) -> tuple[str, IndenterTrace, list[str]] | None:
         force_N=pad.force_z_N[kept],
         travel_mm=travel[kept] - travel[0],
         radius_mm=pad.radius_mm,
+        rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
+        rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
     )
     return path.stem, trace, [] if thinned is None else [thinned.said(path.name)]
 
@@ -203,6 +205,7 @@ def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace, said: 
             thickness_mm=case.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
+            rig_N_per_mm=case.rig_N_per_mm,
         )
     deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
     assumed = [] if case.thickness_mm else [deep]
@@ -214,6 +217,13 @@ def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace, said: 
         facts=(
             ("Indenter", f"ball of radius {trace.radius_mm:g} mm"),
             ("Specimen", thick),
+            ("Rig", _rig_in_words(case, trace)),
             ("Poisson's ratio", f"{nu:g}"),
         ),
     )
+
+
+def _rig_in_words(case: Case, trace: IndenterTrace) -> str:
+    if trace.rig_give_mm is not None:
+        return f"its own {trace.rig_give_mm.max():.3g} mm at most were taken off the travel"
+    return "not known" if case.rig_N_per_mm is None else f"{case.rig_N_per_mm:g} N/mm, not taken off"

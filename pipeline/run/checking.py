@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.batch.confirmed_effects import effects_on, faults, pit_found
+from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, survey
@@ -21,6 +21,7 @@ from pipeline.batch.plausible_numbers import (
     table_doubts,
 )
 from pipeline.batch.reference_body import category_of
+from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.recording_owner import Owner, owner_findings
@@ -158,13 +159,14 @@ def _findings(
 ) -> tuple[Finding, ...]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
-    of_the_gripper = faults(effects)
+    rig = None if batch.settings is None else batch_rig(batch.folder.root, batch.settings)
+    of_the_gripper = jaw_faults(effects, rig)
     recorded = read_recording(path)
     said = recorded.fruit_id, recorded.category
     found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
-    recording = corrected(recorded, of_the_gripper)
+    recording = corrected(recorded, of_the_gripper, source=path.name)
     vertices, faces = (None, None) if mesh is None else mesh
-    checked = Checked(E_range_MPa=kind.ranges.E_MPa)
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig)
     own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
     same = read.setdefault(recording_digest(recorded), [])
     refuse_copy(path.name, next((other.name for one, other in same if one == row), None))

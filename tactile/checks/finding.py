@@ -76,6 +76,8 @@ class FindingKind(StrEnum):
     APERTURE = "aperture"
     APERTURE_UNIT = "aperture-unit"
     TOO_DEEP = "too-deep"
+    STIFFER_THAN_RIG = "stiffer-than-rig"
+    BEYOND_RIG = "beyond-rig"
     # the fruit
     WIDTH = "width"
     ASIDE = "aside"

@@ -51,6 +51,8 @@ SHARE = Limit(1.0, "(a share)")
 grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
 likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
 MPa per mm; quotients by numbers that are next to nothing overflow."""
+RIG_FIELDS = ("rig_give_mm", "rig_sd_mm")
+"""Optional, of a bare press that `drupe convert --rig` corrected: both or none."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -123,7 +125,9 @@ class Recording:
 
     `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (the pads
     alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
-    force (N) and torque (N·mm) of the machine's own load cell, fruit frame.
+    force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
+    off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
+    nothing.
     """
 
     fruit_id: str
@@ -135,6 +139,8 @@ class Recording:
     aperture_mm: Float[np.ndarray, " t"]
     pads: tuple[GelPad | IndenterPad, ...]
     wrench_N: Float[np.ndarray, "t 6"] | None = None
+    rig_give_mm: Float[np.ndarray, " t"] | None = None
+    rig_sd_mm: Float[np.ndarray, " t"] | None = None
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:
@@ -162,6 +168,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             time_s=time_s,
             aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
+            **_rig_fields(root, frames),
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, images=images)
                 for name in PADS_OF_LOADING[loading]
@@ -190,6 +197,9 @@ def write_recording(path: Path, recording: Recording) -> None:
         file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
         if recording.wrench_N is not None:
             file["wrench_N"] = np.asarray(recording.wrench_N, dtype=np.float64)
+        for name in RIG_FIELDS:
+            if (values := getattr(recording, name)) is not None:
+                file[name] = np.asarray(values, dtype=np.float64)
         for pad in recording.pads:
             group = file.create_group(f"pads/{pad.name}")
             group["pose"] = np.asarray(pad.pose, dtype=np.float64)
@@ -268,6 +278,17 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
+
+
+def _rig_fields(root: GroupReader, frames: int) -> dict[str, Float[np.ndarray, " t"]]:
+    """What a rig's give took off the travel, and its standard deviation; nothing where neither is there."""
+    if not any(name in root for name in RIG_FIELDS):
+        return {}
+    values = {name: root.array(name, (frames,), limit=APERTURE) for name in RIG_FIELDS}
+    for name in RIG_FIELDS:
+        below = f"{values[name].min():g}", "0 mm or more", "convert the trace again with --rig"
+        root.refuse(name, below if (values[name] < 0).any() else None)
+    return values
 
 
 def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
