@@ -57,6 +57,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.CLIPPED: _FORCE_LOST,
     FindingKind.COARSE_STEPS: _FORCE_LOST,
     FindingKind.NO_TARE: _FORCE_LOST,
+    FindingKind.REFERENCE_PRINT: _FORCE_LOST,
     # a gain may be of one pad, and be a gel that creeps
     FindingKind.GAIN: _GAIN,
     FindingKind.FORCE_SCALE: _GAIN,
@@ -92,6 +93,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
             FindingKind.MARKERS_UNIT,
             FindingKind.MARKERS_ORDER,
             FindingKind.MARKERS_PITCH_OFF,
+            FindingKind.PRINT_WITHOUT_FORCE,
             FindingKind.OVER_EDGE,
             FindingKind.AXES,
             FindingKind.DEAD_FIELD,
