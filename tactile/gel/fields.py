@@ -115,6 +115,7 @@ class GelReader:
         self._second = sensor.second_camera if sensor.kind == "markers-stereo" else None
         layer = layer_of(sensor)
         _refuse_dome(sensor, rest_mm)
+        _refuse_outside(sensor, rest_mm)
         if self._second is not None:
             if second_reference_px is None:
                 raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
@@ -305,6 +306,22 @@ def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
             sensor,
             f"its gel is a dome ({np.ptp(off):.2f} mm out of a plane, {sensor.thickness_mm:g} mm thick); "
             'forces are computed for flat gels only: use the maker\'s own (kind = "fields")',
+        )
+
+
+def _refuse_outside(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
+    """Markers are on the gel: beyond its outline a size in another unit, or another gel's, would pass."""
+    if sensor.outline is None:
+        return
+    size, centre = np.array(sensor.outline.size_mm), np.array(sensor.outline.centre_mm)
+    outside = (np.abs(rest_mm[:, :2] - centre) > size / 2).any(axis=1)
+    if outside.any():
+        x, y = rest_mm[np.argmax(outside), :2]
+        raise _refusal(
+            sensor,
+            f"found {int(outside.sum())} of {len(rest_mm)} markers outside of the gel, one at ({x:.1f}, "
+            f"{y:.1f}) mm, expected all within size_mm {size.tolist()} about centre_mm {centre.tolist()}; "
+            "correct [gel]",
         )
 
 

@@ -5,6 +5,7 @@ import pytest
 
 from samples.gel_images import seen_at
 from tactile.gel.fields import GelFields, fields_of, frame_noise, layer_of
+from tactile.gel.gel_sides import GelOutline
 from tactile.gel.slab import GelSlab, SpringBed
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor, marker_grid
@@ -102,6 +103,13 @@ def test_a_dome_is_refused_with_what_to_do() -> None:
     mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
     with pytest.raises(TactileFailure, match=r"stereo gel: its gel is a dome .* use the maker's own"):
         fields_of(mono, dome)
+
+
+def test_markers_beyond_the_gels_outline_are_refused() -> None:
+    outline = GelOutline((2.6, 2.2))
+    mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None, outline=outline)
+    with pytest.raises(TactileFailure, match=r"markers outside of the gel, .* size_mm \[2.6, 2.2\]"):
+        fields_of(mono, tracked(eye(0.0), 1))
 
 
 def test_stereo_without_the_second_camera_is_refused() -> None:
