@@ -1,4 +1,4 @@
-"""What a bare ball indenter's trace says of the flesh beyond linear elasticity: the public entry."""
+"""What a bare indenter's trace says of the flesh beyond linear elasticity: the public entry."""
 
 import numpy as np
 
@@ -16,9 +16,10 @@ def explain_trace(
 ) -> Explanation:
     """Which missing physics explains the trace, its parameters, probability, and held-out frames.
 
-    `thickness_mm` of the slab under the ball, bonded to a rigid base; None: a half-space. The baseline is
-    linear elasticity with contact that may start late (or before the recording), the load cell's zero, and a
-    bend that stands for the theory's own error. Maps and traces stay empty: there are no markers.
+    `thickness_mm` of the slab under a ball or punch, bonded to a rigid base; None: a half-space. The
+    baseline is linear elasticity with contact that may start late (or before the recording), the load
+    cell's zero, and a bend that stands for the theory's own error. Maps and traces stay empty: there are no
+    markers.
     Raises FemFailure: bad-poisson-ratio, bad-load (thickness), no-load (force lost in noise).
     """
     return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio, rng=rng).explanation
