@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 from compressed_solid import spheroid
+from triaxial_fruit import force_between
 
 from fem.fem_failure import FemFailure
 from fem.indentation.compressed_ellipsoid import Ellipsoid
@@ -27,6 +28,15 @@ def test_finite_elements_between_the_tables_shapes_agree_within_a_fiftieth(nu, a
     truth = [solid.force_at(along * (1 - x)) for x in SQUEEZES]
     found = curve(2.0, 2.0, 2 * along, pit_share=pit_share, nu=nu).force_N_per_MPa(2 * along * SQUEEZES)
     assert found == pytest.approx(truth, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("semi_axes_mm", [(30.0, 29.0, 26.0), (30.0, 27.0, 30.0)])
+def test_tetrahedra_of_a_fruit_without_an_axis_agree_within_a_thirtieth(semi_axes_mm):
+    """The repository's own solver at small strain, for a squeeze of 3 %."""
+    truth = force_between(semi_axes_mm, pit_share=0.4, nu=0.45, squeeze=0.03)
+    a, b, c = 2 * np.array(semi_axes_mm)
+    assert curve(a, b, c, pit_share=0.4).force_N_per_MPa(np.array(0.03 * c)) == pytest.approx(truth, rel=0.03)
 
 
 def test_force_goes_with_the_square_of_size_at_one_squeeze():
