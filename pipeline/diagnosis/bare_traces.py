@@ -1,6 +1,6 @@
 """The traces of a case whose recordings are those of a bare indenter: one specimen, one tool, one law."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +48,7 @@ def bare_traces(case: Case) -> BareTraces | None:
         pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
         if len(pads) != len(recording.pads):
             return None
-        found += [(path, recording, pad) for pad in pads]
+        found.append((path, recording, _one_of(path, pads)))
     if not found:
         return None
     known = [_geometry(case, path, pad) for path, _, pad in found]
@@ -83,6 +83,18 @@ def bare_traces(case: Case) -> BareTraces | None:
         if of_slab
         else (),
     )
+
+
+def _one_of(path: Path, pads: list[IndenterPad]) -> IndenterPad:
+    """The pad, or of two bare jaws round one specimen one with the mean of both forces."""
+    if len(pads) == 1:
+        return pads[0]
+    if any(pad.indenter != "plate" for pad in pads):
+        said = " and ".join(pad.indenter for pad in pads)
+        raise BatchRefused(
+            [Problem(str(path), f"has two bare pads, {said}; only two plates squeeze one specimen by a law.")]
+        )
+    return replace(pads[0], force_z_N=np.mean([pad.force_z_N for pad in pads], axis=0))
 
 
 def _geometry(case: Case, path: Path, pad: IndenterPad) -> TraceGeometry:

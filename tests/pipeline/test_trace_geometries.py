@@ -1,6 +1,7 @@
 """`drupe convert` and `drupe explain` on punches and plates: what is asked for, kept, and made of it."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -10,7 +11,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
-from tactile.io.recording import IndenterPad, read_recording
+from tactile.io.recording import IndenterPad, read_recording, write_recording
 
 CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
 FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "c")
@@ -170,3 +171,39 @@ def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_t
     assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= found["ranking"][0]["parameters"].keys()
     assert any(note.startswith("Recording 3: First touch 0.099") for note in found["notes"])
+
+
+def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):
+    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
+    case = tmp_path / "case"
+    case.mkdir()
+    (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.499\n')
+    assert run("convert", source, case / "one.h5", *CYLINDER, "--ends", "lubricated")[0] == 0
+    press = read_recording(case / "one.h5")
+    tip = tip_of(case / "one.h5")
+    jaws = [
+        replace(tip, name=name, force_z_N=k * tip.force_z_N) for name, k in (("left", 0.9), ("right", 1.1))
+    ]
+    grasp = replace(
+        press, loading="grasp", support="free", aperture_mm=12.1 - press.aperture_mm, pads=tuple(jaws)
+    )
+    (case / "one.h5").unlink()
+    write_recording(case / "jaws.h5", grasp)
+    assert run("explain", case, "--json", tmp_path / "a.json")[0] == 0
+    found = json.loads((tmp_path / "a.json").read_text())
+    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    write_recording(
+        case / "jaws.h5", replace(grasp, pads=(jaws[0], replace(jaws[1], indenter="flat", radius_mm=3.0)))
+    )
+    assert "has two bare pads, plate and flat" in run("explain", case)[1]
+
+
+def test_a_shape_without_a_law_is_refused_by_explain_as_well(tmp_path):
+    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
+    case = tmp_path / "case"
+    case.mkdir()
+    (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\nheight_mm = 1.5\n')
+    assert run("convert", source, case / "one.h5", *CYLINDER, "--ends", "bonded")[0] == 0
+    code, said = run("explain", case)
+    assert code == 3
+    assert "height 0.1 diameters, expected 0.25 to 3" in " ".join(said.split())
