@@ -45,7 +45,7 @@ def flowing_slack_mm(
     flows everywhere and the force stays (perfect plasticity).
 
     An even field reaches it at once (`sharp`); under a punch flow starts at the rim and spreads: of the depth
-    m, m/(1 + (m/limit)^4)^(1/4) stays elastic, which follows finite elements to a fiftieth of the force down to
+    m, m/(1 + (m/limit)^4)^(1/4) stays elastic. It follows finite elements to a fiftieth of the force down to
     1.3 limits; at 2.6 they still rise and are a seventh above.
     """
     if sharp:
