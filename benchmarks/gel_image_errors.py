@@ -1,20 +1,22 @@
 """Print how well images of a gel give back displacement and force: rendered gels with known answers.
 
-    python benchmarks/gel_image_errors.py [--out gel_images.csv] [--keep gel.npz]
+    python benchmarks/gel_image_errors.py [--out gel_images.csv] [--keep gel.npz] [--draws 6 --seed 1]
 
 Truth: 26 x 22 x 4 mm of gel (E 0.2 MPa, nu 0.48) in 27-node bricks, pressed 0.7 mm deep by a rigid ball of
 15 mm radius with friction, pushed 0.45 mm aside, turned by 3 degrees and let go (`samples/gel_press.py`).
 Images: 640 x 480, 221 dots, lens distortion, noise of 1.5 grey levels, three coloured lights
 (`samples/gel_images.py`); a ball of 6 mm radius is pressed in for the look-up of slopes. `--keep` keeps the
-finite elements' compliance between runs (a minute of work). Time is CPU time of one thread: tracking, depth
-and force of a frame, once the strength is chosen.
+finite elements' compliance between runs (a minute of work). `--draws`: dots alone under so many presses drawn
+at random (ball of 8 to 30 mm radius, 0.07 to 1.1 mm deep, pushed and turned) and, beside them, with a gel
+whose outline nobody says. Time is CPU time of one thread: tracking, depth and force of a frame, once the
+strength is chosen.
 """
 
 import argparse
 import csv
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from samples.gel_press import BallPose, GelBlock, Pressed, gel_block, pressed
 from tactile.gel.ball_press import ball_lookup, ball_print
 from tactile.gel.fields import GelFields, fields_of
+from tactile.gel.gel_sides import GelOutline
 from tactile.gel.photometric import PhotometricDepth
 from tactile.gel_camera import on_face
 from tactile.markers.tracking import TrackedMarkers, follow, reference_of
@@ -34,6 +37,7 @@ E_MPA, NU, THICKNESS_MM, FRICTION = 0.2, 0.48, 4.0, 0.6
 BALL_MM, CALIBRATION_BALL_MM, DEPTH_MM = 15.0, 6.0, 0.7
 LENS = (-0.12, 0.03, 0.001, -0.001, 0.0)
 GRID = marker_grid(13, 17, pitch_mm=(1.0, 1.0), first_mm=None)
+OUTLINE = GelOutline((26.0, 22.0))
 COLUMNS = (
     "sensor", "frames", "plane_um_peak", "plane_um_all", "depth_um_peak", "depth_um_all",
     "force_percent_peak", "force_percent_all", "correlation_peak", "correlation_all",
@@ -73,6 +77,25 @@ def truth(keep: Path | None) -> KnownGel:
     )
 
 
+def drawn(block: GelBlock, rng: np.random.Generator) -> KnownGel:
+    """A press at random: down, aside and up in eighteen frames."""
+    radius_mm, across_mm = 8 * 3.75 ** rng.uniform(), rng.uniform(2.0, 4.2)
+    depth_mm = across_mm**2 / (2 * radius_mm)
+    x, y = rng.uniform(-0.8, 0.8, 2)
+    way, aside_mm, turn = rng.uniform(0, 2 * np.pi), rng.uniform(0, 0.5), rng.uniform(-0.06, 0.06)
+
+    def pose(depth: float, share: float) -> BallPose:
+        at = (x + share * aside_mm * np.cos(way), y + share * aside_mm * np.sin(way), radius_mm - depth)
+        return BallPose(centre_mm=at, turn_rad=share * turn)
+
+    down = [pose(depth, 0.0) for depth in np.linspace(0.05, depth_mm, 7)]
+    aside = [pose(depth_mm, share) for share in (0.25, 0.5, 0.75, 1.0)]
+    up = [pose(depth_mm * share, 1.0) for share in (0.75, 0.5, 0.25)]
+    poses = [pose(-0.05, 0.0)] * 4 + down + aside + up
+    print(f"ball of {radius_mm:.1f} mm, {depth_mm:.2f} mm deep, {aside_mm:.2f} mm aside")
+    return KnownGel(block, pressed(block, poses, radius_mm=radius_mm, friction=rng.uniform(0.3, 1.0)), [])
+
+
 def camera(turn_rad: float, *, distance_mm: float, focal_px: float) -> GelCamera:
     """A camera `distance_mm` behind the gel's centre, turned about y and looking at it."""
     c, s = np.cos(turn_rad), np.sin(turn_rad)
@@ -106,6 +129,7 @@ def sensor(kind: str) -> Sensor:
         thickness_mm=THICKNESS_MM,
         E_MPa=E_MPA,
         nu=NU,
+        outline=OUTLINE,
         lights=lights if kind == "photometric" else (),
         rest_mm=GRID,
     )
@@ -134,9 +158,11 @@ def rendered(eye: GelCamera, one: Sensor, shapes: list[Field], rng: np.random.Ge
     return [gel_image(eye, one.lights, look, shape, rng) for shape in shapes]
 
 
-def measured(kind: str, known: KnownGel, rng: np.random.Generator) -> tuple[GelFields, float]:
+def measured(
+    kind: str, known: KnownGel, rng: np.random.Generator, *, outline: GelOutline | None = OUTLINE
+) -> tuple[GelFields, float]:
     """Render, track and invert; the fields, and CPU seconds per frame."""
-    one = sensor(kind)
+    one = replace(sensor(kind), outline=outline)
     block = known.block
 
     def shape_of(press: Pressed) -> Field:
@@ -219,16 +245,34 @@ def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[s
     )  # fmt: skip
 
 
+def print_draws(block: GelBlock, count: int, rng: np.random.Generator) -> None:
+    """Dots alone under presses at random: median and worst of every column, outline said and not."""
+    rows: dict[GelOutline | None, list[dict[str, object]]] = {OUTLINE: [], None: []}
+    for press in [drawn(block, rng) for _ in range(count)]:
+        for outline, own in rows.items():
+            fields, seconds = measured("markers-mono", press, np.random.default_rng(5), outline=outline)
+            own.append(row("markers-mono", fields, press, seconds))
+    for outline, own in rows.items():
+        for name in COLUMNS[2:-1]:
+            values = np.array([line[name] for line in own], dtype=float)
+            print(f"{outline}: {name} {values.min():.3g} median {np.median(values):.3g} {values.max():.3g}")
+
+
 def main() -> None:
     """Measure the three sensors and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", type=Path, help="write the table here as CSV")
     parser.add_argument("--keep", type=Path, help="keep the finite elements' compliance in this .npz")
+    parser.add_argument("--draws", type=int, default=0, help="presses at random, dots alone")
+    parser.add_argument("--seed", type=int, default=0, help="of the draws")
     parser.add_argument("--only", help="one sensor: photometric, markers-stereo or markers-mono")
     wanted = parser.parse_args()
-    rows = []
+    rows: list[dict[str, object]] = []
     with threadpool_limits(1):
         known = truth(wanted.keep)
+        if wanted.draws:
+            print_draws(known.block, wanted.draws, np.random.default_rng(wanted.seed))
+            return
         for kind in ("photometric", "markers-stereo", "markers-mono"):
             if wanted.only in (None, kind):
                 fields, seconds = measured(kind, known, np.random.default_rng(5))

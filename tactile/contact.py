@@ -7,8 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
+from tactile.checks.reference import print_without_force
 from tactile.io.recording import GelPad, Recording
-from tactile.noise import FEWEST_NO_CONTACT_FRAMES, Noise, no_contact_noise, noise_in_contact
+from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
+from tactile.reference_print import WHAT_TO_DO
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 BEYOND_NOISE = 4.0
@@ -125,6 +127,7 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     )
     still = quiet if measure is no_contact_noise else slice(None)
     moved, pushed = measure(pad.displacement_mm[still]), measure(pad.force_N[still])
+    moved = _with_reference(moved, pad)
     displacement = pad.displacement_mm - moved.offset
     force = pad.force_N - pushed.offset
     total = force[:, :, 2].sum(axis=1)
@@ -133,7 +136,13 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     peak = int(np.argmax(total))
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
-        raise _never_touches(pad.name, total, noise_of_total, source=source)
+        if (contradiction := print_without_force(pad)) is not None:
+            raise TactileFailure(
+                TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: the {pad.name} pad's {contradiction}."
+            )
+        raise _never_touches(
+            pad.name, total, noise_of_total, source=source, pictured=pad.print_shown is not None
+        )
     touched = np.asarray(touching.any(axis=0))
     reach = cKDTree(pad.rest_mm[touched]).query(pad.rest_mm)[0]
     patch = np.asarray(reach) <= REACH_CELLS * spacing
@@ -155,10 +164,28 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     )
 
 
+def _with_reference(moved: Noise, pad: GelPad) -> Noise:
+    """The displacement's noise with that of an estimated reference, which is the same in all frames."""
+    if pad.reference_sd_mm is None:
+        return moved
+    common = float((pad.reference_sd_mm**2).mean())
+    total = moved.sd**2 + common
+    lag1 = min((moved.lag1 * moved.sd**2 + common) / max(total, 1e-30), MOST_LAG1)
+    return Noise(offset=moved.offset, sd=float(np.sqrt(total)), lag1=lag1)
+
+
 def _never_touches(
-    pad: str, total_N: Float[np.ndarray, " t"], noise_N: float, *, source: str
+    pad: str, total_N: Float[np.ndarray, " t"], noise_N: float, *, source: str, pictured: bool
 ) -> TactileFailure:
-    """Of a pad that feels nothing, or that is pulled by the fruit, which is a sensor's sign."""
+    """Of a pad that feels nothing, or that is pulled by the fruit, which is a sensor's sign.
+
+    `pictured`: its force comes from pictures, so that a reference which is loaded alike hides a contact.
+    """
+    unless = (
+        f" If it does touch, the reference is as loaded as the frames, too smoothly to be seen: {WHAT_TO_DO}."
+        if pictured
+        else ""
+    )
     field = f"{source}: pads/{pad}/force_N"
     if -total_N.min() > max(TOTAL_BEYOND_NOISE * noise_N, 1e-9):
         detail = (
@@ -171,6 +198,7 @@ def _never_touches(
             f"{field}: found at most {total_N.max():.3g} N in {len(total_N)} frames, noise of "
             f"{noise_N:.3g} N, "
             "expected a contact; the pad never touches the fruit: record again and close the jaws further."
+            f"{unless}"
         )
     return TactileFailure(TactileProblem.NEVER_TOUCHES, detail)
 

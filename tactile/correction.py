@@ -1,11 +1,12 @@
-"""A recording with known faults of pads and jaws removed: gain, drift, compliance, lag, pose, and the gels'.
+"""A recording with known faults of pads and jaws removed: gain, drift, compliance, rig, lag, pose, and the
+gels'.
 
 Each fault states how the recorded numbers follow from the true ones; `corrected` inverts it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
+from functools import partial, reduce
 from typing import TypeAlias
 
 import numpy as np
@@ -21,6 +22,8 @@ from tactile.gel_correction import (
     without_gel_fault,
 )
 from tactile.io.recording import GelPad, IndenterPad, Recording
+from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
+from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +50,13 @@ class ComplianceFault:
 
 
 @dataclass(frozen=True, kw_only=True)
+class RigFault:
+    """Recorded travel of the jaws together exceeds the true one by the rig's give at their normal force."""
+
+    curve: RigCurve
+
+
+@dataclass(frozen=True, kw_only=True)
 class LagFault:
     """Displacement and force are `lag_s` late against pose and aperture (negative: early)."""
 
@@ -62,27 +72,31 @@ class PoseFault:
     tilt_deg: float
 
 
-Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | LagFault | PoseFault | GelFault
+Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | RigFault | LagFault | PoseFault | GelFault
 
 
-def corrected(recording: Recording, faults: Sequence[Fault]) -> Recording:
+def corrected(recording: Recording, faults: Sequence[Fault], *, source: str = "recording") -> Recording:
     """`recording` as it would be without the faults.
 
     Forces are corrected first, since a jaw's compliance is a matter of the true force; a fault of a pad that
-    the recording does not have leaves it as it is. The result does not depend on the order of `faults`.
+    the recording does not have leaves it as it is. Raises TactileFailure where a rig says nothing of a
+    force. The result does not depend on the order of `faults`.
     """
     gels = (ThermalFault, ForceLawFault, GelHysteresisFault, GelCreepFault)
-    first = (DriftFault, GainFault, *gels, LagFault, ComplianceFault, PoseFault)
-    return reduce(_without, sorted(faults, key=lambda fault: first.index(type(fault))), recording)
+    first = (DriftFault, GainFault, *gels, LagFault, ComplianceFault, RigFault, PoseFault)
+    in_order = sorted(faults, key=lambda fault: first.index(type(fault)))
+    return reduce(partial(_without, source=source), in_order, recording)
 
 
-def _without(recording: Recording, fault: Fault) -> Recording:
+def _without(recording: Recording, fault: Fault, *, source: str) -> Recording:
     if isinstance(fault, LagFault):
         return _in_time(recording, fault.lag_s)
     if isinstance(fault, GelFault):
         return without_gel_fault(recording, fault)
     if isinstance(fault, ComplianceFault):
-        return _stiff(recording, fault.mm_per_N)
+        return _stiff(recording, [fault.mm_per_N * _normal_N(pad) for pad in recording.pads])
+    if isinstance(fault, RigFault):
+        return _stiff(recording, _given_by_rig(recording, fault.curve, source))
     corrected_pads = tuple(
         _corrected_pad(pad, fault, recording.time_s) if pad.name == fault.pad else pad
         for pad in recording.pads
@@ -143,9 +157,25 @@ def _poses_at(
     return moved
 
 
-def _stiff(recording: Recording, mm_per_N: float) -> Recording:
+def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Float[np.ndarray, " _t"]]:
+    """What each jaw gave: of two, half of the rig's give at its own force.
+
+    Raises TactileFailure (implausible-recording) for a force that the rig's curve says nothing of.
+    """
+    force = [_normal_N(pad) for pad in recording.pads]
+    largest = max(float(one.max()) for one in force)
+    if not curve.reaches(largest):
+        raise TactileFailure(
+            TactileProblem.IMPLAUSIBLE_RECORDING,
+            f"{source}: found a largest force of {largest:.3g} N where the rig is calibrated up to "
+            f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that; squeeze the rigid "
+            "object as hard and calibrate anew.",
+        )
+    return [curve.give(one) / len(force) for one in force]
+
+
+def _stiff(recording: Recording, gave: Sequence[Float[np.ndarray, " _t"]]) -> Recording:
     """Each pad drawn back along its z by what its jaw gave way; the aperture by the sum of both."""
-    gave = [mm_per_N * _normal_N(pad) for pad in recording.pads]
     closing = -1.0 if recording.loading == "grasp" else 1.0
     pads = []
     for pad, back in zip(recording.pads, gave, strict=True):

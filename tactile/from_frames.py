@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, UInt8
 
 from tactile.gel.fields import fields_of
 from tactile.gel.shading_file import shading_of
+from tactile.gel_camera import mm_per_px
 from tactile.io.converted import Converted
 from tactile.io.frame_checks import gaps_said
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
@@ -83,19 +84,20 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
     """One pad's tracked markers and their displacement and force, in every frame that is not a repetition."""
     source = f"{raw.source}/{pad.name}"
     camera = camera_of(pad)
-    tracked, doubled, places, notes = tracked_markers(pad, pad.view, camera, source, progress)
-    kept = ~doubled
+    found_markers = tracked_markers(pad, pad.view, camera, source, progress)
+    tracked, places, notes = found_markers.tracked, found_markers.places, found_markers.notes
+    kept, reference_sd_px = ~found_markers.doubled, found_markers.reference_sd_px
     second = None
     if pad.second is not None and pad.sensor.second_camera is not None:
-        other, other_doubled, other_places, more = tracked_markers(
+        other = tracked_markers(
             pad, pad.second, pad.sensor.second_camera, f"{source} (second camera)", progress
         )
-        kept &= ~other_doubled
-        both = np.isin(places.described, other_places.described)
-        order = {int(k): i for i, k in enumerate(other_places.described)}
-        second = of_markers(other, [order[int(k)] for k in places.described[both]])
+        kept &= ~other.doubled
+        both = np.isin(places.described, other.places.described)
+        order = {int(k): i for i, k in enumerate(other.places.described)}
+        second = of_markers(other.tracked, [order[int(k)] for k in places.described[both]])
         tracked = of_markers(tracked, np.flatnonzero(both).tolist())
-        notes += more
+        notes += other.notes
     tracked = of_frames(tracked, kept)
     second = None if second is None else of_frames(second, kept)
     notes += losses_said(tracked, source)
@@ -111,6 +113,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         second=second,
         images=_chosen(pad.view, kept) if shading is not None else None,
         shape=shading,
+        reference_sd_px=reference_sd_px,
     )
     notes += edge_said(found.rest_mm, found.force_N, source)
     kn, kt = layer_stiffness(pad.sensor)
@@ -126,6 +129,9 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         gel_E_MPa=pad.sensor.E_MPa,
         gel_nu=pad.sensor.nu,
         certainty=_least(tracked, second),
+        reference_print=found_markers.reference_print,
+        print_shown=None if found_markers.print_shown is None else found_markers.print_shown[kept],
+        reference_sd_mm=None if reference_sd_px is None else reference_sd_px * mm_per_px(camera),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
 
@@ -187,4 +193,7 @@ def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         gel_E_MPa=pad.gel_E_MPa,
         gel_nu=pad.gel_nu,
         certainty=None if pad.certainty is None else at_times(when, one.time_s, pad.certainty),
+        reference_print=pad.reference_print,
+        print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
+        reference_sd_mm=pad.reference_sd_mm,
     )

@@ -47,3 +47,8 @@ def on_face(
     centre, direction = rays(camera, pixels)
     reach = (z_mm - centre[2]) / direction[:, 2:]
     return np.asarray(centre + reach * direction)
+
+
+def mm_per_px(camera: GelCamera) -> float:
+    """Millimetres of the undeformed face to a pixel, in the picture's middle."""
+    return float(abs(camera.gel_from_camera[2, 3]) / np.mean(camera.focal_px))

@@ -7,7 +7,9 @@ from jaxtyping import Float
 
 FEWEST_NO_CONTACT_FRAMES = 5
 """Below this the spread of the frames in the air says too little, and frame-to-frame differences are used."""
-
+MOST_LAG1 = 0.95
+"""Largest correlation of a frame's noise with the next that is used: 1 would make all frames one. Set by
+hand."""
 MEDIAN_OF_GAUSSIAN = 0.6745
 """The median of the absolute value of a Gaussian of unit spread."""
 
@@ -38,7 +40,7 @@ def no_contact_noise(values: Float[np.ndarray, "t n 3"]) -> Noise:
     if sd == 0.0:
         return Noise(offset=offset, sd=0.0, lag1=0.0)
     neighbours = float((about[1:] * about[:-1]).sum() / (about**2).sum()) * frames / (frames - 1)
-    return Noise(offset=offset, sd=sd, lag1=float(np.clip(neighbours + 1 / frames, 0.0, 0.95)))
+    return Noise(offset=offset, sd=sd, lag1=float(np.clip(neighbours + 1 / frames, 0.0, MOST_LAG1)))
 
 
 def noise_in_contact(values: Float[np.ndarray, "t n 3"]) -> Noise:

@@ -13,6 +13,8 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
+from tactile.gel.gel_sides import GelOutline
+
 SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "photometric", "fields"]
 
 
@@ -56,7 +58,8 @@ class Sensor:
     """One sensor; what a kind does not need is None or empty.
 
     `markers-mono` and `photometric` have a `camera`, `markers-stereo` also a `second_camera`, and all three
-    the gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back). `fields` is a sensor that gives
+    the gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back), and its `outline` where that is known.
+    `fields` is a sensor that gives
     displacement and force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a
     marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the
     layer's normal and shear stiffness per area, are stated where they were measured. `calibration_file` is a
@@ -72,6 +75,7 @@ class Sensor:
     thickness_mm: float | None = None
     E_MPa: float | None = None
     nu: float | None = None
+    outline: GelOutline | None = None
     gel_kn_MPa_per_mm: float | None = None
     gel_kt_MPa_per_mm: float | None = None
     rest_mm: Float[np.ndarray, "n 3"] | None = None

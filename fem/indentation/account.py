@@ -8,10 +8,11 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_law import OWN, suffix_of
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.heldout import Prediction, predictions
-from fem.indentation.naming import Forecasts, named
+from fem.indentation.naming import Forecasts, named, with_bound, with_rig_spread
 from fem.indentation.next_trace import next_press
 from fem.indentation.no_contact import first_touch, no_contact_noise, pooled_noise
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
+from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
 from fem.indentation.rupture import Rupture, before_rupture, find_rupture
 from fem.indentation.search import candidate_fits
 from fem.indentation.trace import IndenterTrace, joined
@@ -53,6 +54,7 @@ def account_for(
     thickness_mm: float | None,
     poisson_ratio: float,
     rng: np.random.Generator,
+    rig_N_per_mm: float | None = None,
 ) -> Account:
     """Detection, selection, refit, held-out frames and advice; see `explain_trace` for units and failures."""
     if not 0 <= poisson_ratio < 0.5:
@@ -79,12 +81,32 @@ def account_for(
     proposed = verdict_of(candidates, best, p_value=found.p_value, log_odds=log_odds)
     forecasts = Forecasts(best, trace, no_contact)
     naming = named(proposed, candidates, best, forecasts, trace)
+    rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
+    rig_notes = rig.notes
+    if rig.bound is not None and naming.after is None:
+        rig_notes = (*rig_notes, f"E would be a lower bound at best: {rig.bound}.")
+    if rig.bound is not None and naming.after is not None:
+        least_MPa = least_modulus(
+            trace, no_contact, naming.after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
+        )
+        naming = with_bound(naming, least_MPa=least_MPa, why=rig.bound)
+    rig_sd = rig_spread(fits[0], trace, no_contact)
+    if rig_sd > 0.0:
+        own = naming.verdict if isinstance(naming.verdict, str) else naming.verdict[0]
+        of_named = rig_sd if own not in best or own == NONE else rig_spread(best[own], trace, no_contact)
+        naming = with_rig_spread(naming, of_named)
+        if naming.after is not None and (why := unsure_E(naming.after, of_named)) is not None:
+            least_MPa = least_modulus(
+                trace, no_contact, naming.after, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
+            )
+            naming = with_bound(naming, least_MPa=least_MPa, why=why)
     verdict = naming.verdict
     names = verdict if isinstance(verdict, tuple) else (verdict,)
     likeliest = naming.ranking[0].effect if verdict == UNKNOWN else names[0]
     chosen = best[likeliest]
     notes = (
         *ruptured,
+        *rig_notes,
         *naming.notes,
         *_notes(trace, chosen),
         *(_with_onset_zero(trace, chosen, no_contact) if naming.after is not None else ()),
@@ -106,7 +128,7 @@ def account_for(
         component="normal",
         ranking=naming.ranking,
         verdict=verdict,
-        before=modulus_of(fits[0]) if naming.after is not None else WITHHELD,
+        before=widened(modulus_of(fits[0]), rig_sd) if naming.after is not None else WITHHELD,
         after=naming.after or WITHHELD,
         withheld=naming.withheld,
         heldout=HeldOut(

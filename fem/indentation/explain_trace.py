@@ -13,6 +13,7 @@ def explain_trace(
     thickness_mm: float | None,
     poisson_ratio: float,
     rng: np.random.Generator,
+    rig_N_per_mm: float | None = None,
 ) -> Explanation:
     """Which missing physics explains the trace, its parameters, probability, and held-out frames.
 
@@ -20,6 +21,10 @@ def explain_trace(
     baseline is linear elasticity with contact that may start late (or before the recording), the load
     cell's zero, and a bend that stands for the theory's own error. Maps and traces stay empty: there are no
     markers.
+    `rig_N_per_mm`: a stated stiffness of the rig, which no travel was corrected for; where the rig gives too
+    much of the travel, E is withheld and said to be a lower bound (fem.indentation.rig_share).
     Raises FemFailure: bad-poisson-ratio, bad-load (thickness), no-load (force lost in noise).
     """
-    return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio, rng=rng).explanation
+    return account_for(
+        trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio, rng=rng, rig_N_per_mm=rig_N_per_mm
+    ).explanation

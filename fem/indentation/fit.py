@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.indentation.contact_law import Law
+from fem.indentation.rig_error import rig_error
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise, TraceNoise, joint_clock
 
@@ -118,7 +119,7 @@ def fit(
         frames = np.ones(len(trace.time_s), dtype=bool)
     mean = np.array([u.mean for u in law.unknowns])
     precision = np.array([u.sd for u in law.unknowns]) ** -2.0
-    least = max((effect.error for effect in law.effects), default=SHARES[0])
+    least = min(max([rig_error(trace), SHARES[0], *(e.error for e in law.effects)]), SHARES[-1])
     share, shares = TOLERANT, SHARES[least * (1 - 1e-9) <= SHARES]
 
     def posterior(share: float) -> Posterior:

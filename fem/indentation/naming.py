@@ -8,6 +8,7 @@ from fem.fem_failure import FemFailure
 from fem.indentation.fit import TraceFit
 from fem.indentation.heldout import LawPrediction, predict_law
 from fem.indentation.rank import APART, close_to_best, explains, modulus_of
+from fem.indentation.rig_share import widened
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, mixture
@@ -37,6 +38,26 @@ class Naming:
     after: Modulus | None
     withheld: str | None = None
     notes: tuple[str, ...] = ()
+
+
+def with_bound(naming: Naming, *, least_MPa: float, why: str) -> Naming:
+    """The same names with no E but what it is above at 95 %, for the reason `why`."""
+    return replace(
+        naming,
+        ranking=tuple(replace(one, modulus=None) for one in naming.ranking),
+        after=None,
+        withheld=f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {why}",
+    )
+
+
+def with_rig_spread(naming: Naming, ln_sd: float) -> Naming:
+    """Every E with what the rig's spread does to ln E."""
+    ranking = tuple(
+        one if one.modulus is None else replace(one, modulus=widened(one.modulus, ln_sd))
+        for one in naming.ranking
+    )
+    after = None if naming.after is None else widened(naming.after, ln_sd)
+    return replace(naming, ranking=ranking, after=after)
 
 
 class Forecasts:

@@ -90,7 +90,12 @@ def before_rupture(trace: IndenterTrace, found: Rupture) -> IndenterTrace:
             f"at least {FEWEST_FRAMES} before it: record more often, or press slower.",
         )
     return replace(
-        trace, time_s=trace.time_s[part], force_N=trace.force_N[part], travel_mm=trace.travel_mm[part]
+        trace,
+        time_s=trace.time_s[part],
+        force_N=trace.force_N[part],
+        travel_mm=trace.travel_mm[part],
+        rig_give_mm=None if trace.rig_give_mm is None else trace.rig_give_mm[part],
+        rig_sd_mm=None if trace.rig_sd_mm is None else trace.rig_sd_mm[part],
     )
 
 

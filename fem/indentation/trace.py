@@ -23,6 +23,8 @@ class IndenterTrace:
     `travel_mm` is the machine's own reading: contact may start later than travel, or before the first frame.
     `starts`: first frames of the recordings of one specimen that are joined here, each from its own travel on
     (`joined`); one trace alone has one.
+    Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
+    which all frames share.
     Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
     """
 
@@ -31,6 +33,8 @@ class IndenterTrace:
     travel_mm: Float[np.ndarray, " t"]
     geometry: Geometry
     starts: tuple[int, ...] = (0,)
+    rig_give_mm: Float[np.ndarray, " t"] | None = None
+    rig_sd_mm: Float[np.ndarray, " t"] | None = None
 
     def __post_init__(self) -> None:
         frames = len(self.time_s)
@@ -40,6 +44,14 @@ class IndenterTrace:
                 f"indenter trace: found {frames} times, {len(self.force_N)} forces and "
                 f"{len(self.travel_mm)} travels, expected as many of each: export them from one table.",
             )
+        for name in ("rig_give_mm", "rig_sd_mm"):
+            values = getattr(self, name)
+            if values is not None and (len(values) != frames or not np.isfinite(values).all()):
+                raise FemFailure(
+                    FemProblem.BAD_LOAD,
+                    f"indenter trace: found {name} that is not one finite number a frame, expected {frames}: "
+                    "convert the trace again with --rig.",
+                )
         if frames < FEWEST_FRAMES:
             raise FemFailure(
                 FemProblem.BAD_LOAD,
@@ -70,6 +82,8 @@ class IndenterTrace:
                 force_N=self.force_N[part],
                 travel_mm=self.travel_mm[part],
                 geometry=self.geometry,
+                rig_give_mm=None if self.rig_give_mm is None else self.rig_give_mm[part],
+                rig_sd_mm=None if self.rig_sd_mm is None else self.rig_sd_mm[part],
             )
             for part in self.slices
         )
@@ -115,4 +129,16 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
         travel_mm=np.concatenate([one.travel_mm for one in traces]),
         geometry=traces[0].geometry,
         starts=tuple(int(k) for k in starts),
+        rig_give_mm=_together([one.rig_give_mm for one in traces], traces),
+        rig_sd_mm=_together([one.rig_sd_mm for one in traces], traces),
     )
+
+
+def _together(
+    each: Sequence[Float[np.ndarray, " t"] | None], traces: Sequence[IndenterTrace]
+) -> Float[np.ndarray, " t"] | None:
+    """What was taken off for the rig, nothing where it was not; None where it was of none."""
+    if all(one is None for one in each):
+        return None
+    known = zip(each, traces, strict=True)
+    return np.concatenate([np.zeros(len(of.time_s)) if one is None else one for one, of in known])

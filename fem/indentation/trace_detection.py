@@ -8,6 +8,7 @@ from scipy.linalg import solve_triangular
 from scipy.stats import chi2
 
 from fem.indentation.fit import TraceFit
+from fem.indentation.rig_error import rig_error
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise, joint_clock
 
@@ -47,7 +48,11 @@ def detect(
     """
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
     clock = joint_clock(trace, white_N=no_contact.white_N)
-    tool = TOOL**2 * np.outer(size, size) * np.exp(-np.abs(np.subtract.outer(clock, clock)))
+    tool = (
+        max(TOOL, rig_error(trace)) ** 2
+        * np.outer(size, size)
+        * np.exp(-np.abs(np.subtract.outer(clock, clock)))
+    )
     root = np.linalg.cholesky(no_contact.covariance(len(clock)) + tool)
     gap = solve_triangular(root, trace.force_N - fit.force_N, lower=True)
     slope = solve_triangular(root, fit.jacobian, lower=True)

@@ -15,6 +15,7 @@ from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
+from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
 from pipeline.problem import BatchRefused, Problem
 from pipeline.safe_start import elsewhere
@@ -112,6 +113,7 @@ def survey(root: Path) -> Survey:
         problems += wrong
         problems += _without_model(folder, settings)
         problems += _without_provider(folder, settings)
+        problems += rig_problems(folder, settings)
         problems += _effects_of_strangers(folder, settings, rows)
         problems += _effects_without_pit(folder, settings, rows)
         problems += _references(folder, settings, rows)
@@ -188,9 +190,11 @@ def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
 
 
 def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """The files of category and pit that the settings name, those inside the batch."""
+    """The files of category, pit and rig that the settings name, those inside the batch."""
     named = [
-        folder.root / name for name in (settings.category, settings.pit.prior) if name and _is_file(name)
+        folder.root / name
+        for name in (settings.category, settings.pit.prior, settings.rig)
+        if name and _is_file(name)
     ]
     return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
 

@@ -194,7 +194,10 @@ class ReferenceSettings(Strict):
 
 
 class Settings(Strict):
-    """Everything a batch says of itself in `batch.toml`; only the category is required."""
+    """Everything a batch says of itself in `batch.toml`; only the category is required.
+
+    `rig` names the file, relative to the batch, of how far its jaws give way (pipeline.batch.rig_setting).
+    """
 
     category: Name
     cultivar: Words | None = None
@@ -206,6 +209,7 @@ class Settings(Strict):
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
     poisson_ratio: Annotated[float, Field(ge=LEAST_POISSON_RATIO, le=LARGEST_POISSON_RATIO)] | None = None
     notes: Words | None = None
+    rig: Name | None = None
     sensor: SensorSettings | None = None
     gripper: Device | None = None
     pit: PitSettings = PitSettings()

@@ -9,6 +9,7 @@ from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
 from pipeline.batch.records import Given
 from pipeline.batch.reference_body import CATEGORY, reference_prior
+from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
 from recon.cameras.printed_mat import Mat
 from recon.pit.priors import PitBody, PitPrior
@@ -68,6 +69,8 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
         files.append(batch.folder.mat)
     if settings.recon.geometry_model is not None:
         files.append(batch.folder.root / settings.recon.geometry_model)
+    if (rig := rig_path(batch.folder.root, settings)) is not None:
+        files.append(rig)
     key = stage_key(
         "fruit",
         files=files,

@@ -112,6 +112,10 @@ def convert(
         ),
     ] = None,
     sheet: Annotated[str | None, typer.Option(metavar="NAME", help="Which sheet of a spreadsheet.")] = None,
+    rig: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The rig (drupe calibrate --rigid), whose give is taken off."),
+    ] = None,
 ) -> None:
     """Turn frames, tables or another maker's files into a recording that grade and explain read.
 
@@ -144,6 +148,7 @@ def convert(
             pit_share=pit_share,
         ),
         trace=trace_words(columns, units, sheet),
+        rig=rig,
     )
     try:
         notes = convert_source(source, out, wanted, report=StageLines(Console(stderr=True)).stage)

@@ -141,6 +141,8 @@ def _trace(
         force_N=pad.force_z_N[kept],
         travel_mm=travel[kept] - travel[0],
         geometry=known.geometry,
+        rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
+        rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
     )
     return trace, said
 

@@ -40,6 +40,7 @@ class CaseSettings(Strict):
     size_sd: Relative | None = None
     mesh_sd_mm: Annotated[float, Field(ge=1e-3, le=10)] | None = None
     thickness_mm: Annotated[float, Field(ge=0.1, le=200)] | None = None
+    rig_N_per_mm: Annotated[float, Field(ge=0.01, le=1e6)] | None = None
     specimen: Literal["cylinder", "fruit"] | None = None
     height_mm: Length | None = None
     diameter_mm: Length | None = None
@@ -72,6 +73,7 @@ class Case:
     batch: Batch | None
     mesh_sd_mm: float | None = None
     specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
+    rig_N_per_mm: float | None = None
     notes: tuple[str, ...] = ()
 
     def input_files(self) -> tuple[Path, ...]:
@@ -154,6 +156,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         batch=None,
         mesh_sd_mm=said.mesh_sd_mm,
         specimen=said.of_specimen,
+        rig_N_per_mm=said.rig_N_per_mm,
         notes=notes,
     )
 

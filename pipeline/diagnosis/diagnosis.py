@@ -11,6 +11,7 @@ from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import ModulusEstimate
 from fem.fem_failure import FemFailure
 from fem.indentation.explain_trace import explain_trace
+from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
 from pipeline.diagnosis.bare_traces import BareTraces, bare_traces
@@ -153,6 +154,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
             thickness_mm=bare.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
+            rig_N_per_mm=case.rig_N_per_mm,
         )
     notes = dict.fromkeys([*found.notes, *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
@@ -161,6 +163,13 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
         facts=(
             ("Indenter", bare.trace.geometry.said),
             *bare.facts,
+            ("Rig", _rig_in_words(case, bare.trace)),
             ("Poisson's ratio", f"{nu:g}"),
         ),
     )
+
+
+def _rig_in_words(case: Case, trace: IndenterTrace) -> str:
+    if trace.rig_give_mm is not None:
+        return f"its own {trace.rig_give_mm.max():.3g} mm at most were taken off the travel"
+    return "not known" if case.rig_N_per_mm is None else f"{case.rig_N_per_mm:g} N/mm, not taken off"

@@ -7,12 +7,14 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect_spec import Entry
-from pipeline.batch.confirmed_effects import ConfirmedEffect, faults
+from pipeline.batch.confirmed_effects import ConfirmedEffect
+from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_effects import in_the_model
 from pipeline.fruit.grasped import GraspedFruit
 from pipeline.fruit.placed_grasp import place_grasp
+from tactile.rig.rig_curve import RigCurve
 from tactile.tactile_failure import TactileFailure
 
 
@@ -31,23 +33,31 @@ class EffectSpread:
 def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectSpread:
     """E again with each parameter one standard deviation higher: dE = |E(p + sd) - E(p)|, added in squares.
 
-    Parameters count as independent. Poisson's ratio and the pit have their own parts of the error bar.
+    Parameters count as independent, and the rig as one more, its curve shifted as a whole. Poisson's ratio
+    and the pit have their own parts of the error bar.
     """
     shared, own, doubts = [0.0], [0.0], []
     effects = task.settings.mismatch
+    rig = batch_rig(task.batch_root, task.settings)
     counted = [*in_the_model(effects), *(one for one in effects if one.spec.enters is Entry.RECORDING)]
     for k, one in enumerate(effects):
         if one not in counted:
             continue
         for name, shifted in _shifted(one):
             try:
-                other = _modulus(task, fruit, (*effects[:k], shifted, *effects[k + 1 :]))
+                changed = (*effects[:k], shifted, *effects[k + 1 :])
+                other = _modulus(task, fruit, changed, rig=rig)
             except (TactileFailure, FemFailure, ExceptionGroup):
                 doubts.append(
                     f"the spread of {one.effect}'s {name} is not in the error bar: E has none there"
                 )
                 continue
             (own if one.fruits else shared).append(abs(other - E_MPa))
+    if rig is not None:
+        try:
+            shared.append(abs(_modulus(task, fruit, effects, rig=rig.plus(1.0)) - E_MPa))
+        except (TactileFailure, FemFailure, ExceptionGroup):
+            doubts.append("the spread of what the rig gives is not in the error bar: E has none there")
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
         own_sd_MPa=float(np.linalg.norm(own)),
@@ -68,11 +78,14 @@ def _shifted(one: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
             yield name, one.model_copy(update={"parameters": {**one.parameters, name: value + sd}})
 
 
-def _modulus(task: FruitTask, fruit: GraspedFruit, effects: Sequence[ConfirmedEffect]) -> float:
+def _modulus(
+    task: FruitTask, fruit: GraspedFruit, effects: Sequence[ConfirmedEffect], *, rig: RigCurve | None
+) -> float:
     """E of the same mesh and the same recordings with other parameters."""
     changed = replace(task, settings=task.settings.model_copy(update={"mismatch": tuple(effects)}))
     surface = fruit.shape.vertices, fruit.shape.faces
-    placed = [place_grasp(g.path, *surface, name=g.name, faults=faults(effects)) for g in fruit.placed]
+    of_the_jaws = jaw_faults(effects, rig)
+    placed = [place_grasp(g.path, *surface, name=g.name, faults=of_the_jaws) for g in fruit.placed]
     return fruit_modulus(
         changed,
         placed,

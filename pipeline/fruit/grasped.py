@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from jaxtyping import Float
 from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.sparse.solver import solver_name
-from pipeline.batch.confirmed_effects import faults
 from pipeline.batch.layout import in_order, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord, GraspRecord
+from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
@@ -133,6 +133,7 @@ def _placed(
     failures: dict[str, TactileFailure] = {}
     folder, owner = task.folder, owner_of(task)
     strangers = log.facts.strangers
+    rig = batch_rig(task.batch_root, task.settings)
     recordings = {path.stem: path for path in folder.grasp_files()}
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with log.stage("contact"):
@@ -150,9 +151,9 @@ def _placed(
                     shape.vertices,
                     shape.faces,
                     name=name,
-                    faults=faults(task.settings.mismatch),
+                    faults=jaw_faults(task.settings.mismatch, rig),
                     sd_mm=shape.sd_mm,
-                    checked=_checked(task, shape),
+                    checked=replace(_checked(task, shape), rig=rig),
                     admit=partial(_admitted, owner, log, strangers, name=name, field=field),
                 )
                 refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))

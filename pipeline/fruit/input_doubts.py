@@ -69,6 +69,8 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.COPIED_FRAMES: frozenset({_METHODS, _RESIDUAL, _PHASES}),
     FindingKind.STARTS_IN_CONTACT: frozenset({_METHODS, _RESIDUAL, _PHASES}),
     FindingKind.APERTURE: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
+    # the jaws' travel is not known to what the fruit gave
+    FindingKind.STIFFER_THAN_RIG: frozenset({_NO_WORK, _METHODS, _RESIDUAL, _PHASES}),
     # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
     FindingKind.WIDTH: _ELSEWHERE,
     FindingKind.ASIDE: _ELSEWHERE,
@@ -78,6 +80,7 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     FindingKind.OTHER_FRUIT: _ELSEWHERE,
     FindingKind.OTHER_CATEGORY: _ELSEWHERE,
     # E does not depend on these
+    FindingKind.BEYOND_RIG: frozenset(),
     FindingKind.TIME_UNIT: frozenset(),
     FindingKind.APERTURE_UNIT: frozenset(),
     FindingKind.FRAMES_DROPPED: frozenset(),

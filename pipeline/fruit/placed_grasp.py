@@ -14,12 +14,14 @@ from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.records import CurveRecord, GraspRecord
 from recon.checks.surface_error import sd_on_patch_mm
 from tactile.checks.finding import Finding
+from tactile.checks.jaw_share import jaw_share_findings
 from tactile.checks.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
 from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
+from tactile.rig.rig_curve import RigCurve
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -52,10 +54,13 @@ class PlacedGrasp:
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
-    """What the checks of a recording are told: moduli that the category can have, the mesh's error."""
+    """What the checks of a recording are told: moduli that the category can have, the mesh's error, and what
+    the jaws give, where a rig was taken out of the recording.
+    """
 
     E_range_MPa: tuple[float, float] | None = None
     surface_sd_mm: float = 0.0
+    rig: RigCurve | None = None
 
 
 def place_grasp(
@@ -81,7 +86,7 @@ def place_grasp(
     source = path.name if path.stem == name else name
     recorded = read_recording(path)
     findings = () if admit is None else tuple(admit(recorded))
-    recording = corrected(recorded, faults)
+    recording = corrected(recorded, faults, source=source)
     _refuse_no_pose(recording, source)
     if checked is not None:
         findings += findings_of(recording, vertices, faces, source, checked, corrected_for=len(faults))
@@ -127,6 +132,8 @@ def findings_of(
         E_range_MPa=checked.E_range_MPa,
         surface_sd_mm=checked.surface_sd_mm,
     )
+    if checked.rig is not None:
+        found += jaw_share_findings(recording, checked.rig)
     if said := refusal(found, corrected_for=corrected_for):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
     return tuple(found)

@@ -24,11 +24,13 @@ from tactile.io.load_cell import TABLES, is_trace, read_trace
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
+from tactile.io.rig_file import read_rig
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.io.tac3d_arrays import write_source
 from tactile.io.trace_columns import TraceWords
+from tactile.rig.rig_correction import without_rig
 from tactile.tactile_failure import TactileFailure
 
 TELL_EVERY = 50
@@ -66,6 +68,7 @@ class ConvertRequest:
     radius_mm: float | None = None
     specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     trace: TraceWords = field(default_factory=TraceWords)
+    rig: Path | None = None
 
 
 def convert(
@@ -77,7 +80,7 @@ def convert(
     TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
     kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
-    inputs = [path for path in (source, wanted.sensor) if path is not None]
+    inputs = [path for path in (source, wanted.sensor, wanted.rig) if path is not None]
     require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
     require_new_or_ours(out, _is_converted, "a recording that drupe convert wrote")
     with ExitStack() as stack:
@@ -128,7 +131,24 @@ def _contact(recording: Recording, name: str) -> list[str]:
 def _read(
     source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
 ) -> tuple[Converted, list[Tac3D]]:
-    """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any."""
+    """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any.
+
+    Raises BatchRefused where a rig is named for what is no bare trace.
+    """
+    found, sensors = _of_any_kind(source, wanted, report, stack)
+    if wanted.rig is not None and found.recording.rig_give_mm is None:
+        what = (
+            "is no table of a load cell, of which alone --rig takes the rig's give off; for a batch's "
+            "recordings name it in batch.toml."
+        )
+        raise BatchRefused([Problem(str(source), what)])
+    return found, sensors
+
+
+def _of_any_kind(
+    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
+) -> tuple[Converted, list[Tac3D]]:
+    """By what the source holds."""
 
     def report_pad(pad: str, done: int, of: int) -> None:
         if done % TELL_EVERY == 0 or done == of:
@@ -160,7 +180,7 @@ def _read(
     if kind in TABLES and (
         said.columns or said.units or said.sheet or is_trace(source, sensor_given=wanted.sensor is not None)
     ):
-        return _trace(source, wanted), []
+        return _without_rig(_trace(source, wanted), source, wanted.rig), []
     if said.columns or said.units or said.sheet:
         what = "is no table of a load cell; --columns, --units and --sheet are of one alone."
         raise BatchRefused([Problem(str(source), what)])
@@ -170,6 +190,14 @@ def _read(
         return found, []
     there = "is nothing that can be converted" if source.exists() else "does not exist"
     raise BatchRefused([Problem(str(source), f"{there}; give {', '.join(KINDS[:-1])}, or {KINDS[-1]}.")])
+
+
+def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:
+    """The trace less what its rig gives by itself, where a rig is named."""
+    if rig is None:
+        return found
+    corrected = without_rig(found.recording, read_rig(rig).machine, source=source.name, named=rig.name)
+    return Converted(recording=corrected.recording, notes=(*found.notes, *corrected.notes))
 
 
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
-from pipeline.batch.confirmed_effects import effects_on, faults, pit_found
+from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch, Survey, survey
@@ -21,6 +21,7 @@ from pipeline.batch.plausible_numbers import (
     table_doubts,
 )
 from pipeline.batch.reference_body import category_of
+from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.recording_owner import Owner, owner_findings
@@ -36,6 +37,7 @@ from tactile.correction import corrected
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import read_recording
 from tactile.io.recording_fields import first_line
+from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
 from tactile.tactile_failure import TactileFailure
 
@@ -157,13 +159,14 @@ def _findings(
 ) -> tuple[Finding, ...]:
     """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
     effects = () if batch.settings is None else effects_on(batch.settings.mismatch, row.fruit_id)
-    of_the_gripper = faults(effects)
+    rig = None if batch.settings is None else batch_rig(batch.folder.root, batch.settings)
+    of_the_gripper = jaw_faults(effects, rig)
     recorded = read_recording(path)
     said = recorded.fruit_id, recorded.category
     found = owner_findings(*said, _owner(batch, row), source=path.name, field="attribute fruit_id")
-    recording = corrected(recorded, of_the_gripper)
+    recording = corrected(recorded, of_the_gripper, source=path.name)
     vertices, faces = (None, None) if mesh is None else mesh
-    checked = Checked(E_range_MPa=kind.ranges.E_MPa)
+    checked = Checked(E_range_MPa=kind.ranges.E_MPa, rig=rig)
     own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
     same = read.setdefault(recording_digest(recorded), [])
     refuse_copy(path.name, next((other.name for one, other in same if one == row), None))
@@ -182,9 +185,11 @@ def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
 def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Problem]:
     """Why a raw grasp is of no use, or whose it may be."""
     found: list[Finding] = []
+    said: list[str] = []
 
     def read() -> None:
         raw = read_raw_grasp(path)
+        said.extend(references_said(raw))
         field = "fruit_id in grasp.toml"
         found.extend(
             owner_findings(raw.fruit_id, raw.category, _owner(batch, row), source=path.name, field=field)
@@ -192,6 +197,7 @@ def _raw_grasp_problems(path: Path, batch: Survey, row: FruitRow) -> Iterator[Pr
 
     yield from _tried(row, path, read)
     yield from (_doubted(row, path, f"{path.name}: {one.sentence}.") for one in found)
+    yield from (_doubted(row, path, sentence) for sentence in said)
 
 
 def _owner(batch: Survey, row: FruitRow) -> Owner:

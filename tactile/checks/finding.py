@@ -36,6 +36,8 @@ class FindingKind(StrEnum):
     MARKERS_MISSING = "markers-missing"
     MARKERS_PITCH_OFF = "markers-pitch-off"
     OVER_EDGE = "over-edge"
+    REFERENCE_PRINT = "reference-print"
+    PRINT_WITHOUT_FORCE = "print-without-force"
     # force against displacement
     AXES = "axes"
     DEAD_FIELD = "dead-field"
@@ -74,6 +76,8 @@ class FindingKind(StrEnum):
     APERTURE = "aperture"
     APERTURE_UNIT = "aperture-unit"
     TOO_DEEP = "too-deep"
+    STIFFER_THAN_RIG = "stiffer-than-rig"
+    BEYOND_RIG = "beyond-rig"
     # the fruit
     WIDTH = "width"
     ASIDE = "aside"

@@ -19,6 +19,7 @@ from tactile.checks.footprint import (
 from tactile.checks.jaws import closing_mm, indentation_findings, jaw_findings
 from tactile.checks.lattice import edge_findings, lattice_findings
 from tactile.checks.pressing import Pressing, pressing_of
+from tactile.checks.reference import reference_findings
 from tactile.checks.relation_findings import axis_findings, relation_findings
 from tactile.checks.time_order import time_findings
 from tactile.io.recording import GelPad, Recording
@@ -61,6 +62,7 @@ def recording_findings(
         return any(one.hides_touch for one in found)
 
     stages: list[Callable[[], list[Finding]]] = [
+        lambda: reference_findings(pads),
         lambda: [*lattice_findings(pressings), *channel_findings(pressings)],
         lambda: axis_findings(pressings),
         lambda: time_findings(recording, pressings),

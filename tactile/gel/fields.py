@@ -19,10 +19,10 @@ from tactile.gel.force_placing import ForcePlacing
 from tactile.gel.force_prior import PriorHyperparameters
 from tactile.gel.grid import GelGrid, gel_grid
 from tactile.gel.photometric import PhotometricDepth
-from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed
+from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
 from tactile.gel.spring_force import SpringForce
 from tactile.gel.stereo import ray_information, triangulated
-from tactile.gel_camera import on_face
+from tactile.gel_camera import mm_per_px, on_face
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -32,8 +32,9 @@ LEAST_NOISE_PX = 0.01
 Gel frames)."""
 LEAST_DEPTH_SD_MM = 0.002
 """Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Gel frames)."""
-MONO_SLAB_SD_MM = 0.006
-"""What is asked of the slab's sideways motion where it alone must tell the depth."""
+MONO_SLAB_SD_MM, MONO_SIDES_SD_MM = 0.006, 0.001
+"""What is asked of the slab's motion along the face where it alone must tell the depth: of an endless slab,
+and of a gel whose sides are known (`benchmarks/gel_image_errors.py --draws 5`)."""
 DEPTH_ROUNDS = 2
 """Of depth and places, each from the other, with one camera. Set by hand."""
 FRAMES_TO_CHOOSE_FROM = 3
@@ -91,7 +92,7 @@ def layer_of(sensor: Sensor) -> GelLayer:
             f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
             f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe calibrate",
         )
-    return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu)
+    return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu, outline=sensor.outline)
 
 
 class GelReader:
@@ -107,6 +108,7 @@ class GelReader:
         shape: PhotometricDepth | None = None,
         noise_px: float = 0.03,
         depth_sd_mm: float = LEAST_DEPTH_SD_MM,
+        reference_sd_px: Float[np.ndarray, " n"] | None = None,
     ) -> None:
         self.sensor, self._shape = sensor, shape
         self._camera = _needed(sensor, sensor.camera, "camera")
@@ -134,11 +136,11 @@ class GelReader:
             information[:, 2, 2] += 1.0 / max(depth_sd_mm, LEAST_DEPTH_SD_MM) ** 2
             self.observed, self._border = border_observation(layer, self.grid, self._camera)
         elif self._second is None:
-            information *= (noise_px / (noise_px + MONO_SLAB_SD_MM / self._mm_per_px())) ** 2
+            slab_sd_mm = MONO_SIDES_SD_MM if sides_known(layer) else MONO_SLAB_SD_MM
+            information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(self._camera))) ** 2
+        if reference_sd_px is not None:
+            information /= (1.0 + (reference_sd_px / noise_px) ** 2)[:, None, None]
         self.information = information
-
-    def _mm_per_px(self) -> float:
-        return float(abs(self._camera.gel_from_camera[2, 3]) / np.mean(self._camera.focal_px))
 
     def measured(
         self,
@@ -175,8 +177,12 @@ def fields_of(
     images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
     shape: PhotometricDepth | None = None,
     hyperparameters: PriorHyperparameters | None = None,
+    reference_sd_px: Float[np.ndarray, " n"] | None = None,
 ) -> GelFields:
     """Displacement and force of a whole recording; `images` are read once, one at a time.
+
+    `reference_sd_px`: standard deviations of the places at rest, where these are estimated; they add to each
+    marker's noise, as if they were drawn anew in every frame.
 
     `second` is the other camera's tracking of the same markers (stereo); `images` and `shape` are the frames
     and the shading's reader (photometric). `hyperparameters` None: chosen on the frames that move most.
@@ -189,6 +195,7 @@ def fields_of(
     draft = GelReader(
         sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
         second_reference_px=None if second is None else second.reference_px,
+        reference_sd_px=reference_sd_px,
     )  # fmt: skip
     seen = np.empty((frames, len(tracked.rest_mm), 3))
     for t, image in zip(range(frames), images if images is not None else [None] * frames, strict=True):
@@ -217,11 +224,13 @@ def fields_of(
     touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
     motion = np.zeros(frames)
     own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
+    before = None
     for t in range(frames):
-        contact = solver.solve(seen[t])
+        contact = solver.solve(seen[t], before=before)
         for _ in range(DEPTH_ROUNDS if mono else 0):
             seen[t] = reader.measured(tracked.position_px[t], depth_mm=contact.displacement_mm[:, 2])
-            contact = solver.solve(seen[t])
+            contact = solver.solve(seen[t], before=contact.touching)
+        before = contact.touching
         if not mono:
             seen[t] = reader.completed(seen[t], contact.node_force_N)
         force[t], touching[t] = contact.force_N, contact.touching

@@ -16,8 +16,8 @@ prior (tactile.gel.force_prior) is that of greatest marginal likelihood (tactile
 Because t is linear in y, force and displacement share their noise: `InvertedForce.joint_covariance` has both.
 """
 
-from dataclasses import dataclass
-from itertools import count
+from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -42,17 +42,23 @@ GROWS_AT_SD = 1.0
 APPEARS_AT_SD = 6.0
 """A node away from it needs more: among hundreds of nodes 4 would come by chance now and then. Set by
 hand."""
-MOST_ROUNDS = 12
+MOST_ROUNDS = 40
 """In which nodes may join; then they only leave, so that the search ends. Set by hand."""
+OF_PEAK = (0.15, 0.4)
+"""Where depth is not seen: nodes with such a share of the greatest pressure are starts of the search too. Set
+by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:
-    """Which nodes touch, the unknowns (0 outside), and each outer node's push in standard deviations."""
+    """Which nodes touch, the unknowns (0 outside), each outer node's push in standard deviations, and ln of
+    the frame's marginal likelihood with these nodes, up to a constant of the frame and its noise.
+    """
 
     touching: Bool[np.ndarray, " m"]
     unknowns: Float[np.ndarray, " u"]
     push_sd: Float[np.ndarray, " m"]
+    log_likelihood: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,28 +91,45 @@ class InvertedForce:
         *,
         observed: Float[np.ndarray, "3*n u"] | None = None,
     ) -> None:
-        self.grid, self.hyperparameters = grid, hyperparameters
+        self.grid = grid
         self.information = information_per_mm2 / hyperparameters.noise**2
         self._observed_by = displacement_by(grid) if observed is None else observed
         self._moved_by = displacement_by(grid)
         per_marker = self._observed_by.reshape(len(grid.rest_mm), 3, -1)
         self._weighted = np.matmul(self.information, per_marker).reshape(self._observed_by.shape)
         self._data = self._weighted.T @ self._observed_by
+        self._size = 3 * len(grid.nodes_mm)
+        self._adjacent = grid.laplacian < 0
+        self.sees_depth = bool(np.linalg.matrix_rank(information_per_mm2[0], hermitian=True, rtol=1e-6) == 3)
+        self._take(hyperparameters)
+
+    def _take(self, hyperparameters: PriorHyperparameters) -> None:
+        size = self._size
+        self.hyperparameters = hyperparameters
+        self._prior = prior_precision(self.grid, hyperparameters)
         self._normal = self._data.copy()
-        size = 3 * len(grid.nodes_mm)
-        self._normal[:size, :size] += prior_precision(grid, hyperparameters)
-        self._size = size
+        self._normal[:size, :size] += self._prior
         loose = self._normal.copy()
-        loose[size:, size:] += np.diag(smooth_precision(USUAL_MOTION_MM))
+        loose[size:, size:] += np.diag(smooth_precision(self.grid, USUAL_MOTION_MM))
         self._free = _factored(loose)
 
+    def with_prior(self, hyperparameters: PriorHyperparameters) -> "InvertedForce":
+        """The same gel and sensor with another prior of forces; the noise stays as it is."""
+        other = copy(self)
+        other._take(replace(hyperparameters, noise=self.hyperparameters.noise))
+        return other
+
     def solve(
-        self, displacement_mm: Float[np.ndarray, "n 3"], seen: Bool[np.ndarray, " n"] | None = None
+        self,
+        displacement_mm: Float[np.ndarray, "n 3"],
+        seen: Bool[np.ndarray, " n"] | None = None,
+        *,
+        before: Bool[np.ndarray, " m"] | None = None,
     ) -> GelContact:
-        """One frame; markers that are not `seen` (or NaN) are left out."""
+        """One frame; markers that are not `seen` (or NaN) are left out. `before`: what touched before."""
         y, normal, right = self._observed(displacement_mm, seen)
         motion_mm = motion_of(y)
-        found = self._solved_active_set(normal, right, motion_mm)
+        found = self._solved_active_set(normal, right, motion_mm, before)
         t = found.unknowns[: self._size].reshape(-1, 3)
         return GelContact(
             node_force_N=t,
@@ -130,7 +153,7 @@ class InvertedForce:
         at = self._at(touching)
         block = (self._normal if normal is None else normal)[np.ix_(at, at)]
         end = np.arange(len(at) - (len(self._normal) - self._size), len(at))
-        block[end, end] += smooth_precision(motion_mm)
+        block[end, end] += smooth_precision(self.grid, motion_mm)
         return np.asarray(block)
 
     def _at(self, touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " a"]:
@@ -204,42 +227,88 @@ class InvertedForce:
             normal = normal - self._weighted[lost].T @ self._observed_by[lost]
         return y, normal, self._weighted.T @ y.ravel()
 
-    def _solved_active_set(self, normal: np.ndarray, right: np.ndarray, motion_mm: float) -> ActiveSet:
-        """The active set; after `MOST_ROUNDS` nodes only leave, so that it ends with none that pulls."""
-        m = len(self.grid.nodes_mm)
-        normal_rows = slice(2, 3 * m, 3)
+    def _solved_active_set(
+        self,
+        normal: np.ndarray,
+        right: np.ndarray,
+        motion_mm: float,
+        before: Bool[np.ndarray, " m"] | None = None,
+    ) -> ActiveSet:
+        """The active set.
+
+        Without depth there is more than one in which no node pulls and none outside pushes, some with a
+        force twice too great: the search starts from several, and the most likely one is taken.
+        """
+        information = self._push_information(normal)
+        first = self._first_touching(normal, right, motion_mm, information)
+        found = self._stationary(first, normal, right, motion_mm, information)
+        if self.sees_depth or not first.any():
+            return found
+        starts = [] if before is None or not before.any() else [before | (self._adjacent @ before)]
+        pressure = np.maximum(found.unknowns[2 : self._size : 3], 0.0)
+        smoothed = pressure + self._adjacent @ pressure / self._adjacent.sum(axis=1)
+        starts += [smoothed > share * smoothed.max() for share in OF_PEAK]
+        others = [self._stationary(start, normal, right, motion_mm, information) for start in starts]
+        return max([found, *others], key=lambda one: one.log_likelihood)
+
+    def _first_touching(
+        self, normal: np.ndarray, right: np.ndarray, motion_mm: float, push_information: np.ndarray
+    ) -> Bool[np.ndarray, " m"]:
+        """Nodes that push where nothing binds them and that alone would be seen; none where none would be."""
+        normal_rows = slice(2, self._size, 3)
         factor, sd = self._free
         if normal is not self._normal:
             loose = normal.copy()
-            loose[self._size :, self._size :] += np.diag(smooth_precision(USUAL_MOTION_MM))
+            loose[self._size :, self._size :] += np.diag(smooth_precision(self.grid, USUAL_MOTION_MM))
             factor, sd = _factored(loose)
         free = cho_solve(factor, right, check_finite=False)[normal_rows]
-        adjacent = self.grid.laplacian < 0
-        push_information = self._push_information(normal)
         single_node_sd = self._single_node_sd(normal, right, motion_mm, push_information)
         # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
         sure = np.minimum(TOUCHES_AT_SD * sd[normal_rows], STARTS_AT * free.max())
         touching = (free > sure) & (single_node_sd > APPEARS_AT_SD)
         touching[np.argmax(single_node_sd)] |= single_node_sd.max() > APPEARS_AT_SD
-        dropped = np.zeros_like(touching)
-        for turn in count():
+        return np.asarray(touching)
+
+    def _stationary(
+        self,
+        touching: Bool[np.ndarray, " m"],
+        normal: np.ndarray,
+        right: np.ndarray,
+        motion_mm: float,
+        push_information: np.ndarray,
+    ) -> ActiveSet:
+        """The active set reached from here: nodes that pull leave, neighbours that push join; once a set
+        comes back, nodes only leave.
+        """
+        normal_rows = slice(2, self._size, 3)
+        met, grows = set[bytes](), True
+        while True:
             at = self._at(touching)
-            block = self._block(touching, motion_mm, normal)
-            factor = cho_factor(block, lower=True, overwrite_a=True, check_finite=False)
+            factor = cho_factor(
+                self._block(touching, motion_mm, normal), lower=True, overwrite_a=True, check_finite=False
+            )
             found = cho_solve(factor, right[at], check_finite=False)
             push = (right[normal_rows] - normal[normal_rows][:, at] @ found) / np.sqrt(push_information)
-            pulls = np.flatnonzero(touching)[found[2 : 3 * int(touching.sum()) : 3] < 0]
-            near = (adjacent @ touching.astype(float)) > 0
-            joins = ~touching & ((near & ~dropped & (push > GROWS_AT_SD)) | (push > APPEARS_AT_SD))
-            joins &= touching.any() & (turn < MOST_ROUNDS)
-            if not len(pulls) and not joins.any():
+            pulls = np.zeros_like(touching)
+            pulls[touching] = found[2 : 3 * int(touching.sum()) : 3] < 0
+            least = np.where(self._adjacent @ touching, GROWS_AT_SD, APPEARS_AT_SD)
+            joins = ~touching & (push > least) & (grows and touching.any())
+            if not pulls.any() and not joins.any():
                 break
-            touching = touching | joins
-            touching[pulls] = False
-            dropped[pulls] = True
+            touching = (touching & ~pulls) | joins
+            grows = grows and len(met) < MOST_ROUNDS and touching.tobytes() not in met
+            met.add(touching.tobytes())
         unknowns = np.zeros(len(right))
         unknowns[at] = found
-        return ActiveSet(touching=touching, unknowns=unknowns, push_sd=np.where(touching, 0.0, push))
+        forces = dofs_of(touching)
+        log_prior = np.linalg.slogdet(self._prior[np.ix_(forces, forces)])[1] if len(forces) else 0.0
+        log_likelihood = (right[at] @ found + log_prior) / 2 - np.log(np.diag(factor[0])).sum()
+        return ActiveSet(
+            touching=touching,
+            unknowns=unknowns,
+            push_sd=np.where(touching, 0.0, push),
+            log_likelihood=float(log_likelihood),
+        )
 
     def _push_information(self, normal: np.ndarray) -> Float[np.ndarray, " m"]:
         """Diagonal of G' W G of the markers in view, pushes only: information without prior, 1/N^2."""
@@ -257,7 +326,9 @@ class InvertedForce:
         """Each node's push in standard deviations, fitted as the only one besides the smooth fields."""
         size = 3 * len(self.grid.nodes_mm)
         rows = slice(2, size, 3)
-        smooth = cho_factor(normal[size:, size:] + np.diag(smooth_precision(motion_mm)), lower=True)
+        smooth = cho_factor(
+            normal[size:, size:] + np.diag(smooth_precision(self.grid, motion_mm)), lower=True
+        )
         across = normal[rows, size:]
         left = right[rows] - across @ cho_solve(smooth, right[size:])
         spread = push_information - np.einsum("ij,ji->i", across, cho_solve(smooth, across.T))

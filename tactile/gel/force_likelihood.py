@@ -27,6 +27,8 @@ from tactile.gel.grid import GelGrid
 
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
+CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "pressure_MPa", "shear_MPa")
+"""Likewise, where the contact is found anew at every step."""
 
 
 def most_likely_hyperparameters(
@@ -40,7 +42,8 @@ def most_likely_hyperparameters(
 ) -> PriorHyperparameters:
     """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
-    The contact is found anew after every round of climbing.
+    The contact is found anew after every round of climbing; where depth is not seen, contact and prior depend
+    so much on each other that it is found anew at every step of one more climb.
     """
     best = start
     seen = displacement_by(grid) if observed is None else observed
@@ -62,6 +65,28 @@ def most_likely_hyperparameters(
                     if trial.noise < 0.99 or (found := _evidence(grid, trial, statistics)) <= value:
                         break
                     best, value = trial, found
+    blind = InvertedForce(grid, information_per_mm2, best, observed=observed)
+    return best if blind.sees_depth else _with_contact(blind, frames_mm)
+
+
+def _with_contact(
+    solver: InvertedForce, frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"]
+) -> PriorHyperparameters:
+    """The climb from the usual prior, noise as it is, with the contact of every trial."""
+
+    def likelihood(trial: PriorHyperparameters) -> float:
+        tried = solver.with_prior(trial)
+        return sum(tried.active_set(y).log_likelihood for y in frames_mm)
+
+    best = replace(INITIAL_HYPERPARAMETERS, noise=solver.hyperparameters.noise)
+    value = likelihood(best)
+    for name in CLIMBED_WITH_CONTACT:
+        for factor in (2.0, 0.5):
+            for _ in range(4):
+                trial = replace(best, **{name: getattr(best, name) * factor})
+                if (found := likelihood(trial)) <= value:
+                    break
+                best, value = trial, found
     return best
 
 
@@ -109,7 +134,7 @@ def _evidence(
         Q = prior[np.ix_(at, at)]
         normal = frame.normal / hyperparameters.noise**2
         normal[: len(at), : len(at)] += Q
-        normal[len(at) :, len(at) :] += np.diag(smooth_precision(frame.motion_mm))
+        normal[len(at) :, len(at) :] += np.diag(smooth_precision(grid, frame.motion_mm))
         factor = cho_factor(normal, lower=True)
         right = frame.right / hyperparameters.noise**2
         smooth = Q[::3, ::3]

@@ -2,8 +2,8 @@
 
     Q = (1 + roughness^2 Laplacian) / sd^2
 
-on each component of the nodal forces, and a spread of SMOOTH_SHARE times the frame's motion on the
-coefficients of displacement that no force makes.
+on each component of the nodal forces, and a spread of the grid's `smooth_share` times the frame's motion on
+the coefficients of displacement that no force makes.
 """
 
 from dataclasses import dataclass
@@ -13,9 +13,6 @@ from jaxtyping import Bool, Float, Int
 
 from tactile.gel.grid import GelGrid, with_smooth
 
-SMOOTH_SHARE = np.array([0.02, 0.02, 0.005])
-"""Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z; free sides
-three thicknesses away make 0.03 and 0.007 (`benchmarks/gel_image_errors.py`)."""
 LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
 """Largest displacement of a frame, mm: at least this for the smooth field, and that of a usual press."""
 
@@ -58,9 +55,9 @@ def motion_of(y: Float[np.ndarray, "n 3"]) -> float:
     return max(float(np.linalg.norm(y, axis=1).max()), LEAST_MOTION_MM)
 
 
-def smooth_precision(motion_mm: float) -> Float[np.ndarray, " s"]:
+def smooth_precision(grid: GelGrid, motion_mm: float) -> Float[np.ndarray, " s"]:
     """Of the smooth fields' coefficients, in a frame of this motion."""
-    return np.tile(1.0 / (SMOOTH_SHARE * motion_mm) ** 2, 6)
+    return np.tile(1.0 / (grid.smooth_share * motion_mm) ** 2, 6)
 
 
 def dofs_of(touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " d"]:

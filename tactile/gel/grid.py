@@ -6,8 +6,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import Delaunay, cKDTree
 
-from tactile.gel.slab import GelLayer, tent_compliance
+from tactile.gel.slab import GelLayer, sides_known, tent_compliance
 
+SIDES_UNKNOWN, SIDES_KNOWN = np.array([0.02, 0.02, 0.005]), np.array([0.002, 0.002, 0.0005])
+"""Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z: free sides
+three thicknesses away make 0.03 and 0.007; where they are computed a tenth is left to what else is not of the
+slab. (`benchmarks/gel_image_errors.py`)"""
 NODE_PER_MARKER = 0.7
 """Spacing of nodes over that of markers: a little finer, as the prior smooths over it. Set by hand."""
 
@@ -18,7 +22,8 @@ class GelGrid:
 
     Forces are those on the fruit, so that a positive normal force goes with a negative displacement.
     `to_markers` makes marker forces of nodal ones: traction times a marker's cell, `cell_mm2`, with the same
-    sum and moment.
+    sum and moment. `smooth_share`: spread of the smooth fields' coefficients over a frame's largest
+    displacement, x, y and z.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -26,6 +31,7 @@ class GelGrid:
     pitch_mm: float
     cell_mm2: float
     compliance: Float[np.ndarray, "3*n 3*m"]
+    smooth_share: Float[np.ndarray, "3"]
     to_markers: Float[np.ndarray, "n m"]
     laplacian: Float[np.ndarray, "m m"]
 
@@ -60,6 +66,7 @@ def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: fl
         pitch_mm=pitch_mm,
         cell_mm2=cell_mm2,
         compliance=compliance.reshape(3 * len(flat), 3 * len(nodes)),
+        smooth_share=SIDES_KNOWN if sides_known(layer) else SIDES_UNKNOWN,
         to_markers=_shares(flat, nodes, pitch_mm, cell_mm2),
         laplacian=4.0 * np.eye(len(nodes)) - (np.abs(apart - 1.0) < 0.01),
     )

@@ -10,7 +10,8 @@ k = |k|, H = k h, T = tanh H, s = 1 - 2 nu and a = 2 (1 - nu), Papkovich and Neu
 (both over cosh H), and for shear across k: displacement = T / (mu k) traction. k -> 0 gives h / mu in shear
 and h (1 + nu)(1 - 2 nu) / (E (1 - nu)) under pressure, k -> infinity Boussinesq's and Cerruti's half space.
 The kernel is exact for small strain at any nu < 0.5 and holds for a slab that is wide compared with h: at nu
-0.48 what free sides change falls to a third every 1.2 thicknesses. It is a flat slab's: a dome is refused.
+0.48 what free sides change falls to a third every 1.2 thicknesses; where the gel's outline is known it is
+computed (tactile.gel.gel_sides). It is a flat slab's: a dome is refused.
 """
 
 from dataclasses import dataclass
@@ -19,6 +20,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Complex, Float
 from scipy.ndimage import map_coordinates, spline_filter
+
+from tactile.gel.gel_sides import GelOutline, side_response
 
 FLAT_TO = 0.1
 """A gel whose face departs from a plane by more than this part of its thickness is not a flat slab."""
@@ -45,11 +48,12 @@ class GelLayer(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class GelSlab:
-    """A bonded elastic slab."""
+    """A bonded elastic slab; without an outline it goes on for ever."""
 
     thickness_mm: float
     E_MPa: float
     nu: float
+    outline: GelOutline | None = None
 
     @property
     def decay_mm(self) -> float:
@@ -104,6 +108,11 @@ class SpringBed:
         return np.tile([kt, 0.0, kn, kt], (len(k_per_mm), 1))
 
 
+def sides_known(layer: GelLayer) -> bool:
+    """Whether the layer ends where it is said to, and what its sides change is computed."""
+    return isinstance(layer, GelSlab) and layer.outline is not None
+
+
 def traction_response(
     layer: GelLayer, traction_MPa: Float[np.ndarray, "a b 3"], *, spacing_mm: float
 ) -> Float[np.ndarray, "a b 3"]:
@@ -127,7 +136,7 @@ def tent_compliance(
 
     A tent is (1 - |x| / pitch)(1 - |y| / pitch) / pitch^2 within one pitch: the nodes of a square grid of
     that pitch make every bilinear traction. The response of one tent is tabulated on a grid 8 times finer
-    than the pitch and read by cubic splines.
+    than the pitch and read by cubic splines; what a gel's sides change is added (tactile.gel.gel_sides).
     """
     offset = at_mm[:, None] - nodes_mm
     fine = pitch_mm / FINE_PER_PITCH
@@ -148,6 +157,9 @@ def tent_compliance(
             if i != j:
                 # reciprocity: even under exchange in the face, odd where the normal takes part
                 out[:, j, :, i] = out[:, i, :, j] if j < 2 else -out[:, i, :, j]
+    if isinstance(layer, GelSlab) and layer.outline is not None:
+        sides = side_response(layer.thickness_mm, layer.nu, layer.outline)
+        out += sides.between(at_mm, nodes_mm, pitch_mm=pitch_mm) / layer.E_MPa
     return out
 
 

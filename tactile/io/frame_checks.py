@@ -21,11 +21,12 @@ EVERY = 4
 
 @dataclass
 class Watch:
-    """Passes frames on and keeps, for each, whether it is the one before it written again."""
+    """Passes frames on and keeps, for each, whether it is the one before it written again; and the latest."""
 
     source: str
     shape: tuple[int, int]
     doubled: list[bool] = field(default_factory=list)
+    latest: UInt8[np.ndarray, "h w 3"] | None = None
 
     def over(self, frames: Iterable[UInt8[np.ndarray, "h w 3"]]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         """The same frames; raises TactileFailure for one that is over-exposed or of another size."""
@@ -36,7 +37,7 @@ class Watch:
                 raise unusable(self.source, found, f"{self.shape[1]} x {self.shape[0]} as the reference")
             refuse_saturated(frame, f"{self.source}: frame {k}")
             self.doubled.append(before is not None and np.array_equal(frame, before))
-            before = frame
+            before = self.latest = frame
             yield frame
 
 

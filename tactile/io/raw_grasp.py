@@ -19,8 +19,9 @@ pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that 
 frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
 second_frames = "left-b"           # a stereo sensor's second camera: a folder with its reference.png,
                                    # or left-b.avi with left-b/reference.png
-reference = "left/reference.png"   # optional
-reference_frames = [0, 5]          # in its place: the mean of frames 0 to 4, all of the untouched gel
+reference = "left/reference.png"   # optional: a picture or a clip of the untouched gel inside the batch, or
+                                   # "estimate" (tactile.io.reference_source)
+reference_frames = [0, 5]          # the mean of frames 0 to 4 of that clip, or of the pad's own frames
 serial = "2A47"                    # optional: the sensor these frames came from
 time_offset_s = 0.0                # optional: the pad's clock less the log's
 ```
@@ -42,6 +43,7 @@ from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.io.named_file import named_in_utf8, not_plain
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.io.recording import PADS_OF_LOADING, Loading, Support
+from tactile.io.reference_source import ESTIMATE, named_reference, read_reference, reference_path
 from tactile.io.sensor_file import is_rigid, look_up_of, read_sensor
 from tactile.io.toml_table import Table, read_table
 from tactile.sensors import Sensor
@@ -57,10 +59,14 @@ TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_apertu
 
 @dataclass(frozen=True, kw_only=True)
 class RawCamera:
-    """One camera's untouched gel and its frames."""
+    """One camera's untouched gel and its frames.
+
+    `estimated`: no picture of the untouched gel exists, and `reference` is the first frame instead.
+    """
 
     reference: UInt8[np.ndarray, "h w 3"]
     pictures: Pictures
+    estimated: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,24 +145,30 @@ def _pad(
     description = sensor or _sensor_path(folder, table)
     described = read_sensor(description)
     pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
-    reference, source = _reference(folder, name, table, pictures)
-    if described.camera is not None and reference.shape[1::-1] != described.camera.image_px:
+    untouched = read_reference(folder, name, table, pictures)
+    if untouched.picture is None and described.kind != "markers-mono":
+        found = f'"{ESTIMATE}" for a sensor of kind "{described.kind}"'
+        expected = "a picture: an estimate has the markers' places alone, enough for markers-mono only"
+        raise table.refusal("reference", found, expected)
+    first = next(pictures.frames()) if untouched.picture is None else untouched.picture
+    if described.camera is not None and first.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
-            f"{folder.name}, pad {name}, {source}: found {reference.shape[1]} x {reference.shape[0]} pixels, "
-            f"expected {width} x {height} as {description.name} says; is it this sensor's description?",
+            f"{folder.name}, pad {name}, {untouched.source}: "
+            f"found {first.shape[1]} x {first.shape[0]} pixels, expected {width} x {height} as "
+            f"{description.name} says; is it this sensor's description?",
         )
     second = None
     if described.kind == "markers-stereo":
         other = folder / table.file_name("second_frames", default=f"{name}-b")
         adjacent = other.with_suffix("") if other.suffix.lower() in VIDEOS else other
-        untouched = _reference_path(adjacent)
-        if not untouched.is_file():
+        other_gel = reference_path(adjacent)
+        if not other_gel.is_file():
             raise unusable(
-                f"{adjacent.name}/{untouched.name}", "no such file", "the second camera's untouched gel"
+                f"{adjacent.name}/{other_gel.name}", "no such file", "the second camera's untouched gel"
             )
-        second = RawCamera(reference=read_picture(untouched), pictures=pictures_in(other))
+        second = RawCamera(reference=read_picture(other_gel), pictures=pictures_in(other))
         if second.pictures.numbers != pictures.numbers:
             found = f"{len(second.pictures.numbers)} frames"
             raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
@@ -170,7 +182,7 @@ def _pad(
     return RawPad(
         name=name,
         sensor=described,
-        view=RawCamera(reference=reference, pictures=pictures),
+        view=RawCamera(reference=first, pictures=pictures, estimated=untouched.picture is None),
         second=second,
         time_s=time_s,
         pose=poses,
@@ -222,12 +234,18 @@ def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
     if not name:
         return
     other = folder / table.file_name("second_frames", default=f"{name}-b")
-    reference = folder / table.file_name("reference", default=f"{name}/reference.png")
     places = (folder / name, _place(folder, name, table.file_name("frames", default="")), other)
-    for place in (*places, other.with_suffix(""), reference):
-        inside = place.iterdir() if place.is_dir() and os.access(place, os.R_OK) else ()
-        pictures = (p for p in inside if p.suffix.lower() in PICTURES or p.name == "times.csv")
-        yield from (path for path in (place, *pictures) if not not_plain(path))
+    for place in (*places, other.with_suffix("")):
+        yield from _pictures(place)
+    said = table.file_name("reference", default=f"{name}/reference.png")
+    yield from _pictures(named_reference(folder, table, said))
+
+
+def _pictures(place: Path) -> Iterator[Path]:
+    """The file itself, or the frames and their times in a folder."""
+    held = place.iterdir() if place.is_dir() and os.access(place, os.R_OK) else ()
+    pictures = (p for p in held if p.suffix.lower() in PICTURES or p.name == "times.csv")
+    yield from (path for path in (place, *pictures) if not not_plain(path))
 
 
 def _place(folder: Path, name: str, said: str) -> Path:
@@ -238,34 +256,6 @@ def _place(folder: Path, name: str, said: str) -> Path:
     if pictured.is_dir() and any(path.stem.startswith("frame_") for path in pictured.iterdir()):
         return pictured
     return next((video for video in videos if video.is_file()), pictured)
-
-
-def _reference(
-    folder: Path, name: str, table: Table, pictures: Pictures
-) -> tuple[UInt8[np.ndarray, "h w 3"], str]:
-    """The picture of the untouched gel, and the file or the frames that it comes from."""
-    if "reference_frames" not in table.values:
-        said = table.file_name("reference", default="")
-        path = folder / said if said else _reference_path(folder / name)
-        if not path.is_file():
-            expected = "a picture of the untouched gel; or name frames of it: reference_frames = [0, 5]"
-            raise unusable(f"{name}/reference.png", "no such file", expected)
-        return read_picture(path), path.name
-    first, end = (int(k) for k in table.numbers("reference_frames", (2,)).tolist())
-    if not 0 <= first < end <= len(pictures.numbers):
-        found = f"[{first}, {end}] of {len(pictures.numbers)} frames"
-        raise table.refusal("reference_frames", found, "first frame and the one after the last")
-    chosen = [
-        frame.astype(np.float64)
-        for k, frame in zip(range(end), pictures.frames(), strict=False)
-        if k >= first
-    ]
-    mean = np.asarray(np.rint(np.mean(chosen, axis=0)), dtype=np.uint8)
-    return mean, f"frames {first} to {end - 1} of {pictures.source}"
-
-
-def _reference_path(place: Path) -> Path:
-    return next((p for s in PICTURES if (p := place / f"reference{s}").is_file()), place / "reference.png")
 
 
 def _times(

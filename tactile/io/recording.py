@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError, Voronoi
 
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
 from tactile.io.named_file import named_in_utf8, not_plain, size
-from tactile.io.recording_fields import GroupReader, Limit, first_line, unreadable
+from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.tactile_failure import TactileFailure
 
@@ -26,7 +26,7 @@ FORMAT = "drupe-recording"
 VERSION = 1
 """Of the file; docs/formats.md describes it."""
 FEWEST_FOR_AREA = 9
-"""Markers from which on the area of one is told: of three by three the middle Voronoi cell is whole."""
+"""Markers from which on the area of one is fields: of three by three the middle Voronoi cell is whole."""
 FEWEST_MARKERS = 3
 """That span an area, which contact has: outlines of fewer, or of a line, do not exist."""
 LEAST_SPREAD = 0.01
@@ -52,6 +52,8 @@ SHARE = Limit(1.0, "(a share)")
 grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
 likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
 MPa per mm; quotients by numbers that are next to nothing overflow."""
+RIG_FIELDS = ("rig_give_mm", "rig_sd_mm")
+"""Optional, of a bare press that `drupe convert --rig` corrected: both or none."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -65,7 +67,10 @@ class GelPad:
     `displacement_mm` is from rest (negative z: pressed into the gel), `force_N` is what the gel puts on the
     fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome. `certainty`: of each
     frame, 0 where every marker could as well be a pitch of their grid further, 1 where none could; None where
-    nobody followed markers through pictures.
+    nobody followed markers through pictures. `reference_print` and `print_shown`: how much the picture of the
+    untouched gel, and each frame's, show of something that is pressed in, over the least that counts
+    (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
+    was estimated; None where it was seen.
     """
 
     name: str
@@ -79,6 +84,9 @@ class GelPad:
     gel_E_MPa: float | None = None
     gel_nu: float | None = None
     certainty: Float[np.ndarray, " t"] | None = None
+    reference_print: float | None = None
+    print_shown: Float[np.ndarray, " t"] | None = None
+    reference_sd_mm: Float[np.ndarray, " n"] | None = None
     images: UInt8[np.ndarray, "t h w 3"] | None = None
     images_reference: UInt8[np.ndarray, "h w 3"] | None = None
 
@@ -121,7 +129,9 @@ class Recording:
 
     `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (the pads
     alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
-    force (N) and torque (N·mm) of the machine's own load cell, fruit frame.
+    force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
+    off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
+    nothing.
     """
 
     fruit_id: str
@@ -133,6 +143,8 @@ class Recording:
     aperture_mm: Float[np.ndarray, " t"]
     pads: tuple[GelPad | IndenterPad, ...]
     wrench_N: Float[np.ndarray, "t 6"] | None = None
+    rig_give_mm: Float[np.ndarray, " t"] | None = None
+    rig_sd_mm: Float[np.ndarray, " t"] | None = None
 
 
 def read_recording(path: Path, *, images: bool = False) -> Recording:
@@ -160,6 +172,7 @@ def read_recording(path: Path, *, images: bool = False) -> Recording:
             time_s=time_s,
             aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
+            **_rig_fields(root, frames),
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, images=images)
                 for name in PADS_OF_LOADING[loading]
@@ -188,6 +201,9 @@ def write_recording(path: Path, recording: Recording) -> None:
         file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
         if recording.wrench_N is not None:
             file["wrench_N"] = np.asarray(recording.wrench_N, dtype=np.float64)
+        for name in RIG_FIELDS:
+            if (values := getattr(recording, name)) is not None:
+                file[name] = np.asarray(values, dtype=np.float64)
         for pad in recording.pads:
             group = file.create_group(f"pads/{pad.name}")
             group["pose"] = np.asarray(pad.pose, dtype=np.float64)
@@ -264,9 +280,23 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
         gel_E_MPa=pad.optional_positive("E_MPa", limit=MODULUS),
         gel_nu=pad.optional_positive("nu", limit=RATIO),
         certainty=_certainty(pad, frames) if "certainty" in pad else None,
+        reference_print=_at_least_zero(pad, "reference_print", ()),
+        print_shown=_at_least_zero(pad, "print_shown", (frames,)),
+        reference_sd_mm=_at_least_zero(pad, "reference_sd_mm", (markers,)),
         images=pad.frames("images", frames) if images and "images" in pad else None,
         images_reference=pad.picture("images_reference") if images and "images_reference" in pad else None,
     )
+
+
+def _rig_fields(root: GroupReader, frames: int) -> dict[str, Float[np.ndarray, " t"]]:
+    """What a rig's give took off the travel, and its standard deviation; nothing where neither is there."""
+    if not any(name in root for name in RIG_FIELDS):
+        return {}
+    values = {name: root.array(name, (frames,), limit=APERTURE) for name in RIG_FIELDS}
+    for name in RIG_FIELDS:
+        below = f"{values[name].min():g}", "0 mm or more", "convert the trace again with --rig"
+        root.refuse(name, below if (values[name] < 0).any() else None)
+    return values
 
 
 def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
@@ -274,6 +304,16 @@ def _certainty(pad: GroupReader, frames: int) -> Float[np.ndarray, " t"]:
     below = f"{values.min():g}", "0 to 1", "leave the field out, or write it again"
     pad.refuse("certainty", below if (values < 0).any() else None)
     return values
+
+
+def _at_least_zero(pad: GroupReader, name: str, shape: tuple[int, ...]) -> Any:
+    """A field that may be left out, none of whose values is negative."""
+    if name not in pad:
+        return None
+    values = pad.array(name, shape, limit=REST if name.endswith("_mm") else ANY)
+    below = f"{values.min():g}", "0 or more", "leave the field out, or write it again"
+    pad.refuse(name, below if (values < 0).any() else None)
+    return values if shape else float(values)
 
 
 def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
@@ -295,8 +335,11 @@ def _write_gel(group: Any, pad: GelPad) -> None:
     group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
     for name, values in (("displacement_mm", pad.displacement_mm), ("force_N", pad.force_N)):
         group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
-    if pad.certainty is not None:
-        group["certainty"] = np.asarray(pad.certainty, dtype=np.float64)
+    fields = {"certainty": pad.certainty, "reference_print": pad.reference_print}
+    fields |= {"print_shown": pad.print_shown, "reference_sd_mm": pad.reference_sd_mm}
+    for name, said in fields.items():
+        if said is not None:
+            group[name] = np.asarray(said, dtype=np.float64)
     optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
     group.attrs.update(
         {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}

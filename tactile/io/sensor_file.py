@@ -11,6 +11,9 @@ gamma = 2.2                      # optional: of the pictures (1.0, linear)
 thickness_mm = 4.0
 E_MPa = 0.25
 nu = 0.48
+size_mm = [26.0, 22.0]           # optional: a rectangular gel, x and y; without it its sides are far away
+centre_mm = [0.0, 0.0]           # optional, with size_mm: its middle
+sides = "free"                   # optional, with size_mm: free, or bonded to a stiff frame
 gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
 gel_kt_MPa_per_mm = 0.02
 
@@ -41,6 +44,7 @@ from typing import cast
 import numpy as np
 from jaxtyping import Float
 
+from tactile.gel.gel_sides import SIDES, GelOutline, GelSides
 from tactile.io.named_file import FileNotReadable, read_bytes
 from tactile.io.plain_numpy import MOST_BYTES
 from tactile.io.recording import MODULUS, RATIO, STIFFNESS, THICKNESS
@@ -54,6 +58,11 @@ TOP = {
     "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
     "calibration_sha256", "ambient", "gamma",
 }  # fmt: skip
+GEL = {
+    "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm",
+}  # fmt: skip
+SIZE_MM = (1.0, 1000.0)
+"""Of a gel's face, least and most."""
 FEWEST_LIGHTS = 3
 """Three brightnesses tell a face's two slopes and its albedo (photometric stereo)."""
 FARTHEST_MM = 1e5
@@ -80,7 +89,7 @@ def read_sensor(path: Path) -> Sensor:
     kind = top.choice("kind", KINDS)
     photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
     gel = top.table("gel", needed=images)
-    gel.refuse_unknown({"thickness_mm", "E_MPa", "nu", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"})
+    gel.refuse_unknown(GEL)
     lights = _lights(top)
     calibration = _calibration(top)
     if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
@@ -95,6 +104,7 @@ def read_sensor(path: Path) -> Sensor:
         thickness_mm=gel.within("thickness_mm", THICKNESS, needed=images),
         E_MPa=gel.within("E_MPa", MODULUS, needed=images),
         nu=gel.within("nu", RATIO, needed=images),
+        outline=_outline(gel),
         gel_kn_MPa_per_mm=gel.within("gel_kn_MPa_per_mm", STIFFNESS, needed=False),
         gel_kt_MPa_per_mm=gel.within("gel_kt_MPa_per_mm", STIFFNESS, needed=False),
         rest_mm=_rest(top.table("markers", needed=False)),
@@ -102,6 +112,27 @@ def read_sensor(path: Path) -> Sensor:
         ambient=_ambient(top),
         gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
         calibration_file=calibration,
+    )
+
+
+def _outline(gel: Table) -> GelOutline | None:
+    """The gel's size, middle and sides; None where its size is not given. Raises TactileFailure."""
+    size = gel.numbers("size_mm", (2,), needed=False)
+    if size is None:
+        for name in ("centre_mm", "sides"):
+            if name in gel.values:
+                raise gel.refusal("size_mm", "none", f"the gel's size along x and y, mm, beside {name}")
+        return None
+    if not ((size >= SIZE_MM[0]) & (size <= SIZE_MM[1])).all():
+        raise gel.refusal(
+            "size_mm", str(size.tolist()), f"two lengths of {SIZE_MM[0]:g} to {SIZE_MM[1]:g} mm"
+        )
+    centre = gel.numbers("centre_mm", (2,), needed=False)
+    sides = gel.choice("sides", SIDES) if "sides" in gel.values else SIDES[0]
+    return GelOutline(
+        size_mm=_two(size),
+        centre_mm=(0.0, 0.0) if centre is None else _two(centre),
+        sides=cast(GelSides, sides),
     )
 
 

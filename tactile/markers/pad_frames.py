@@ -1,15 +1,17 @@
 """One camera's frames of a raw grasp become tracked markers whose places the sensor's description knows."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
 
-from tactile.io.frame_checks import Watch, refuse_saturated
+from tactile.io.frame_checks import Watch
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
 from tactile.markers.reference_places import Places, places_of
-from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places, reference_of
+from tactile.markers.tracking import FrameMarkers, TrackedMarkers, follow, labelled_places
+from tactile.pad_reference import PrintWatch, flatter_said, pad_reference
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -19,19 +21,39 @@ Progress = Callable[[str, int, int], None]
 """Told which pad, how many of its frames are done, and how many there are."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class PadMarkers:
+    """The markers that the description knows, followed through all frames; which frames are doubled.
+
+    `reference_sd_px`: of their places at rest, where these are estimated. `reference_print`: the print on the
+    picture of the untouched gel, `print_shown` that on each frame, over the least that counts.
+    """
+
+    tracked: TrackedMarkers
+    doubled: Bool[np.ndarray, " t"]
+    places: Places
+    notes: list[str]
+    reference_sd_px: Float[np.ndarray, " n"] | None
+    reference_print: float | None
+    print_shown: Float[np.ndarray, " t"] | None
+
+
 def tracked_markers(
     pad: RawPad, view: RawCamera, camera: GelCamera, source: str, progress: Progress | None
-) -> tuple[TrackedMarkers, Bool[np.ndarray, " t"], Places, list[str]]:
-    """The markers that the description knows, followed through all frames; which frames are doubled."""
-    refuse_saturated(view.reference, f"{source}: reference")
-    reference = reference_of(view.reference, source=f"{source}: reference")
+) -> PadMarkers:
+    """One camera's markers in all frames. Raises TactileFailure: what pad_reference does, markers-lost."""
+    known = pad_reference(pad.sensor, view, camera, source=source)
+    reference = known.markers
     rest_px = reference.lattice.rest_px
     places = places_of(camera, rest_px, pad.sensor.rest_mm, shape=reference.shape, source=source)
     watch = Watch(source, reference.shape)
     count = len(view.pictures.numbers)
     rows: list[FrameMarkers] = []
+    prints = PrintWatch(reference, pad.sensor, camera, count)
     for t, found in enumerate(follow(reference, watch.over(view.pictures.frames()))):
         rows.append(found)
+        if watch.latest is not None:
+            prints.look(t, watch.latest, found)
         seen = float(np.isfinite(found.position_px[places.kept, 0]).mean())
         if seen < FEWEST_SEEN:
             raise TactileFailure(
@@ -44,7 +66,15 @@ def tracked_markers(
             progress(pad.name, t + 1, count)
     position, quality = labelled_places(reference, rows)
     certainty = np.minimum.accumulate([row.certainty for row in rows])
-    notes = []
+    notes = list(known.notes)
+    reference_print = None if known.shown is None else known.shown.evidence
+    if (
+        (flat := prints.flatter_frame(known)) is not None
+        and reference_print is not None
+        and reference_print < 1.0
+    ):
+        notes.append(f"{source}: {flatter_said(view.pictures.numbers[flat])}")
+        reference_print = 1.0
     if (unsure := np.flatnonzero(certainty < UNSURE)).size:
         k = int(unsure[0])
         notes.append(
@@ -63,7 +93,15 @@ def tracked_markers(
         rest_mm=places.rest_mm,
         certainty=certainty,
     )
-    return tracked, np.array(watch.doubled, dtype=bool), places, notes
+    return PadMarkers(
+        tracked=tracked,
+        doubled=np.array(watch.doubled, dtype=bool),
+        places=places,
+        notes=notes,
+        reference_sd_px=None if known.sd_px is None else known.sd_px[places.kept],
+        reference_print=reference_print,
+        print_shown=prints.over_time(),
+    )
 
 
 def camera_of(pad: RawPad) -> GelCamera:

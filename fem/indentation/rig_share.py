@@ -1,0 +1,196 @@
+"""How much of a trace's travel is the rig's own: where most of it is, E is a lower bound and no more."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.indentation.fit import TraceFit, fit
+from fem.indentation.no_contact import first_touch
+from fem.indentation.rig_error import STEEPER
+from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace_baseline import linear_law
+from fem.indentation.trace_noise import NoContactNoise
+from fem.indentation.unknowns import NINETY
+from fem.mismatch.result import Modulus
+
+UNSURE = 0.3
+"""Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound: the
+share that an explanation may leave unexplained is the same (fem.indentation.naming.MISSED). Set by hand."""
+MOST_SHARE = 0.3
+"""Of the slope of the recorded travel that a rig of stated stiffness may give: E is then 1 / (1 - 0.3) = 1.43
+times what the travel says, as far off as UNSURE. Set by hand."""
+SAID_SHARE = 0.1
+"""Of the same, from which it is said by how much E is too low. Set by hand."""
+SOFT_RIG_N_PER_MM = 8.0
+"""Stiffness that is taken for a rig's of which nothing is known: of a parallel gripper with soft pads, the
+softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 to 4 N/mm over its way to 25 N
+(benchmarks/rig_golf_ball.py), arms have some 10 to 50 N/mm, presses on a frame some hundreds. With MOST_SHARE
+contacts above 2.4 N/mm are said: 44 kiwis have 0.2 to 2.0 (two are said), pieces of meat and silicone 0.1 to
+0.7 (one of 37), mangoes 2.3 to 12 (half of 70), in a tenth to nine tenths (benchmarks/rig_golf_ball.py
+--slopes)."""
+UPPER = 0.5
+"""Share of the peak force above which slopes are taken. Set by hand: E is ruled by the upper half."""
+FEWEST = 4
+"""Readings in the upper half, below which the last one under it is taken as well."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigShare:
+    """Slopes over the upper half of the force, mm/N: of the travel as it was recorded, and of the rig in it.
+
+    `bound`: a sentence's end that says why E is a lower bound, None where it is none; `notes`: sentences.
+    """
+
+    recorded_mm_per_N: float
+    rig_mm_per_N: float
+    rig_sd_mm_per_N: float
+    bound: str | None
+    notes: tuple[str, ...]
+
+
+def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None) -> RigShare:
+    """What the rig does to E: by the curve that was taken off the travel, or by a stated stiffness, or, where
+    nothing is known, by an ordinary one.
+
+    Springs in series: 1/k = 1/k_o + 1/k_r, k the recorded slope, k_o the object's, k_r the rig's. Of a rig
+    that was taken off, the error of 1/k_o is that of 1/k_r; of one that was not, its share k/k_r is what E is
+    too low by. Of several recordings the one in which the rig gives the largest share.
+    """
+    if len(trace.parts) > 1:
+        each = [rig_share(part, rig_N_per_mm=rig_N_per_mm) for part in trace.parts]
+        return max(each, key=lambda one: one.rig_mm_per_N / max(one.recorded_mm_per_N, 1e-12))
+    recorded = trace.travel_mm if trace.rig_give_mm is None else trace.travel_mm + trace.rig_give_mm
+    used = _upper_half(trace)
+    slope = _slope(trace.force_N[used], recorded[used])
+    if trace.rig_give_mm is not None and trace.rig_sd_mm is not None:
+        rig = _slope(trace.force_N[used], trace.rig_give_mm[used])
+        at_peak = int(np.argmax(trace.force_N))
+        relative = float(trace.rig_sd_mm[at_peak] / max(float(trace.rig_give_mm[at_peak]), 1e-12))
+        sd = max(abs(_slope(trace.force_N[used], trace.rig_sd_mm[used])), relative * rig)
+        return _of_a_known_rig(slope, rig, sd)
+    if not slope > 0:
+        return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=0.0, rig_sd_mm_per_N=0.0, bound=None, notes=())
+    stiffness = 1 / slope
+    rig = 1 / (SOFT_RIG_N_PER_MM if rig_N_per_mm is None else rig_N_per_mm)
+    share = rig / slope
+    bound: str | None = None
+    notes: tuple[str, ...] = ()
+    if rig_N_per_mm is None and share > MOST_SHARE:
+        notes = (
+            f"The contact has {stiffness:.3g} N/mm at the upper half of its force, and nothing says how "
+            f"stiff the rig is. E holds on a rig of {stiffness / SAID_SHARE:.2g} N/mm or more and is a "
+            f"lower bound on a softer one: a gripper with soft pads, of {SOFT_RIG_N_PER_MM:g} N/mm, would "
+            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object (drupe calibrate "
+            "--rigid, drupe convert --rig), or give rig_N_per_mm in case.toml.",
+        )
+    elif rig_N_per_mm is not None and share > MOST_SHARE:
+        bound = (
+            f"of the travel at the upper half of the force {min(share, 1):.0%} is the rig's own "
+            f"({stiffness:.3g} N/mm were recorded on a rig of {rig_N_per_mm:g} N/mm)"
+        )
+    elif rig_N_per_mm is not None and share > SAID_SHARE:
+        notes = (
+            f"A rig of {rig_N_per_mm:g} N/mm gives {share:.0%} of the travel at the upper half of the "
+            "force: E is too low by about as much; drupe convert --rig takes it off.",
+        )
+    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=0.0, bound=bound, notes=notes)
+
+
+def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
+    """What is left to the object of the recorded slope, and whether it is clear of the rig's spread."""
+    own = slope - rig
+    share = rig / slope if slope > 0 else 1.0
+    said = (
+        f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
+        f"{rig:.3g} ± {sd:.2g} mm/N"
+    )
+    bound = None
+    if not own > sd / UNSURE:
+        bound = f"{said}, so that what is left to the object is not known"
+    notes = (
+        f"Taken off as the rig's own: {min(share, 1):.0%} of the travel at the upper half of the force "
+        f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's.",
+    )
+    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd, bound=bound, notes=notes)
+
+
+def least_modulus(
+    trace: IndenterTrace,
+    no_contact: NoContactNoise,
+    found: Modulus,
+    *,
+    thickness_mm: float | None,
+    poisson_ratio: float,
+) -> float:
+    """The modulus that E is above with 95 %, MPa: with the rig's give at the lower end of its spread.
+
+    By linear elasticity, which holds where an effect is found as well: what relaxes or yields was stiffer.
+    Without a rig taken off it is the lower end of `found`, since any give leaves the object less travel.
+    """
+    if trace.rig_sd_mm is None:
+        return max(found.value - NINETY * found.sd, 0.0)
+    less = replace(
+        trace,
+        travel_mm=trace.travel_mm + NINETY * trace.rig_sd_mm,
+        rig_give_mm=None,
+        rig_sd_mm=None,
+    )
+    law = linear_law(less, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+    again: TraceFit = fit(law, less, no_contact, np.array([[u.mean for u in law.unknowns]]), follow=1)
+    at = [u.name for u in law.unknowns].index("E_MPa")
+    return float(np.exp(again.scaled[at] - NINETY * again.sd[at]))
+
+
+def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
+    """Standard deviation of ln E that the rig's spread makes; 0 where no rig was taken off.
+
+    Half of ln E's change between the law refitted to a travel with the rig's give one standard deviation
+    less, and one more. The rig's error is considered, not fitted (Schmidt, "Application of state-space
+    methods to navigation problems", Adv. Control Syst. 3, 1966, 293-340): beside the contact's own curve,
+    which it resembles, a fit would take it for whatever else the law leaves unexplained.
+    """
+    if trace.rig_sd_mm is None:
+        return 0.0
+    at = [u.name for u in known.law.unknowns].index("E_MPa")
+    found = []
+    for way in (-1.0, 1.0):
+        moved = replace(trace, travel_mm=trace.travel_mm + way * trace.rig_sd_mm)
+        found.append(fit(known.law, moved, no_contact, known.scaled[None], follow=1).scaled[at])
+    return 0.5 * float(abs(found[1] - found[0]))
+
+
+def unsure_E(after: Modulus, ln_sd: float) -> str | None:
+    """Why E is a lower bound with the rig's spread in it, where the slopes did not say so; None: it is none.
+
+    Where the rig's spread alone moves ln E by more than STEEPER UNSURE, or E's error is E and more.
+    """
+    if ln_sd <= STEEPER * UNSURE and after.sd <= after.value:
+        return None
+    return f"the rig's spread moves E by a factor of {min(float(np.exp(ln_sd)), 1e3):.2g}"
+
+
+def widened(modulus: Modulus, ln_sd: float) -> Modulus:
+    """With so much more standard deviation of ln E, in squares."""
+    return Modulus(value=modulus.value, sd=float(np.hypot(modulus.sd, ln_sd * modulus.value)))
+
+
+def _upper_half(trace: IndenterTrace) -> Int[np.ndarray, " u"]:
+    """Frames of the way in whose force is in the upper half; a reading of the travel that stands still while
+    the force grows is none.
+    """
+    touch, peak = first_touch(trace), int(np.argmax(trace.force_N))
+    new = np.r_[True, np.diff(trace.travel_mm) != 0.0]
+    way_in = touch + np.flatnonzero(new[touch : peak + 1])
+    level = float(np.median(trace.force_N[: max(touch - 1, 1)]))
+    force = trace.force_N[way_in] - level
+    upper = way_in[force > UPPER * (trace.force_N[peak] - level)]
+    if len(upper) >= FEWEST or len(way_in) == len(upper):
+        return np.asarray(upper)
+    return np.asarray(way_in[-max(len(upper) + 1, 2) :])
+
+
+def _slope(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]) -> float:
+    """Of the least-squares line, mm/N."""
+    off = force - force.mean()
+    return float(off @ travel / max(float(off @ off), 1e-30))

@@ -1,0 +1,237 @@
+"""`drupe calibrate` of a rig: squeezes of a rigid object become the travel that the rig gives by itself."""
+
+import datetime
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
+from pipeline.files.scratch import scratch
+from pipeline.files.whole_file import put
+from pipeline.problem import BatchRefused, Problem
+from pipeline.recordings.sensor_calibration import as_toml
+from recon.plain_file import NotReadable, read_text
+from tactile.from_frames import recording_of
+from tactile.io.load_cell import TABLES, read_trace
+from tactile.io.named_file import read_bytes
+from tactile.io.raw_grasp import read_raw_grasp
+from tactile.io.recording import MOST_BYTES, GelPad, IndenterPad, Recording, read_recording
+from tactile.io.rig_file import FORMAT, VERSION, read_rig
+from tactile.io.trace_columns import TraceWords
+from tactile.rig.gel_give import gel_give_mm
+from tactile.rig.rig_curve import RigCurve
+from tactile.rig.rig_fit import FittedRig, fit_rig
+from tactile.rig.rigid_squeeze import RigidPress, rigid_squeezes
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+WRITTEN_BY = "# rig, written by drupe calibrate"
+"""First line of every rig's description, by which a later run knows its own."""
+MOST_TEXT = 4_000_000
+"""Bytes of a description, as its reader has it (tactile.io.toml_table)."""
+DIGITS = 6
+"""Significant ones of the written curve: a nanometre in a millimetre."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidObject:
+    """What was squeezed, as its user says: words, shape, and diameter (ball) or thickness (block)."""
+
+    name: str
+    shape: Literal["ball", "block"]
+    size_mm: float
+
+
+def calibrate_rig(
+    sources: Sequence[Path],
+    out: Path,
+    rigid: RigidObject,
+    *,
+    words: TraceWords,
+    today: datetime.date,
+    report: Callable[[str], None],
+) -> tuple[str, ...]:
+    """Write `out`, what the rig gives over the force, from these recordings, and return that in words.
+
+    Each source is a bare trace (a table, or a recording without markers), a recording of gel pads, or a
+    folder of gel frames; all of one kind. Raises TactileFailure where one holds no squeeze of a rigid object,
+    BatchRefused where `out` is one of the inputs or a file that drupe calibrate did not write.
+    """
+    if out.suffix.lower() != ".toml":
+        raise BatchRefused([Problem(str(out), "is a TOML; give it a name that ends in .toml.")])
+    require_file_apart(out, inputs=sources, folders=[path for path in sources if path.is_dir()])
+    require_new_or_ours(out, _is_rig, "a rig that drupe calibrate wrote")
+    twice = {path.resolve() for path in sources}
+    if len(twice) < len(sources):
+        raise BatchRefused([Problem(str(sources[0]), "is named twice; name each recording once.")])
+    squeezes: list[RigidPress] = []
+    gels: set[bool] = set()
+    said: list[str] = []
+    for path in sources:
+        recording, notes = _read(path, words, report)
+        said += notes
+        own = _squeezes(recording, rigid, path.name)
+        gels.add(isinstance(recording.pads[0], GelPad))
+        squeezes += own
+        held = min(one.held for one in own)
+        report(
+            f"{path.name}: {len(own)} squeeze{'s' if len(own) > 1 else ''} up to "
+            f"{max(one.largest_N for one in own):.3g} N, {1 - held:.0%} of the force lost in the hold"
+        )
+    if len(gels) > 1:
+        sentence = (
+            "is of another kind than the others: some have gel pads, some have none; calibrate each kind."
+        )
+        raise BatchRefused([Problem(str(sources[0]), sentence)])
+    whole = fit_rig(squeezes)
+    jaws = fit_rig(squeezes, own=False) if gels == {True} else None
+    written = _described(whole, jaws, squeezes, rigid, sources, today)
+    with scratch() as folder:
+        draft = folder / out.name
+        draft.write_text(f"{WRITTEN_BY}\n{as_toml(written)}", encoding="utf-8")
+        read_rig(draft)
+        put(out, draft.read_bytes())
+    return (*said, *_in_words(whole, jaws, rigid))
+
+
+def _read(path: Path, words: TraceWords, report: Callable[[str], None]) -> tuple[Recording, tuple[str, ...]]:
+    """The recording in a table, an .h5, or a folder of frames."""
+
+    def report_pad(pad: str, done: int, of: int) -> None:
+        if done == of:
+            report(f"{pad}: {done} of {of} frames")
+
+    if (path / "grasp.toml").is_file():
+        return recording_of(read_raw_grasp(path), progress=report_pad).recording, ()
+    if path.suffix.lower() in TABLES:
+        found = read_trace(path, fruit_id="rig", category="rig", indenter="ball", radius_mm=1.0, words=words)
+        return found.recording, tuple(note for note in found.notes if not note.startswith("no pose"))
+    return read_recording(path), ()
+
+
+def _squeezes(recording: Recording, rigid: RigidObject, source: str) -> tuple[RigidPress, ...]:
+    """The squeezes in one recording, the gels' part of their travel with them."""
+    if recording.rig_give_mm is not None:
+        raise TactileFailure(
+            TactileProblem.UNREADABLE_RECORDING,
+            f"{source}: found a travel that a rig's give was taken off, expected it as it was recorded.",
+        )
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    force = np.mean(
+        [
+            pad.force_z_N if isinstance(pad, IndenterPad) else pad.force_N[:, :, 2].sum(axis=1)
+            for pad in recording.pads
+        ],
+        axis=0,
+    )
+    gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    part = sum(gel_give_mm(pad, shape=rigid.shape, size_mm=rigid.size_mm) for pad in gels) if gels else None
+    return rigid_squeezes(
+        recording.time_s,
+        force,
+        closing * recording.aperture_mm,
+        part_mm=None if part is None else np.asarray(part),
+        size_mm=rigid.size_mm,
+        source=source,
+    )
+
+
+def _described(
+    whole: FittedRig,
+    jaws: FittedRig | None,
+    squeezes: Sequence[RigidPress],
+    rigid: RigidObject,
+    sources: Sequence[Path],
+    today: datetime.date,
+) -> dict[str, Any]:
+    """What the file holds."""
+    of = jaws or whole
+    written: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "object": rigid.name,
+        "shape": rigid.shape,
+        "size_mm": rigid.size_mm,
+        "made": today.isoformat(),
+        "squeezes": len(squeezes),
+        "least_N": _short(whole.least_N),
+        "travel": _curve(whole.curve),
+    }
+    if jaws is not None:
+        written["jaws"] = _curve(jaws.curve)
+        knots = whole.curve.force_N
+        gels = np.maximum.accumulate(np.maximum(whole.curve.give_mm - jaws.curve.give(knots), 0.0))
+        written["gels"] = _curve(
+            RigCurve(force_N=knots, give_mm=gels, sd_mm=np.hypot(whole.curve.sd_mm, jaws.curve.sd(knots)))
+        )
+    written["spread"] = {
+        "repeat_mm": _short(of.repeat_mm),
+        "hysteresis_mm": _short(of.hysteresis_mm),
+        "scatter_mm": _short(of.scatter_mm),
+    }
+    written["recordings"] = [{"name": path.name, "sha256": _digest(path)} for path in sources]
+    return written
+
+
+def _curve(curve: RigCurve) -> dict[str, list[float]]:
+    return {
+        name: [_short(float(x)) for x in getattr(curve, name)] for name in ("force_N", "give_mm", "sd_mm")
+    }
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+def _digest(path: Path) -> str:
+    """SHA-256 of a file, or of a folder's log, which has the force and the aperture."""
+    file = path / "log.csv" if path.is_dir() else path
+    return hashlib.sha256(read_bytes(file, most_bytes=MOST_BYTES)).hexdigest()
+
+
+def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> tuple[str, ...]:
+    """What was found, and what must be known of it."""
+    of, what = (whole, "rig") if jaws is None else (jaws, "jaws")
+    peak, last = of.curve.largest_N, of.curve.last_mm_per_N
+    at_peak = float(of.curve.give(np.array(peak)))
+    sd = float(of.curve.sd_mm[-1])
+    stiffness = f"{1 / last:.3g} N/mm there" if last > 0 else "no more by the last readings"
+    lines = [
+        f"the {what} give{'s' if jaws is None else ''} {at_peak:.3g} ± {sd:.2g} mm at {peak:.3g} N "
+        f"({stiffness}), from {of.squeezes} squeeze{'s' if of.squeezes > 1 else ''} of {rigid.name}; "
+        f"{of.least_N:.2g} to {peak:.3g} N",
+        f"of the spread {of.repeat_mm:.2g} mm are from squeeze to squeeze, {abs(of.hysteresis_mm):.2g} mm "
+        f"between the ways in and out, {of.scatter_mm:.2g} mm the readings' (off one curve by "
+        f"{of.readings_mm:.2g} mm)",
+    ]
+    if jaws is not None:
+        all_of_it = float(whole.curve.give(np.array(peak)))
+        lines.append(
+            f"of {all_of_it:.3g} mm in all, {all_of_it - at_peak:.3g} mm are the gels' own as their "
+            "markers show"
+        )
+    if of.squeezes == 1:
+        lines.append(
+            "one squeeze says nothing of how it repeats: 5 % of the give were assumed; squeeze it again"
+        )
+    if of.hysteresis_mm < -of.readings_mm:
+        lines.append(
+            "the force is larger on the way out than on the way in, which no rig does: check that force and "
+            "travel have one clock; the distance is in the spread"
+        )
+    if rigid.shape == "ball" and jaws is None:
+        lines.append(
+            "pads or a tip that are pressed in are part of this, and by an object of another curvature they "
+            "are pressed in otherwise"
+        )
+    return tuple(lines)
+
+
+def _is_rig(path: Path) -> bool:
+    try:
+        return read_text(path, most_bytes=MOST_TEXT).startswith(f"{WRITTEN_BY}\n")
+    except NotReadable:
+        return False

@@ -1,0 +1,86 @@
+"""The picture of the untouched gel: whether it bears a print, and prints that come with no force."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
+from tactile.io.recording import GelPad
+from tactile.noise import noise_in_contact
+from tactile.reference_print import SURE, WHAT_TO_DO
+
+E_OF_A_PRINT = 0.5
+"""Relative standard deviation of E where a reference may bear a print: displacements then lack that of the
+print, which may be all of them. Set by hand."""
+FORCE_BEYOND_NOISE = 8.0
+"""Standard deviations of a pad's total normal force below which it feels nothing, as tactile.contact has
+it."""
+LEAST_PRINT_N = 0.05
+"""Total normal force below which a print cannot be seen: a twentieth of a face of 300 mm2 of a gel of 0.2 MPa
+that is pressed in by a thirtieth of its thickness has 0.1 N; half of it. Set by hand."""
+
+
+def reference_findings(pads: Sequence[GelPad]) -> list[Finding]:
+    """Prints on references, and prints without a force; of both pads said once."""
+    return shared([finding for pad in pads for finding in _pad(pad)])
+
+
+def print_without_force(pad: GelPad) -> str | None:
+    """Why a pad whose pictures show a print feels nothing, with what to do; None where that is not so."""
+    shown = 0.0 if pad.print_shown is None else float(pad.print_shown.max())
+    on_reference = pad.reference_print is not None and pad.reference_print >= 1.0
+    if not on_reference and shown < SURE:
+        return None
+    total = pad.force_N[:, :, 2].sum(axis=1)
+    noise = noise_in_contact(pad.force_N).sd * float(np.sqrt(len(pad.rest_mm)))
+    if float(total.max()) > max(FORCE_BEYOND_NOISE * noise, LEAST_PRINT_N):
+        return None
+    what_to_do = WHAT_TO_DO
+    if pad.reference_sd_mm is not None:
+        spread_mm = float(np.sqrt((pad.reference_sd_mm**2).mean()))
+        cause = f"the untouched gel is estimated to {spread_mm:.2g} mm, too coarsely for this print's force"
+        what_to_do = "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
+    elif on_reference:
+        cause = "the reference bears a print itself"
+    elif pad.print_shown is not None and pad.print_shown[0] >= SURE:
+        cause = "the gel is loaded from frame 0 on, and the reference is not of this gel untouched"
+    else:
+        cause = (
+            "the reference or the sensor's description is of another gel, or the fruit drags the gel more "
+            "than it presses it, of which one camera tells no depth"
+        )
+    shows = (
+        f"pictures show a print ({shown:.1f} times what an empty gel shows), yet its force is at most "
+        if shown >= SURE
+        else "force is at most "
+    )
+    return f"{shows}{max(float(total.max()), 0.0):.2g} N: {cause}; {what_to_do}"
+
+
+def _pad(pad: GelPad) -> list[Finding]:
+    if (contradiction := print_without_force(pad)) is not None:
+        return [
+            Finding(
+                kind=FindingKind.PRINT_WITHOUT_FORCE,
+                rank=FindingRank.FIELD,
+                pads=(pad.name,),
+                says=contradiction,
+                refused=True,
+            )
+        ]
+    if pad.reference_print is None or pad.reference_print < 1.0:
+        return []
+    return [
+        Finding(
+            kind=FindingKind.REFERENCE_PRINT,
+            rank=FindingRank.FIELD,
+            pads=(pad.name,),
+            says=(
+                f"reference bears a print ({pad.reference_print:.1f} times what an empty gel may show), so "
+                f"that displacements are not counted from the untouched gel; {WHAT_TO_DO}"
+            ),
+            refused=pad.reference_print >= SURE,
+            relative_sd=E_OF_A_PRINT,
+            hides_touch=True,
+        )
+    ]

@@ -1,0 +1,138 @@
+"""Whether a picture of a gel, above all its reference, shows that something is pressed into it.
+
+Two witnesses, each over the least that counts: the markers' bulge, which is what neighbours have in common of
+their misfit to a regular lattice behind a smooth lens (tactile.markers.smooth_lattice), and shading
+(tactile.gel.print_shading). A print on the reference makes every displacement that of the print less itself:
+a gel that is loaded throughout then seems never to be touched.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, UInt8
+
+from tactile.gel.print_shading import print_shading
+from tactile.gel_camera import project
+from tactile.markers.marker_detection import spacing_of
+from tactile.markers.marker_lattice import lattice_of
+from tactile.markers.reference_places import places_of
+from tactile.markers.smooth_lattice import FEWEST, coherent_misfit_px, fitted_lens, lattice_places
+from tactile.markers.tracking import ReferenceMarkers
+from tactile.sensors import GelCamera
+
+LEAST_BULGE = 0.0085
+"""Root mean square of the markers' common misfit, in spacings. Of 39 empty first frames the largest is
+0.0054, of four empty pictures of two more gels 0.0075; of 120 with a print that can be seen 88 have more
+(benchmarks/gel_references.py FOLDER --half even; the four are of the clips of benchmarks/gel_video.py)."""
+LEAST_SHADING = 0.055
+"""As a relative change of colour: the same 43 have at most 0.049, 74 of the 120 more."""
+SOMETHING, FLATTER = 0.7, 0.7
+"""Times the least that counts, and share of it that is left later: a reference that shows something of a
+print which then goes. The first frames of 39 empty gels show at most 0.64, four more pictures up to 0.88; of
+29 loaded ones that show less than 1 ten are found so (the same command)."""
+SURE = 1.3
+"""Times the least that counts, from which on no modulus is taken: empty gels reach 0.89 of it."""
+
+WHAT_TO_DO = (
+    "name a picture or a clip of the empty gel (reference = ... in grasp.toml), frames of it "
+    '(reference_frames = [k, m]), or reference = "estimate"'
+)
+"""The end of every sentence on a reference that is not of an untouched gel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownPrint:
+    """How much a picture shows of a print, over the least that counts: by its markers and by its shading.
+
+    `bulge` is nan where fewer than FEWEST markers stand on a grid.
+    """
+
+    bulge: float
+    shading: float
+
+    @property
+    def evidence(self) -> float:
+        """The clearer of the two: 1 is the least that counts."""
+        return float(np.nanmax([self.bulge, self.shading]))
+
+    @property
+    def seen_by(self) -> str:
+        """What shows it, as a sentence names it; empty where nothing does."""
+        seen_by = [
+            text
+            for text, value in (
+                (f"its markers bulge ({100 * LEAST_BULGE * self.bulge:.1f} % of their spacing, "
+                 f"empty gels have below {100 * LEAST_BULGE:.2g} %)", self.bulge),
+                (f"its shading has edges ({100 * LEAST_SHADING * self.shading:.1f} % of its colour, "
+                 f"empty gels have below {100 * LEAST_SHADING:.2g} %)", self.shading),
+            )
+            if value >= 1.0
+        ]  # fmt: skip
+        return " and ".join(seen_by)
+
+
+def shown_print(
+    picture: UInt8[np.ndarray, "h w 3"],
+    reference: ReferenceMarkers,
+    *,
+    camera: GelCamera | None = None,
+    described_mm: Float[np.ndarray, "m 3"] | None = None,
+    position_px: Float[np.ndarray, "n 2"] | None = None,
+) -> ShownPrint:
+    """The print in a picture with the markers of `reference`, at `position_px` (None: at rest; NaN: lost).
+
+    Where the sensor's description has the markers' places (`described_mm`), these are what the camera should
+    see; otherwise a regular grid is.
+    """
+    place = reference.lattice.rest_px if position_px is None else position_px
+    spacing = reference.lattice.spacing_px
+    shading = print_shading(picture, place, spacing_px=spacing, disc_px=reference.disc_px)
+    ideal, known = _ideal(reference, camera, described_mm)
+    return ShownPrint(
+        bulge=bulge_of(reference, ideal, known & np.isfinite(place[:, 0]), place) / LEAST_BULGE,
+        shading=shading / LEAST_SHADING,
+    )
+
+
+def bulge_of(
+    reference: ReferenceMarkers,
+    ideal: Float[np.ndarray, "n 2"],
+    known: Bool[np.ndarray, " n"],
+    place_px: Float[np.ndarray, "n 2"],
+) -> float:
+    """Root mean square of what neighbours' misfits to a smooth lens have in common, in spacings; nan of few.
+
+    `ideal`: the markers' places without a lens, in any unit; `known`: the markers that are fitted.
+    """
+    if known.sum() < FEWEST:
+        return float("nan")
+    lens = fitted_lens(ideal[known], place_px[known], reference.shape)
+    off = place_px[known] - lens.places_px(ideal[known])
+    margin = reference.lattice.margin_px
+    spacing = spacing_of(reference.lattice.rest_px)
+    among = lattice_of(reference.lattice.rest_px[known], spacing, shape=reference.shape, margin_px=margin)
+    common = coherent_misfit_px(among, off)
+    return float(np.sqrt((common**2).sum(axis=1).mean()) / spacing)
+
+
+def _ideal(
+    reference: ReferenceMarkers,
+    camera: GelCamera | None,
+    described_mm: Float[np.ndarray, "m 3"] | None,
+) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
+    """Where the markers would be on a flat picture, in spacings, and of which that is known."""
+    if camera is None or described_mm is None:
+        return lattice_places(reference.lattice)
+    rest_px = reference.lattice.rest_px
+    places = places_of(camera, rest_px, described_mm, shape=reference.shape, source="")
+    ideal, known = np.zeros_like(rest_px), np.zeros(len(rest_px), dtype=bool)
+    expected = project(camera, described_mm)[places.described]
+    ideal[places.kept] = (expected - expected.mean(axis=0)) / reference.lattice.spacing_px
+    known[places.kept] = True
+    return ideal, known
+
+
+def becomes_flatter(before: ShownPrint, after: ShownPrint) -> bool:
+    """Whether the gel is flatter in one picture than in another that shows something already."""
+    pairs = ((before.bulge, after.bulge), (before.shading, after.shading))
+    return any(one >= SOMETHING and two <= FLATTER * one for one, two in pairs)

@@ -1,0 +1,74 @@
+"""A bare trace's travel less what the rig gives by itself."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.io.recording import IndenterPad, Recording
+from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
+from tactile.rig.rigid_squeeze import UNLOADED_FRAMES
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigCorrected:
+    """The recording with the object's own travel, and sentences for people."""
+
+    recording: Recording
+    notes: tuple[str, ...]
+
+
+def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: str) -> RigCorrected:
+    """The trace with travel less give(F), F counted from the load cell's reading in the first frames.
+
+    The recording keeps both the give and its standard deviation in each frame (`rig_give_mm`, `rig_sd_mm`),
+    from which the spread goes into E. Raises TactileFailure (unreadable-recording) where the recording is no
+    bare press, was corrected before, or goes beyond what the curve says.
+    """
+    pad = recording.pads[0]
+    if not isinstance(pad, IndenterPad) or len(recording.pads) != 1:
+        raise _refused(
+            source, "pads with markers", "the trace of a bare indenter; name the rig in batch.toml"
+        )
+    if recording.rig_give_mm is not None:
+        raise _refused(source, "a travel that a rig's give was taken off before", "the travel as recorded")
+    force = pad.force_z_N - float(np.median(pad.force_z_N[:UNLOADED_FRAMES]))
+    largest = float(force.max())
+    if not curve.reaches(largest):
+        raise _refused(
+            source,
+            f"a largest force of {largest:.3g} N where {named} is calibrated up to {curve.largest_N:.3g} N",
+            f"at most {MOST_BEYOND:g} times that; squeeze the rigid object as hard, and calibrate anew",
+        )
+    give, sd = curve.give(force), curve.sd(force)
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    corrected = replace(
+        recording, aperture_mm=recording.aperture_mm - closing * give, rig_give_mm=give, rig_sd_mm=sd
+    )
+    at = int(np.argmax(force))
+    travel = closing * recording.aperture_mm
+    notes = [
+        f"{source}: of {float(travel[at] - travel[_touched(force)]):.3g} mm of travel since the first touch "
+        f"{give[at]:.3g} ± {sd[at]:.2g} mm at {largest:.3g} N are the rig's own ({named}), and were taken "
+        "off."
+    ]
+    if largest > curve.largest_N:
+        notes.append(
+            f"{source}: {named} is calibrated up to {curve.largest_N:.3g} N; from there to {largest:.3g} N "
+            "it was extrapolated by its last slope, with a spread that grows."
+        )
+    return RigCorrected(recording=corrected, notes=tuple(notes))
+
+
+def _touched(force: Float[np.ndarray, " t"]) -> int:
+    """The last frame before the peak in which less than a fiftieth of the largest force is felt."""
+    peak = int(np.argmax(force))
+    below = np.flatnonzero(force[: peak + 1] < 0.02 * force[peak])
+    return int(below[-1]) if len(below) else 0
+
+
+def _refused(source: str, found: str, expected: str) -> TactileFailure:
+    return TactileFailure(
+        TactileProblem.UNREADABLE_RECORDING, f"{source}: found {found}, expected {expected}."
+    )

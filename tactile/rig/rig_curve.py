@@ -1,0 +1,59 @@
+"""Travel that a rig gives by itself over the force on it, with its spread: one curve and its use."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+
+MOST_BEYOND = 1.25
+"""Times the largest calibrated force up to which a curve is extrapolated; beyond it, it says nothing. Set by
+hand: by the rule below the spread at this end is an eighth of what the last slope would give of the force."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigCurve:
+    """`give_mm` of the rig at the knots `force_N` (from 0 up), with standard deviation `sd_mm`.
+
+    Between knots both are monotone cubics (PCHIP: Fritsch and Carlson, "Monotone piecewise cubic
+    interpolation", SIAM J. Numer. Anal. 17, 1980, 238-246), so that the give grows with the force as the
+    knots do. Beyond the last knot it goes on with its last slope: a rig that only stiffens gives no more
+    than that, and no less than at the last knot, so that the standard deviation grows by half of what is
+    added.
+    """
+
+    force_N: Float[np.ndarray, " k"]
+    give_mm: Float[np.ndarray, " k"]
+    sd_mm: Float[np.ndarray, " k"]
+
+    @property
+    def largest_N(self) -> float:
+        """The largest calibrated force."""
+        return float(self.force_N[-1])
+
+    def give(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
+        """How far the rig gives way, mm; nothing where nothing pushes."""
+        inside = np.clip(force_N, 0.0, self.largest_N)
+        curve = PchipInterpolator(self.force_N, self.give_mm)
+        return np.asarray(curve(inside) + self.last_mm_per_N * np.maximum(force_N - self.largest_N, 0.0))
+
+    def sd(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
+        """One standard deviation of `give`, mm."""
+        inside = np.clip(force_N, 0.0, self.largest_N)
+        curve = PchipInterpolator(self.force_N, self.sd_mm)
+        beyond = np.maximum(force_N - self.largest_N, 0.0)
+        return np.asarray(curve(inside) + 0.5 * self.last_mm_per_N * beyond)
+
+    @property
+    def last_mm_per_N(self) -> float:
+        """The slope of the last knots' chord, with which the curve is extrapolated."""
+        return float((self.give_mm[-1] - self.give_mm[-2]) / (self.force_N[-1] - self.force_N[-2]))
+
+    def reaches(self, force_N: float) -> bool:
+        """Whether the curve says anything at so large a force."""
+        return force_N <= MOST_BEYOND * self.largest_N
+
+    def plus(self, deviations: float) -> "RigCurve":
+        """The curve so many standard deviations off: of a rig that gives more, or less."""
+        give = np.maximum.accumulate(np.maximum(self.give_mm + deviations * self.sd_mm, 0.0))
+        return RigCurve(force_N=self.force_N, give_mm=give, sd_mm=self.sd_mm)

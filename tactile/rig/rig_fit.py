@@ -1,0 +1,194 @@
+"""Travel over force of a rig from squeezes of a rigid object: monotone, stiffening, with its spread."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+from scipy.stats import norm as normal
+from scipy.stats import t as student
+
+from tactile.rig.rig_curve import RigCurve
+from tactile.rig.rigid_squeeze import RigidPress
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+RAMPS = 10
+"""Forces at which the stiffening may change, beside Hertz's own. Set by hand."""
+KNOTS = 49
+"""Of the curve as it is written: between them a PCHIP is off Hertz's travel in series with a spring by 1e-3
+of the largest travel at most (tests/tactile/test_rig.py)."""
+HERTZ = 2 / 3
+"""Power of the force that the approach of a ball and a flat goes with."""
+USUAL_SCALE_SD = 0.05
+"""Standard deviation of a rig's give from squeeze to squeeze, over the give, that stands for one squeeze
+beside those made: with one recording nothing else is known of it. Assumed."""
+LEAST_RESOLVED = 3.0
+"""Largest give over its scatter about the curve, below which the travel does not resolve the rig. Set by
+hand."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FittedRig:
+    """The rig's curve and what its spread is made of, each at the largest force, mm.
+
+    `repeat_mm`: from squeeze to squeeze; `hysteresis_mm`: half of what the way out lies beyond the way in
+    (negative where it lies before it, which no rig does by itself: clocks that are apart do); `scatter_mm`:
+    of the curve, from that of the readings about it. `held`: the least share of force kept in a hold.
+    """
+
+    curve: RigCurve
+    least_N: float
+    repeat_mm: float
+    hysteresis_mm: float
+    scatter_mm: float
+    readings_mm: float
+    squeezes: int
+    held: float
+
+
+def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
+    """The travel that is the rig's, over the force; of what the gels do not give where `own` is false.
+
+    travel_i = onset_i + s_i sum_k c_k phi_k(F) with c_k >= 0 and phi = F, F^(2/3) and min(F, f_k): every sum
+    of these grows with the force and stiffens, and a spring in series with Hertz's contact is one exactly.
+    The scales s_i, of mean 1, are what one squeeze differs by from another; their variance counts one squeeze
+    of USUAL_SCALE_SD besides: s^2 = (0.05^2 + sum (s_i - 1)^2)/n. A next squeeze is off by s sqrt(1 + 1/n),
+    times Student's 95 % quantile with max(n, 2) degrees of freedom over the normal's, so that an interval of
+    two of these holds as often after three squeezes as after thirty. The curve holds up to the least of the
+    squeezes' largest forces, and is that of the way in; half of the distance to the way out is part of its
+    spread. Raises TactileFailure (unreadable-frames) where the readings do not resolve it.
+    """
+    force = [one.force_N for one in squeezes]
+    travel = [one.travel_mm - (0.0 if own else 1.0) * one.part_mm for one in squeezes]
+    largest = min(one.largest_N for one in squeezes)
+    inside = [f <= largest * (1 + 1e-9) for f in force]
+    force = [f[k] for f, k in zip(force, inside, strict=True)]
+    travel = [t[k] for t, k in zip(travel, inside, strict=True)]
+    give, active = _shape(force, travel, np.ones(len(force)), largest)
+    if active == 0:
+        raise _not_resolved(squeezes[0].source, 0.0, largest, max(float(np.ptp(t)) for t in travel))
+    scales, onsets = _scales(force, travel, give)
+    give, active = _shape(force, travel, scales, largest)
+    scales, onsets = _scales(force, travel, give)
+    residual = np.concatenate(
+        [t - o - s * give(f) for f, t, o, s in zip(force, travel, onsets, scales, strict=True)]
+    )
+    unknowns = active + 2 * len(force) - 1
+    readings = float(np.sqrt(residual @ residual / max(len(residual) - unknowns, 1)))
+    peak = float(give(np.array(largest)))
+    if not peak > LEAST_RESOLVED * readings:
+        raise _not_resolved(squeezes[0].source, peak, largest, readings)
+    knots = largest * (np.arange(KNOTS) / (KNOTS - 1)) ** 1.5
+    n = len(squeezes)
+    few = float(student.ppf(0.95, max(n, 2)) / normal.ppf(0.95))
+    spread = few * float(np.sqrt((USUAL_SCALE_SD**2 + ((scales - 1) ** 2).sum()) / n * (1 + 1 / n)))
+    back = np.zeros(KNOTS) if not own else _hysteresis(squeezes, give, scales, onsets, knots)
+    scatter = readings * float(np.sqrt(active / len(residual)))
+    sd = np.sqrt(
+        (spread * give(knots)) ** 2 + back**2 + (scatter * np.minimum(knots / knots[-1] * 4, 1)) ** 2
+    )
+    return FittedRig(
+        curve=RigCurve(force_N=knots, give_mm=give(knots), sd_mm=sd),
+        least_N=max(float(f.min()) for f in force),
+        repeat_mm=spread * peak,
+        hysteresis_mm=float(back[np.argmax(np.abs(back))]),
+        scatter_mm=scatter,
+        readings_mm=readings,
+        squeezes=n,
+        held=min(one.held for one in squeezes),
+    )
+
+
+def _not_resolved(source: str, peak: float, largest: float, readings: float) -> TactileFailure:
+    return TactileFailure(
+        TactileProblem.UNREADABLE_FRAMES,
+        f"{source}: found a give of {peak:.3g} mm at {largest:.3g} N with readings {readings:.2g} mm off one "
+        f"curve, expected at least {LEAST_RESOLVED:.0f} times that: squeeze harder, or slower; a rig that "
+        "gives less than its travel resolves needs no correction.",
+    )
+
+
+class _Give:
+    """sum_k c_k phi_k(F)."""
+
+    def __init__(self, amounts: Float[np.ndarray, " k"], largest_N: float) -> None:
+        self._amounts, self._largest = amounts, largest_N
+
+    def __call__(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
+        flat = np.ravel(np.maximum(force_N, 0.0))
+        return np.asarray((_basis(flat, self._largest) @ self._amounts).reshape(np.shape(force_N)))
+
+
+def _basis(force: Float[np.ndarray, " t"], largest: float) -> Float[np.ndarray, "t k"]:
+    """The stiffening curves of which the give is made, each 1 at the largest force or where it ends."""
+    share = force / largest
+    ends = (np.arange(1, RAMPS) / RAMPS) ** 1.5
+    return np.column_stack([share, share**HERTZ, *(np.minimum(share / end, 1.0) for end in ends)])
+
+
+def _shape(
+    force: list[Float[np.ndarray, " _t"]],
+    travel: list[Float[np.ndarray, " _t"]],
+    scales: Float[np.ndarray, " n"],
+    largest: float,
+) -> tuple[_Give, int]:
+    """Amounts by non-negative least squares, onsets taken out by each squeeze's mean; how many are not zero.
+
+    Readings count by the force that they pass, so that a slow stretch has no more say than a fast one.
+    Source: Lawson and Hanson, "Solving Least Squares Problems", 1974, ch. 23.
+    """
+    rows, values = [], []
+    for f, t, s in zip(force, travel, scales, strict=True):
+        weight = _weights(f)
+        basis = s * _basis(f, largest)
+        root = np.sqrt(weight)[:, None]
+        rows.append((basis - weight @ basis / weight.sum()) * root)
+        values.append((t - weight @ t / weight.sum()) * root[:, 0])
+    amounts, _ = nnls(np.vstack(rows), np.concatenate(values))
+    return _Give(amounts, largest), int((amounts > 0).sum())
+
+
+def _scales(
+    force: list[Float[np.ndarray, " _t"]], travel: list[Float[np.ndarray, " _t"]], give: _Give
+) -> tuple[Float[np.ndarray, " n"], list[float]]:
+    """Each squeeze's own give over the common curve, of mean 1, and its onset."""
+    scales, onsets = [], []
+    for f, t in zip(force, travel, strict=True):
+        weight, y = _weights(f), give(f)
+        y0, t0 = weight @ y / weight.sum(), weight @ t / weight.sum()
+        scales.append(float((weight * (y - y0)) @ (t - t0) / ((weight * (y - y0)) @ (y - y0))))
+        onsets.append(float(t0 - scales[-1] * y0))
+    mean = float(np.mean(scales))
+    return np.array(scales) / mean, onsets
+
+
+def _weights(force: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+    """Force between the middles to the neighbours, and a tenth of the mean of these for each reading."""
+    order = np.argsort(force)
+    gaps = np.gradient(force[order]) if len(force) > 1 else np.ones(1)
+    weight = np.empty(len(force))
+    weight[order] = np.maximum(gaps, 0.0)
+    return np.asarray(weight + 0.1 * weight.mean() + 1e-12)
+
+
+def _hysteresis(
+    squeezes: Sequence[RigidPress],
+    give: _Give,
+    scales: Float[np.ndarray, " n"],
+    onsets: list[float],
+    knots: Float[np.ndarray, " k"],
+) -> Float[np.ndarray, " k"]:
+    """Half of what the travel on the way out is beyond that on the way in, at the knots; 0 where unknown."""
+    found: list[tuple[float, float]] = []
+    for one, s, o in zip(squeezes, scales, onsets, strict=True):
+        there = (one.back_force_N > 0) & (one.back_force_N <= knots[-1])
+        gap = one.back_travel_mm[there] - o - s * give(one.back_force_N[there])
+        found += zip(one.back_force_N[there].tolist(), (0.5 * gap).tolist(), strict=True)
+    if len(found) < 3:
+        return np.zeros(len(knots))
+    force, gap = np.array(sorted(found)).T
+    parts = np.array_split(np.arange(len(force)), min(8, len(force) // 2 or 1))
+    at = np.array([float(np.median(force[k])) for k in parts])
+    middle = np.array([float(np.median(gap[k])) for k in parts])
+    return np.asarray(np.interp(knots, np.r_[0.0, at, knots[-1]], np.r_[0.0, middle, middle[-1]]))

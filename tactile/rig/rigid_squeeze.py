@@ -1,0 +1,244 @@
+"""Squeezes of a rigid object found in a recording of force and travel, and why one is none."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+UNLOADED_FRAMES = 5
+"""First frames, whose median force is the load cell's zero. Set by hand."""
+LEAST_OVER_NOISE = 20.0
+"""Peak force over the noise of one frame, below which the curve would be one of noise. Set by hand."""
+TOUCHED, TOUCHED_SHARE = 6.0, 0.02
+"""Force above which something is touched: so many standard deviations of its noise, and this share of the
+largest. Set by hand."""
+WEAK = 0.5
+"""Of the largest squeeze's force: an episode with less is no squeeze of its own. Set by hand."""
+FEWEST_READINGS = 4
+"""New readings of the travel on the way in, without which no line has a curvature. Set by hand."""
+SHORT = 0.3
+"""Share of the largest force that the last reading of the travel may be short of it. Set by hand."""
+FALL = 0.1
+"""Share of the peak by which the force may fall while the travel goes on. Set by hand: past it something has
+slipped or broken."""
+CREEP = 0.15
+"""Share of the peak force that may be lost while the travel stands still. Set by hand between gels, which
+lose 2 to 6 % in a golf ball's squeezes (benchmarks/rig_golf_ball.py, column "lost"), and meat, which loses 43
+to 72 % in 10 s."""
+CREEPS_ON = 0.25
+"""Share of the travel that may follow the largest force. Set by hand: a gripper that holds its force gives a
+golf ball's squeezes up to 16 % more, part of it a reading that was late."""
+FAST = 0.5
+"""Of the mean rate on the way in: a force that changes faster in a hold is no creep but an opening of the
+jaws that the travel's reading has not followed yet. Set by hand."""
+STANDS = 0.05
+"""Share of the travel by which it may move in a hold. Set by hand."""
+SET = 0.4
+"""Share of the travel that may be left where the force is back at a tenth. Set by hand."""
+SOFTENS = 1.5
+"""Times the slope of the travel over the lower half of the force that it may have over the upper half, beside
+three standard errors: a contact stiffens, what yields or slips does not. Set by hand."""
+NOT_RIGID = 0.5
+"""Share of the object's size that no rig gives: the object was crushed, or its size is in another unit."""
+THIRD, MAD = 20.0, 1.4826
+"""Variance of the third difference of unit white noise, and a normal's sd over its median deviation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidPress:
+    """Force (N, from the load cell's zero) and travel (mm) on the way in, and on the way out.
+
+    Only new readings of the travel are kept: a reading that stands still while the force moves is stale.
+    `part_mm`: of the same frames, travel that is known to be the gels' own; zeros where there are none.
+    `held`: force kept while the travel stood still, over the peak; 1 where nothing was held.
+    """
+
+    source: str
+    force_N: Float[np.ndarray, " t"]
+    travel_mm: Float[np.ndarray, " t"]
+    part_mm: Float[np.ndarray, " t"]
+    back_force_N: Float[np.ndarray, " u"]
+    back_travel_mm: Float[np.ndarray, " u"]
+    noise_N: float
+    held: float
+
+    @property
+    def largest_N(self) -> float:
+        """The force at the peak."""
+        return float(self.force_N.max())
+
+
+def rigid_squeezes(
+    time_s: Float[np.ndarray, " t"],
+    force_N: Float[np.ndarray, " t"],
+    travel_mm: Float[np.ndarray, " t"],
+    *,
+    part_mm: Float[np.ndarray, " t"] | None,
+    size_mm: float,
+    source: str,
+) -> tuple[RigidPress, ...]:
+    """Every squeeze in a recording: contact, force up to a peak, and back where it was recorded.
+
+    `travel_mm` grows as the jaws close. Raises TactileFailure (unreadable-frames) that names what makes one
+    no squeeze of a rigid object: too little force, too few readings, force that falls as the travel goes on
+    or that is lost while it stands still, travel that does not come back or grows faster at higher force.
+    """
+    noise = _noise(force_N)
+    pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))
+    largest = float(pushed.max(initial=0.0))
+    if not largest > LEAST_OVER_NOISE * noise:
+        found = f"a largest force of {largest:.3g} N in noise of {noise:.2g} N"
+        raise _no_squeeze(source, found, f"{LEAST_OVER_NOISE:.0f} times the noise", "squeeze harder")
+    touched = pushed > max(TOUCHED * noise, TOUCHED_SHARE * largest)
+    part = np.zeros(len(force_N)) if part_mm is None else part_mm
+    return tuple(
+        _squeeze(time_s, pushed, travel_mm, part, frames, noise_N=noise, size_mm=size_mm, source=source)
+        for frames in _episodes(touched)
+        if pushed[frames].max() > WEAK * largest
+    )
+
+
+def _squeeze(
+    time_s: Float[np.ndarray, " t"],
+    force: Float[np.ndarray, " t"],
+    travel: Float[np.ndarray, " t"],
+    part: Float[np.ndarray, " t"],
+    frames: slice,
+    *,
+    noise_N: float,
+    size_mm: float,
+    source: str,
+) -> RigidPress:
+    """One contact episode, checked."""
+    peak = frames.start + int(np.argmax(force[frames]))
+    into = np.arange(frames.start, peak + 1)
+    after = np.arange(peak + 1, frames.stop)
+    into = into[_new_readings(travel[into])]
+    next_reading = after[np.diff(travel[peak : frames.stop]) != 0.0][:1]
+    if (force[next_reading] > (1 - FALL) * force[peak]).all():
+        into = np.r_[into, next_reading]
+    if len(into) < FEWEST_READINGS:
+        found = f"{len(into)} readings of the travel on the way to {force[peak]:.3g} N"
+        raise _no_squeeze(
+            source, found, f"{FEWEST_READINGS} or more", "close the jaws slower, or record more often"
+        )
+    if force[into].max() < (1 - SHORT) * force[peak]:
+        found = f"no new reading of the travel between {force[into].max():.3g} and {force[peak]:.3g} N"
+        raise _no_squeeze(
+            source, found, f"one within {SHORT:.0%} of the largest force", "close the jaws slower"
+        )
+    gone = float(travel[into].max() - travel[into[0]])
+    if not gone > 0.0:
+        found = f"a travel that goes {gone:.3g} mm as the force grows to {force[peak]:.3g} N"
+        raise _no_squeeze(source, found, "one that grows", "give it its sign, or the gap as a gap")
+    if gone > NOT_RIGID * size_mm:
+        found = f"{gone:.3g} mm of travel on an object of {size_mm:g} mm"
+        raise _no_squeeze(
+            source, found, f"at most {NOT_RIGID:.0%} of its size", "squeeze what is rigid; sizes are in mm"
+        )
+    fallen = float((np.maximum.accumulate(force[into]) - force[into]).max())
+    if fallen > FALL * force[peak] + TOUCHED * noise_N:
+        found = f"a force that falls by {fallen:.3g} of {force[peak]:.3g} N while the travel goes on"
+        raise _no_squeeze(source, found, "one that grows", "squeeze an object that neither slips nor breaks")
+    lost = _back_mm(travel[into])
+    if lost > FALL * gone + TOUCHED * _noise(travel[into]):
+        found = f"a travel that goes back by {lost:.3g} of {gone:.3g} mm while the force grows"
+        raise _no_squeeze(source, found, "one that grows", "check that force and travel have one clock")
+    _require_stiffening(force[into], travel[into], source)
+    stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
+    still = after[: len(after) if stands.all() else int(np.argmin(stands))]
+    held = 1.0 - _lost_N(time_s, force, frames.start, peak, still) / float(force[peak])
+    if held < 1 - CREEP:
+        found = f"{1 - held:.0%} of the force lost while the travel stands still"
+        raise _no_squeeze(source, found, f"at most {CREEP:.0%}", "squeeze an object that does not relax")
+    crept = float((travel[still] - travel[peak]).max(initial=0.0)) / gone
+    if crept > CREEPS_ON:
+        found = f"a travel that goes on by {crept:.0%} after the largest force"
+        raise _no_squeeze(source, found, f"at most {CREEPS_ON:.0%}", "squeeze an object that does not creep")
+    back = after[len(still) :]
+    back = back[_new_readings(travel[back])]
+    low = back[(force[back] < 0.2 * force[peak]) & (force[back] > 0.05 * force[peak])]
+    if len(low):
+        in_there = float(np.interp(np.median(force[low]), np.sort(force[into]), np.sort(travel[into])))
+        stays = (float(np.median(travel[low])) - in_there) / gone
+        if stays > SET and stays * gone > TOUCHED * _noise(travel[back]):
+            found = f"{stays:.0%} of the travel left as the force comes back to {np.median(force[low]):.3g} N"
+            raise _no_squeeze(source, found, f"at most {SET:.0%}", "squeeze an object that is not dented")
+    return RigidPress(
+        source=source,
+        force_N=force[into],
+        travel_mm=travel[into],
+        part_mm=part[into],
+        back_force_N=force[back],
+        back_travel_mm=travel[back],
+        noise_N=noise_N,
+        held=held,
+    )
+
+
+def _lost_N(
+    time_s: Float[np.ndarray, " t"],
+    force: Float[np.ndarray, " t"],
+    start: int,
+    peak: int,
+    still: Int[np.ndarray, " h"],
+) -> float:
+    """Force lost in the hold by steps that are slow against the way in."""
+    frames = np.r_[peak, still]
+    fast = FAST * force[peak] / max(float(time_s[peak] - time_s[max(start - 1, 0)]), 1e-9)
+    steps = np.diff(force[frames])
+    slow = np.abs(steps) <= fast * np.diff(time_s[frames])
+    return max(float(-steps[slow].sum()), 0.0)
+
+
+def _require_stiffening(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"], source: str) -> None:
+    """Raises where the travel over the upper half of the force is clearly steeper than over the lower."""
+    half = 0.5 * (force.min() + force.max())
+    slopes = []
+    for part in (force <= half, force >= half):
+        if part.sum() < FEWEST_READINGS or np.ptp(force[part]) == 0.0:
+            return
+        x, y = force[part] - force[part].mean(), travel[part] - travel[part].mean()
+        slope = float(x @ y / (x @ x))
+        scatter = float(((y - slope * x) ** 2).sum() / (part.sum() - 2))
+        slopes.append((slope, scatter / float(x @ x)))
+    (low, low_var), (high, high_var) = slopes
+    if high > SOFTENS * low + 3 * float(np.sqrt(high_var + low_var)):
+        found = f"{high:.3g} mm/N over the upper half of the force and {low:.3g} mm/N over the lower"
+        raise _no_squeeze(
+            source, found, "a travel that grows no faster at higher force", "squeeze what does not yield"
+        )
+
+
+def _new_readings(travel: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
+    """Frames whose travel is not the frame's before."""
+    return np.asarray(np.r_[True, np.diff(travel) != 0.0][: len(travel)])
+
+
+def _back_mm(travel: Float[np.ndarray, " t"]) -> float:
+    return float((np.maximum.accumulate(travel) - travel).max())
+
+
+def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
+    """Runs of frames in contact."""
+    steps = np.diff(np.r_[0, touched.astype(int), 0])
+    starts, stops = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
+    return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+
+
+def _noise(values: Float[np.ndarray, " t"]) -> float:
+    """Noise of one frame from third differences, or a millionth of the largest where there is none."""
+    third = np.abs(np.diff(values, 3))
+    return max(
+        MAD * float(np.median(third)) / np.sqrt(THIRD) if len(third) else 0.0,
+        1e-6 * float(np.abs(values).max(initial=0.0)),
+    )
+
+
+def _no_squeeze(source: str, found: str, expected: str, advice: str) -> TactileFailure:
+    return TactileFailure(
+        TactileProblem.UNREADABLE_FRAMES,
+        f"{source}: no squeeze of a rigid object: found {found}, expected {expected}; {advice}.",
+    )

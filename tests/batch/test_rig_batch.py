@@ -1,0 +1,106 @@
+"""`rig` in batch.toml: what the jaws give is taken out of every recording, and its spread is in E."""
+
+import csv
+import json
+import shutil
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from sample_batches import drupe, first_fruit, ready_batch
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
+from series_springs import SeriesRig
+
+JAWS = SeriesRig(spring_N_per_mm=12.0, pads=40.0)
+"""What both jaws together give."""
+RIG = """# rig, written by drupe calibrate
+format = "drupe-rig"
+version = 1
+object = "steel ball"
+shape = "ball"
+size_mm = 40.0
+[travel]
+force_N = {force}
+give_mm = {give}
+sd_mm = {sd}
+"""
+
+
+def write_rig(batch: Path, *, share: float, largest_N: float = 60.0) -> None:
+    """The true give with a standard deviation of this share."""
+    force = largest_N * np.linspace(0, 1, 60) ** 1.5
+    give = JAWS.give_mm(force)
+    sd = share * give
+    shown = {
+        name: [float(x) for x in values] for name, values in (("force", force), ("give", give), ("sd", sd))
+    }
+    (batch / "rig.toml").write_text(RIG.format(**shown))
+    settings = batch / "batch.toml"
+    if "rig =" not in settings.read_text():
+        settings.write_text(f'rig = "rig.toml"\n{settings.read_text()}')
+
+
+def soften(batch: Path) -> None:
+    """The first fruit's recordings as jaws that give way would have made them."""
+    for path in (first_fruit(batch) / "grasps").glob("*.h5"):
+        with h5py.File(path, "r+") as file:
+            total = np.zeros(len(file["time_s"]))
+            for name in ("left", "right"):
+                force = file[f"pads/{name}/force_N"][...].astype(float)[:, :, 2].sum(axis=1)
+                gave = JAWS.give_mm(force) / 2
+                pose = file[f"pads/{name}/pose"][...]
+                pose[:, :3, 3] += gave[:, None] * pose[:, :3, 2]
+                file[f"pads/{name}/pose"][...] = pose
+                total += gave
+            file["aperture_mm"][...] = file["aperture_mm"][...] - total
+
+
+def graded(batch: Path, out: Path):
+    ran = drupe("grade", batch, "--out", out, "--no-screen", "--jobs", 1)
+    assert ran.status in (0, 4), ran.err
+    with (out / "ranking.csv").open(newline="") as file:
+        row = next(csv.DictReader(file))
+    return row, json.loads((out / "fruits" / row["fruit_id"] / "record.json").read_text())
+
+
+@pytest.fixture(scope="module")
+def true_soft_and_rid_of_the_rig(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("rig")
+    batch = ready_batch(folder / "batch", 1)
+    true = graded(batch, folder / "true")
+    soften(batch)
+    soft = graded(batch, folder / "soft")
+    write_rig(batch, share=0.05)
+    return true, soft, graded(batch, folder / "rid"), batch
+
+
+@pytest.mark.slow
+def test_jaws_that_give_way_make_fruit_soft_and_their_rig_makes_E_right(true_soft_and_rid_of_the_rig):
+    (true, _), (soft, _), (rid, record), _ = true_soft_and_rid_of_the_rig
+    E = float(true["E_MPa"])
+    assert float(soft["E_MPa"]) < 0.9 * E
+    assert float(rid["E_MPa"]) == pytest.approx(E, rel=0.01)
+    part = record["modulus"]["parts_sd_MPa"]["confirmed effects"]
+    assert 0.001 * E < part < 0.2 * E
+
+
+@pytest.mark.slow
+def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_soft_and_rid_of_the_rig, tmp_path):
+    *_, batch = true_soft_and_rid_of_the_rig
+    vague = tmp_path / "vague"
+    shutil.copytree(batch, vague)
+    write_rig(vague, share=0.9)
+    ran = drupe("check", vague)
+    assert ran.status == 4
+    assert "it is stiffer than the rig lets one see, and E is a lower bound" in ran.out + ran.err
+    write_rig(vague, share=0.05, largest_N=3.0)
+    ran = drupe("check", vague)
+    assert ran.status == 2
+    assert "the rig is calibrated up to 3 N, expected at most 1.25 times that" in ran.out + ran.err
+    (vague / "rig.toml").write_text("format = 3\n")
+    ran = drupe("check", vague)
+    assert ran.status == 2
+    assert '"rig": rig.toml: format' in ran.out + ran.err

@@ -1,0 +1,126 @@
+"""`drupe check`, `drupe convert` and `drupe grade` say that a reference bears a print, and what to do."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from pipeline.fruit.placed_grasp import Checked, place_grasp
+from pipeline.fruit.raw_grasps import kept_recording
+from pipeline.recordings.conversion import ConvertRequest, convert
+from pipeline.run.checking import check
+from recon.surface.mesh_file import read_mesh
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
+from drawn_gel import drawn, grid
+from raw_folder import CENTRE, FRAMES, replaced, write_picture, write_raw
+
+DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
+ADVICE = "reference = ... in grasp.toml"
+
+
+def bulged(px: float) -> np.ndarray:
+    """A gel into which a ball is pressed in the middle."""
+    away = grid() - CENTRE
+    places = grid() + px * away / 50.0 * np.exp(0.5 - (away**2).sum(axis=1, keepdims=True) / 2 / 50.0**2)
+    return drawn(places, noise=1.0)
+
+
+@pytest.fixture
+def batch(tmp_path: Path) -> Path:
+    """One fruit with one raw grasp, and beside the fruit a clip of the empty gel."""
+    folder = tmp_path / "fruits" / "f1"
+    write_raw(folder / "grasps" / "grasp-1")
+    shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")
+    write_picture(tmp_path / "empty" / "frame_000000.png", drawn(grid(), noise=1.0))
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text("fruit_id\nf1\n")
+    return tmp_path
+
+
+def raw_of(batch: Path) -> Path:
+    return batch / "fruits" / "f1" / "grasps" / "grasp-1"
+
+
+def print_on_the_reference(batch: Path) -> None:
+    write_picture(raw_of(batch) / "left" / "reference.png", bulged(5.0))
+
+
+def about_references(batch: Path) -> list[str]:
+    return [str(one) for one in check(batch) if "reference" in str(one)]
+
+
+def test_check_is_silent_on_empty_references(batch: Path) -> None:
+    assert about_references(batch) == []
+
+
+def test_check_says_that_a_reference_bears_a_print_and_a_clip_of_the_empty_gel_mends_it(batch: Path) -> None:
+    print_on_the_reference(batch)
+    (said,) = about_references(batch)
+    assert "grasp-1/left: the reference bears a print: its markers bulge" in said
+    assert ADVICE in said
+    new = 'sensor = "left.toml"\nreference = "../../../../empty"'
+    replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
+    assert about_references(batch) == []
+
+
+def test_check_refuses_a_reference_outside_the_batch(batch: Path) -> None:
+    new = 'sensor = "left.toml"\nreference = "../../../../../x.png"'
+    replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
+    (said,) = about_references(batch)
+    assert "pads.left.reference: found ../../../../../x.png, which leads out of the batch" in said
+
+
+def test_convert_says_it_in_its_notes_and_not_that_the_jaws_should_close_further(
+    batch: Path, tmp_path: Path
+) -> None:
+    """The left gel is loaded in its reference alone."""
+    print_on_the_reference(batch)
+    for t in range(FRAMES):
+        write_picture(raw_of(batch) / "left" / f"frame_{t:06d}.png", drawn(grid(), noise=1.0, seed=t))
+    lines: list[str] = []
+    notes = convert(raw_of(batch), tmp_path / "out.h5", ConvertRequest(), report=lines.append)
+    assert any("the reference bears a print" in note and ADVICE in note for note in notes)
+    assert not any("close the jaws" in line for line in lines)
+    assert any("the left pad's" in line and "the reference bears a print itself" in line for line in lines)
+
+
+def test_grade_refuses_the_recording_for_its_reference(batch: Path, tmp_path: Path) -> None:
+    print_on_the_reference(batch)
+    kept = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
+    assert any("the reference bears a print" in note for note in kept.notes)
+    mesh = read_mesh(DATA / "fruit.ply")
+    with pytest.raises(TactileFailure, match="reference bears a print") as caught:
+        place_grasp(kept.path, *mesh, name="grasp-1", checked=Checked())
+    assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
+
+
+def test_the_named_clip_is_in_the_key_of_what_is_kept(batch: Path, tmp_path: Path) -> None:
+    new = 'sensor = "left.toml"\nreference = "../../../../empty"'
+    replaced(raw_of(batch) / "grasp.toml", 'sensor = "left.toml"', new)
+    first = kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None)
+    write_picture(batch / "empty" / "frame_000000.png", drawn(grid() + 0.5, noise=1.0))
+    assert kept_recording(raw_of(batch), tmp_path / "cache", lambda line: None).path != first.path
+
+
+def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(tmp_path: Path) -> None:
+    folder = tmp_path / "fruits" / "A"
+    (folder / "grasps").mkdir(parents=True)
+    shutil.copyfile(DATA / "fruit.ply", folder / "fruit.ply")
+    path = folder / "grasps" / "grasp-1.h5"
+    shutil.copyfile(DATA / "grasp.h5", path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["fruit_id"] = "A"
+        frames = len(file["time_s"])
+        file["pads/left/force_N"][...] *= 1e-6
+        file["pads/left/print_shown"] = np.full(frames, 3.0)
+    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "fruits.csv").write_text("fruit_id\nA\n")
+    (said,) = [str(one) for one in check(tmp_path)]
+    assert "the left pad's pictures show a print (3.0 times what an empty gel shows), yet its force" in said
+    assert "the gel is loaded from frame 0 on" in said
+    assert "never touches" not in said

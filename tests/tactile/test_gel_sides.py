@@ -1,0 +1,111 @@
+"""A gel that ends: its sides against finite elements of another library, and how a description says them."""
+
+import numpy as np
+import pytest
+from skfem import (
+    Basis,
+    BilinearForm,
+    ElementHex2,
+    ElementVector,
+    FacetBasis,
+    LinearForm,
+    MeshHex,
+    condense,
+    solve,
+)
+from skfem.helpers import ddot, eye, sym_grad, trace
+
+from tactile.gel.gel_sides import GelOutline, GelSides, side_response
+from tactile.gel.slab import GelSlab, tent_compliance
+from tactile.io.sensor_file import read_sensor
+from tactile.tactile_failure import TactileFailure
+
+E_MPA, NU, THICKNESS_MM, PITCH_MM = 0.2, 0.45, 3.0, 1.0
+SIZE_MM = (12.0, 9.0)
+AT_MM = np.array([[-3.0, 0.0], [-5.0, 3.5], [5.5, 0.0], [0.0, -4.0], [4.5, 4.0], [-2.0, -4.4]])
+UNDER_LOAD_MM = np.array([[1.5, 0.5]])
+LOADED_MM = np.array([[1.0, 0.0], [2.0, 0.0], [1.0, 1.0], [2.0, 1.0]])
+
+
+def by_elements(way: int, *, bonded: bool) -> np.ndarray:
+    """Displacement (mm) at AT_MM and UNDER_LOAD_MM under a newton on each tent, along one axis."""
+    x, y = (np.linspace(-size / 2, size / 2, round(size) + 1) for size in SIZE_MM)
+    mesh = MeshHex.init_tensor(x, y, np.linspace(-THICKNESS_MM, 0, 4))
+    element = ElementVector(ElementHex2())
+    basis = Basis(mesh, element, intorder=4)
+    lame, mu = E_MPA * NU / ((1 + NU) * (1 - 2 * NU)), E_MPA / (2 * (1 + NU))
+
+    @BilinearForm
+    def stiffness(u, v, _):
+        strain = sym_grad(u)
+        return ddot(lame * eye(trace(strain), 3) + 2 * mu * strain, sym_grad(v))
+
+    @LinearForm
+    def load(v, w):
+        tents = sum(
+            np.maximum(1 - np.abs(w.x[0] - a) / PITCH_MM, 0)
+            * np.maximum(1 - np.abs(w.x[1] - b) / PITCH_MM, 0)
+            for a, b in LOADED_MM
+        )
+        return tents / PITCH_MM**2 * v[way]
+
+    top = FacetBasis(mesh, element, facets=mesh.facets_satisfying(lambda p: p[2] > -1e-9), intorder=12)
+    held = basis.get_dofs(lambda p: p[2] < -THICKNESS_MM + 1e-9).all()
+    if bonded:
+        at_side = lambda p: (np.abs(p[0]) > SIZE_MM[0] / 2 - 1e-9) | (np.abs(p[1]) > SIZE_MM[1] / 2 - 1e-9)  # noqa: E731
+        held = np.union1d(held, basis.get_dofs(at_side).all())
+    moved = solve(*condense(stiffness.assemble(basis), load.assemble(top), D=held))
+    at = np.vstack([AT_MM, UNDER_LOAD_MM])
+    points = np.vstack([at.T, np.full(len(at), -1e-9)])
+    return np.asarray(basis.probes(points) @ moved).reshape(3, -1).T
+
+
+@pytest.mark.parametrize("sides", ["free", "bonded"])
+@pytest.mark.parametrize("way", [0, 2])
+def test_a_gel_with_sides_moves_as_another_librarys_elements_say(way: int, sides: GelSides) -> None:
+    *truth, under_load = by_elements(way, bonded=sides == "bonded")
+    found = {}
+    for outline in (GelOutline(SIZE_MM, sides=sides), None):
+        slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=outline)
+        response = tent_compliance(slab, AT_MM, LOADED_MM, pitch_mm=PITCH_MM)[..., way].sum(axis=2)
+        found[outline] = np.abs(response - truth).max() / np.abs(under_load).max()
+    with_sides, endless = found.values()
+    assert with_sides < 0.01
+    assert endless > 5 * with_sides
+
+
+def test_far_sides_change_nothing() -> None:
+    wide = side_response(THICKNESS_MM, NU, GelOutline((40.0, 40.0)))
+    change = wide.between(np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0) / E_MPA
+    slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU)
+    own = tent_compliance(slab, np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0)
+    assert np.abs(change).max() < 1e-3 * np.abs(own).max()
+
+
+GEL = 'kind = "fields"\nname = "a gel"\n[gel]\nthickness_mm = 4.0\nE_MPa = 0.2\nnu = 0.48\n'
+
+
+def test_a_description_says_where_the_gel_ends(tmp_path) -> None:
+    path = tmp_path / "sensor.toml"
+    path.write_text(GEL + 'size_mm = [26, 22]\ncentre_mm = [0.5, 0]\nsides = "bonded"\n')
+    assert read_sensor(path).outline == GelOutline((26.0, 22.0), (0.5, 0.0), "bonded")
+    path.write_text(GEL)
+    assert read_sensor(path).outline is None
+
+
+@pytest.mark.parametrize(
+    ("lines", "words"),
+    [
+        ("size_mm = [26, 0.2]", "size_mm: found [26.0, 0.2]"),
+        ("size_mm = [26]", "size_mm"),
+        ('sides = "free"', "size_mm: found none"),
+        ("centre_mm = [0, 0]", "size_mm: found none"),
+        ('size_mm = [26, 22]\nsides = "glued"', "sides"),
+    ],
+)
+def test_an_outline_that_cannot_be_is_refused(tmp_path, lines: str, words: str) -> None:
+    path = tmp_path / "sensor.toml"
+    path.write_text(GEL + lines + "\n")
+    with pytest.raises(TactileFailure) as refusal:
+        read_sensor(path)
+    assert words in str(refusal.value)

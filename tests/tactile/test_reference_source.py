@@ -1,0 +1,117 @@
+"""Where the picture of the untouched gel comes from, and what is refused as one."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drawn_gel import drawn, grid
+from raw_folder import FRAMES, replaced, write_picture, write_raw
+
+from tactile.io.raw_grasp import files_of, read_raw_grasp
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+LEFT = 'sensor = "left.toml"'
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A grasp in a batch, which also has a clip of the empty left gel; the grasp's own reference is gone."""
+    batch = tmp_path_factory.mktemp("made") / "batch"
+    folder = write_raw(batch / "fruits" / "f1" / "grasps" / "grasp-1")
+    (batch / "batch.toml").write_text("")
+    for t in range(4):
+        write_picture(batch / "empty" / f"frame_{t:06d}.png", drawn(grid(), light=1.0 + 0.1 * t))
+    (folder / "left/reference.png").unlink()
+    write_picture(batch.parent / "secret.png", drawn(grid()))
+    return batch
+
+
+@pytest.fixture
+def grasp(whole: Path, tmp_path: Path) -> Path:
+    shutil.copytree(whole.parent, tmp_path / "made")
+    return tmp_path / "made" / "batch" / "fruits" / "f1" / "grasps" / "grasp-1"
+
+
+def names(grasp: Path, line: str) -> Path:
+    replaced(grasp / "grasp.toml", LEFT, f"{LEFT}\n{line}")
+    return grasp
+
+
+def light_of(grasp: Path) -> float:
+    """Mean grey level of the left pad's reference, over that of the clip's first frame."""
+    picture = read_raw_grasp(grasp).pads[0].view.reference
+    return float(picture.mean() / drawn(grid()).mean())
+
+
+def test_another_clip_of_the_empty_gel_is_the_reference_by_its_mean(grasp: Path) -> None:
+    assert light_of(names(grasp, 'reference = "../../../../empty"')) == pytest.approx(1.15, abs=0.01)
+
+
+def test_frames_of_another_clip_are_taken_from_it_and_not_from_the_pads_own(grasp: Path) -> None:
+    names(grasp, 'reference = "../../../../empty"\nreference_frames = [3, 4]')
+    assert light_of(grasp) == pytest.approx(1.3, abs=0.01)
+
+
+def test_one_picture_of_another_clip_can_be_named(grasp: Path) -> None:
+    names(grasp, 'reference = "../../../../empty/frame_000002.png"')
+    assert light_of(grasp) == pytest.approx(1.2, abs=0.01)
+
+
+def test_each_pad_has_its_own_reference(grasp: Path) -> None:
+    names(grasp, "reference_frames = [0, 2]")
+    left, right = read_raw_grasp(grasp).pads
+    assert not np.array_equal(left.view.reference, right.view.reference)
+
+
+REFUSED: list[tuple[str, str, str]] = [
+    ("nothing named", "", 'or reference = "estimate"'),
+    ("out of the batch", 'reference = "../../../../../secret.png"',
+     "pads.left.reference: found ../../../../../secret.png, which leads out of the batch, expected a file or "
+     "folder inside the batch (batch)"),
+    ("absolute", 'reference = "/etc/hostname"', "leads out of the batch"),
+    ("not there", 'reference = "../../../../full.png"', "found no such file, expected a picture of the"),
+    ("no such clip", 'reference = "../../../../empty.avi"', "empty.avi: found no such folder or video"),
+    ("picture and frames", 'reference = "../../../../empty/frame_000002.png"\nreference_frames = [0, 1]',
+     "beside reference_frames, expected a clip"),
+    ("frames past the clip", 'reference = "../../../../empty"\nreference_frames = [2, 5]',
+     "pads.left.reference_frames: found [2, 5] of 4 frames"),
+    ("no frames", f"reference_frames = [{FRAMES}, {FRAMES}]", "found [8, 8] of 8 frames"),
+    ("estimate and frames", 'reference = "estimate"\nreference_frames = [0, 1]', "expected one of the two"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("line", "says"), [one[1:] for one in REFUSED], ids=[one[0] for one in REFUSED])
+def test_what_is_no_reference_is_refused_by_file_and_field(grasp: Path, line: str, says: str) -> None:
+    with pytest.raises(TactileFailure) as caught:
+        read_raw_grasp(names(grasp, line))
+    assert says in str(caught.value)
+    assert caught.value.problem is TactileProblem.UNREADABLE_FRAMES
+
+
+def test_a_link_out_of_the_batch_is_not_followed(grasp: Path) -> None:
+    (grasp / "left" / "reference-far.png").symlink_to(grasp.parents[4] / "secret.png")
+    with pytest.raises(TactileFailure, match="leads out of the batch"):
+        read_raw_grasp(names(grasp, 'reference = "left/reference-far.png"'))
+
+
+def test_an_estimate_needs_no_more_than_places_of_markers(grasp: Path) -> None:
+    names(grasp, 'reference = "estimate"')
+    assert read_raw_grasp(grasp).pads[0].view.estimated
+    replaced(grasp / "left.toml", 'kind = "markers-mono"', 'kind = "photometric"')
+    lights = "".join(
+        f"[[lights]]\ndirection = [{x}, {y}, -0.5]\ncolour = [1.0, 1.0, 1.0]\n"
+        for x, y in ((1.0, 0.0), (-0.5, 0.9), (-0.5, -0.9))
+    )
+    (grasp / "left.toml").write_text((grasp / "left.toml").read_text() + lights)
+    with pytest.raises(TactileFailure, match='found "estimate" for a sensor of kind "photometric"'):
+        read_raw_grasp(grasp)
+
+
+def test_the_files_of_a_grasp_hold_the_clip_that_it_names_and_nothing_outside_the_batch(grasp: Path) -> None:
+    clip = grasp.parents[3] / "empty"
+    assert not any(path.parent.name == "empty" for path in files_of(grasp))
+    held = {path.resolve() for path in files_of(names(grasp, 'reference = "../../../../empty"'))}
+    assert {path.resolve() for path in clip.iterdir()} <= held
+    replaced(grasp / "grasp.toml", "../../../../empty", "../../../../../secret.png")
+    assert not any(path.name == "secret.png" for path in files_of(grasp))
