@@ -1,10 +1,12 @@
 """A small sound batch, case and sources of `drupe convert`, in all of which nothing is wrong."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
+from jaxtyping import UInt8
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
 from recon.pit.placement import place_pit
@@ -99,12 +101,22 @@ def write_sound(root: Path) -> None:
     for pad in ("left", "right"):
         (raw / pad).mkdir()
         for name in ("reference", *(f"frame_{t:06d}" for t in range(FRAMES))):
-            cv2.imwrite(str(raw / pad / f"{name}.png"), rng.integers(0, 255, (48, 64, 3), np.uint8))
+            cv2.imwrite(str(raw / pad / f"{name}.png"), dots(rng))
     (case / "case.toml").write_text(CASE)
     for name in ("fruit.ply", "pit.ply"):
         (case / name).write_bytes((first / name).read_bytes())
     (case / "grasp-1.h5").write_bytes((first / "grasps" / "grasp-1.h5").read_bytes())
     _write_sources(root / "sources")
+
+
+def dots(rng: np.random.Generator) -> UInt8[np.ndarray, "48 64 3"]:
+    """What SENSOR's camera sees of its empty gel, drawn eight times finer, with noise of one grey level."""
+    fine = np.full((8 * 48, 8 * 64), 170, dtype=np.uint8)
+    for x, y in product((-3.0, -1.0, 1.0, 3.0), (-2.0, 0.0, 2.0)):
+        at = np.rint(8 * (60 / 16 * np.array([x, y]) + [32.0, 24.0])).astype(int)
+        cv2.circle(fine, (int(at[0]), int(at[1])), 15, 30, -1)
+    grey = cv2.resize(fine, (64, 48), interpolation=cv2.INTER_AREA)
+    return (grey[..., None] + rng.normal(size=(48, 64, 3))).clip(0, 255).astype(np.uint8)
 
 
 def recording() -> Recording:

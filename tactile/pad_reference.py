@@ -93,7 +93,7 @@ def pad_reference(sensor: Sensor, view: RawCamera, camera: GelCamera, *, source:
     rest_px = markers.lattice.rest_px
     places_of(camera, rest_px, sensor.rest_mm, shape=markers.shape, source=source)
     shown = shown_print(view.reference, markers, camera=camera, described_mm=sensor.rest_mm)
-    notes = () if shown.evidence < 1.0 else (f"{source}: {bears_print_said(shown)}",)
+    notes = () if shown.evidence < 1.0 else (f"{source}: {bears_print_said(shown, view.reference_from)}",)
     return PadReference(markers=markers, shown=shown, sd_px=None, notes=notes)
 
 
@@ -103,16 +103,20 @@ def references_said(raw: RawGrasp) -> list[str]:
     for pad in raw.pads:
         if pad.sensor.camera is not None:
             source = f"{raw.source}/{pad.name}"
-            found = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
+            try:
+                found = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
+            except TactileFailure as failure:
+                read = f"{pad.view.reference_from} and {pad.described_in} were read"
+                raise TactileFailure(failure.problem, f"{failure.detail} ({read})") from None
             said += found.notes if found.shown is not None else ()
     return said
 
 
-def bears_print_said(shown: ShownPrint) -> str:
-    """A sentence on a reference that shows a print, and what to do."""
+def bears_print_said(shown: ShownPrint, source: str) -> str:
+    """A sentence on a reference that shows a print, where it is from, and what to do."""
     return (
-        f"the reference bears a print: {shown.seen_by}; something was pressed into it, or the gel is loaded "
-        f"from the first frame: {WHAT_TO_DO}."
+        f"the reference bears a print: {shown.seen_by} (in {source}); something was pressed into it, or the "
+        f"gel is loaded from the first frame: {WHAT_TO_DO}."
     )
 
 

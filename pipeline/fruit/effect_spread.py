@@ -54,15 +54,25 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
                 continue
             (own if one.fruits else shared).append(abs(other - E_MPa))
     if rig is not None:
-        try:
-            shared.append(abs(_modulus(task, fruit, effects, rig=rig.plus(1.0)) - E_MPa))
-        except (TactileFailure, FemFailure, ExceptionGroup):
+        moved = _moved_by_rig(task, fruit, E_MPa, rig)
+        shared.append(0.0 if moved is None else moved)
+        if moved is None:
             doubts.append("the spread of what the rig gives is not in the error bar: E has none there")
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
         own_sd_MPa=float(np.linalg.norm(own)),
         doubts=tuple(doubts),
     )
+
+
+def _moved_by_rig(task: FruitTask, fruit: GraspedFruit, E_MPa: float, rig: RigCurve) -> float | None:
+    """|E(give + sd) - E|, or |E(give - sd) - E| where the fruit is left no travel by the first; else None."""
+    for way in (1.0, -1.0):
+        try:
+            return abs(_modulus(task, fruit, task.settings.mismatch, rig=rig.plus(way)) - E_MPa)
+        except (TactileFailure, FemFailure, ExceptionGroup):
+            continue
+    return None
 
 
 def _shifted(one: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:

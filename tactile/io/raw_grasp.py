@@ -62,16 +62,20 @@ class RawCamera:
     """One camera's untouched gel and its frames.
 
     `estimated`: no picture of the untouched gel exists, and `reference` is the first frame instead.
+    `reference_from`: the file or the frames that it comes from.
     """
 
     reference: UInt8[np.ndarray, "h w 3"]
     pictures: Pictures
     estimated: bool = False
+    reference_from: str = "reference"
 
 
 @dataclass(frozen=True, kw_only=True)
 class RawPad:
-    """One pad's frames; `time_s` and `pose` are one per frame, on the log's clock."""
+    """One pad's frames; `time_s` and `pose` are one per frame, on the log's clock. `described_in`: the file
+    that describes its sensor.
+    """
 
     name: str
     sensor: Sensor
@@ -79,6 +83,7 @@ class RawPad:
     second: RawCamera | None
     time_s: Float[np.ndarray, " t"]
     pose: Float[np.ndarray, "t 4 4"]
+    described_in: str = "the sensor's description"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,10 +187,16 @@ def _pad(
     return RawPad(
         name=name,
         sensor=described,
-        view=RawCamera(reference=first, pictures=pictures, estimated=untouched.picture is None),
+        view=RawCamera(
+            reference=first,
+            pictures=pictures,
+            estimated=untouched.picture is None,
+            reference_from=untouched.source,
+        ),
         second=second,
         time_s=time_s,
         pose=poses,
+        described_in=description.name,
     )
 
 
