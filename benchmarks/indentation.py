@@ -20,6 +20,7 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.indentation.account import Account, account_for
+from fem.indentation.ball import Ball
 from fem.indentation.trace import IndenterTrace
 
 #: a gap this much thinner than the travel allows was not zeroed: it is no thickness
@@ -29,7 +30,9 @@ THINNEST_OVER_TRAVEL = 1.2
 def read_trace(path: Path, radius_mm: float) -> tuple[IndenterTrace, float | None]:
     """The trace and the thickness that its first gap states, None where that cannot be."""
     time_s, force_N, travel_mm, gap_mm = np.loadtxt(path, delimiter=",", skiprows=1).T
-    trace = IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=radius_mm)
+    trace = IndenterTrace(
+        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=radius_mm)
+    )
     thick = float(gap_mm[0])
     return trace, thick if thick > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fem.indentation.account import account_for
+from fem.indentation.ball import Ball
 from fem.indentation.trace import IndenterTrace
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
@@ -71,7 +72,9 @@ def draw(kind: str, rng: np.random.Generator) -> tuple[IndenterTrace, dict[str, 
     time_s, force, travel = injected(
         rng, E_MPa=E, noise_N=noise, fade=rng.choice([0.0, 0.5]), press=press, **wanted
     )
-    return IndenterTrace(time_s=time_s, force_N=force, travel_mm=travel, radius_mm=RADIUS_MM), truth
+    return IndenterTrace(
+        time_s=time_s, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=RADIUS_MM)
+    ), truth
 
 
 def main() -> None:

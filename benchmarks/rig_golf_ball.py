@@ -23,6 +23,7 @@ import numpy as np
 
 from fem.fem_failure import FemFailure
 from fem.indentation.account import account_for
+from fem.indentation.ball import Ball
 from fem.indentation.rank import modulus_of
 from fem.indentation.rig_share import rig_share
 from fem.indentation.trace import IndenterTrace
@@ -99,7 +100,7 @@ def trace(path: Path, rig: RigCurve | None) -> IndenterTrace:
         time_s=time,
         force_N=force,
         travel_mm=side - side[0],
-        radius_mm=BALL_MM / 2,
+        geometry=Ball(radius_mm=BALL_MM) / 2,
         rig_give_mm=give,
         rig_sd_mm=sd,
     )
@@ -167,7 +168,7 @@ def slopes(folder: Path) -> None:
                 time_s=np.arange(len(values)) / 100,
                 force_N=values[:, 0],
                 travel_mm=way * (values[:, 1] - values[0, 1]),
-                radius_mm=5.0,
+                geometry=Ball(radius_mm=5.0),
             )
         except (ValueError, TypeError, FemFailure):
             continue

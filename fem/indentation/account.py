@@ -5,16 +5,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.contact_law import OWN, suffix_of
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.heldout import Prediction, predictions
 from fem.indentation.naming import Forecasts, named, with_bound, with_rig_spread
 from fem.indentation.next_trace import next_press
-from fem.indentation.no_contact import first_touch, no_contact_noise
+from fem.indentation.no_contact import first_touch, no_contact_noise, pooled_noise
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
-from fem.indentation.rupture import before_rupture, find_rupture
+from fem.indentation.rupture import Rupture, before_rupture, find_rupture
 from fem.indentation.search import candidate_fits
-from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace import IndenterTrace, joined
 from fem.indentation.trace_baseline import linear_law
 from fem.indentation.trace_catalogue import OF_THE_MACHINE
 from fem.indentation.trace_checks import checks
@@ -26,8 +27,6 @@ from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, Mo
 MOST = 0.6
 #: frames in the table of secant moduli
 CELLS = 24
-#: depth over radius from which small strain is far behind
-DEEP = 0.5
 #: standard deviation, over the travel, of an onset that is not fitted
 FIXED = 1e-6
 #: E that is not given: not a number, which files write as null
@@ -70,18 +69,10 @@ def account_for(
             f"indenter trace: found thickness {thickness_mm:g} mm, expected more than 0 or none at all: "
             "measure the specimen.",
         )
-    touch = first_touch(trace)
-    no_contact = no_contact_noise(trace, touch)
-    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
-        raise FemFailure(
-            FemProblem.NO_LOAD,
-            f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
-            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
-        )
-    ruptured = find_rupture(trace, noise_N=no_contact.slow_N)
-    if ruptured is not None:
-        trace = before_rupture(trace, ruptured)
-        no_contact = no_contact_noise(trace, first_touch(trace))
+    whole = [_up_to_rupture(part) for part in trace.parts]
+    trace = joined([part for part, _ in whole])
+    ruptured = [found.said for _, found in whole if found is not None]
+    no_contact = pooled_noise(trace)
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     fits = candidate_fits(law, trace, no_contact, rng=rng)
     candidates, best = ranking(fits)
@@ -114,10 +105,10 @@ def account_for(
     likeliest = naming.ranking[0].effect if verdict == UNKNOWN else names[0]
     chosen = best[likeliest]
     notes = (
-        *([ruptured.said] if ruptured is not None else []),
+        *ruptured,
         *rig_notes,
         *naming.notes,
-        *_notes(trace, chosen, thickness_mm),
+        *_notes(trace, chosen),
         *(_with_onset_zero(trace, chosen, no_contact) if naming.after is not None else ()),
     )
     try:
@@ -143,7 +134,7 @@ def account_for(
         heldout=HeldOut(
             rms_before=forecasts.of(NONE).end_share, rms_after=predicted.end_share, noise_rms=noise
         ),
-        next_grasp=next_press([best[name] for name in names if name in best], trace, no_contact),
+        next_grasp=next_press([best[name] for name in names if name in best], trace.parts[0], no_contact),
         cells=_cells(trace, fits[0], no_contact),
         checks=checks(trace, fits[0], chosen, rng=rng),
         notes=notes,
@@ -159,11 +150,25 @@ def account_for(
     )
 
 
+def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]:
+    """One recording, cut where its flesh breaks; raises FemFailure (no-load) where no force stands out."""
+    touch = first_touch(trace)
+    no_contact = no_contact_noise(trace, touch)
+    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
+        raise FemFailure(
+            FemProblem.NO_LOAD,
+            f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
+            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
+        )
+    found = find_rupture(trace, noise_N=no_contact.slow_N)
+    return (trace if found is None else before_rupture(trace, found)), found
+
+
 def _with_onset_zero(trace: IndenterTrace, chosen: TraceFit, no_contact: NoContactNoise) -> tuple[str, ...]:
     """The same law with the first touch where the travel starts, where the fit has it before that."""
     start = float(trace.travel_mm[0])
     at = [u.name for u in chosen.law.unknowns].index("onset_mm")
-    if not chosen.scaled[at] < start:
+    if len(trace.parts) > 1 or not chosen.scaled[at] < start:
         return ()
     fixed = tuple(
         replace(u, mean=start, sd=FIXED * float(np.ptp(trace.travel_mm))) if u.name == "onset_mm" else u
@@ -202,47 +207,60 @@ def _when(trace: IndenterTrace, found: Detection) -> str:
 def _cells(trace: IndenterTrace, linear: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
     """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
     value = linear.law.values(linear.scaled[None])
-    depth = trace.travel_mm - value["onset_mm"][0]
-    per_MPa = linear.law.ball.force_N_per_MPa(depth) * (1 + np.maximum(depth, 0) / trace.radius_mm) ** float(
-        value["bend"][0]
-    )
+    depth = linear.law.depth_mm(trace, linear.scaled)
+    part_of = np.repeat(np.arange(len(trace.parts)), [len(part.time_s) for part in trace.parts])
+    zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
+    curve = linear.law.curve
+    bent = (1 + np.maximum(depth, 0) / curve.length_mm) ** float(value["bend"][0])
+    per_MPa = curve.force_N_per_MPa(depth) * bent
     loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
     phases = trace.phases
     return tuple(
         ModulusCell(
-            grasp="press",
+            grasp=f"press{suffix_of(int(part_of[k]))}",
             pad="tip",
             time_s=float(trace.time_s[k]),
             phase=phases[k],
-            E_MPa=float((trace.force_N[k] - value["zero_N"][0]) / per_MPa[k]),
+            E_MPa=float((trace.force_N[k] - zero[k]) / per_MPa[k]),
             E_sd_MPa=float(no_contact.white_N / per_MPa[k]),
         )
         for k in loaded[np.linspace(0, len(loaded) - 1, min(CELLS, len(loaded))).astype(int)]
     )
 
 
-def _notes(trace: IndenterTrace, named: TraceFit, thickness_mm: float | None) -> tuple[str, ...]:
+def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
     """What a reader must know of this trace."""
-    onset = float(named.law.values(named.scaled[None])["onset_mm"][0])
-    onset_sd = float(named.sd[1])
-    depth = float(trace.travel_mm.max()) - onset
-    zero = named.law.values(named.scaled[None])["zero_N"][0]
-    notes = [
-        f"First touch {onset - trace.travel_mm[0]:.3g} ± {onset_sd:.2g} mm into the travel, with the load "
-        f"cell at {zero:.3g} ± {float(named.sd[2]):.2g} N before it.",
-        f"The best law leaves {100 * named.share:.1f} % of the force unexplained; intervals allow for it.",
-    ]
+    names = [u.name for u in named.law.unknowns]
+    notes: list[str] = []
+    for k, part in enumerate(trace.parts):
+        of = f"Recording {k + 1}: " if len(trace.parts) > 1 else ""
+        onset, zero = (names.index(f"{one}{suffix_of(k)}") for one in OWN)
+        at, sd = named.scaled, named.sd
+        notes.append(
+            f"{of}First touch {at[onset] - part.travel_mm[0]:.3g} ± {sd[onset]:.2g} mm into the travel, with "
+            f"the load cell at {at[zero]:.3g} ± {sd[zero]:.2g} N before it."
+        )
+        notes += [of + one for one in _onset_notes(part, float(at[onset]), float(sd[onset]))]
+    notes.append(f"The best law leaves {named.share:.1%} of the force unexplained; intervals allow for it.")
+    if not named.converged:
+        notes.append(f"The search for the parameters of {named.law.name} has not settled; do not trust them.")
+    if len(trace.parts) > 1:
+        notes.append(
+            f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
+            "has come back from the one before, and with the damage and set of none."
+        )
+    curve = named.law.curve
+    for name, why in curve.without.items():
+        notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
+    return (*notes, *curve.notes(float(named.law.depth_mm(trace, named.scaled).max())))
+
+
+def _onset_notes(trace: IndenterTrace, onset: float, onset_sd: float) -> list[str]:
+    """Contact that starts late, or before the recording."""
+    depth, notes = float(trace.travel_mm.max()) - onset, []
     if onset - trace.travel_mm[0] > 3 * onset_sd + 0.02 * depth:
         notes.append(f"Contact starts late: {onset - trace.travel_mm[0]:.2f} mm into the travel.")
     if onset - trace.travel_mm[0] < -3 * onset_sd - 0.02 * depth:
-        notes.append(f"The ball was {trace.travel_mm[0] - onset:.2f} mm deep before the recording started.")
-    if depth > DEEP * trace.radius_mm:
-        notes.append(
-            f"The ball went {depth / trace.radius_mm:.1f} of its radii deep, where small strain has ended: "
-            "stiffening may be the geometry's in part."
-        )
-    if not named.converged:
-        notes.append(f"The search for the parameters of {named.law.name} has not settled; do not trust them.")
-    if thickness_mm is None:
-        notes.append("No thickness was given: a half-space was assumed, and a thin specimen looks stiffer.")
-    return tuple(notes)
+        before = f"was {trace.travel_mm[0] - onset:.2f} mm deep before the recording started"
+        notes.append(f"The {trace.geometry.tool} {before}.")
+    return notes

@@ -1,13 +1,18 @@
 """Elastic force of a rigid ball pressed into a slab that is bonded to a rigid base, for unit modulus."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from fem.indentation.contact_curve import Field, require_positive
+
 #: widest contact over the ball's radius that the table reaches
 WIDEST = 0.99999
+#: depth over radius from which small strain is far behind
+DEEP = 0.5
 
 
 def contact_radius_and_force(
@@ -45,6 +50,32 @@ def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Floa
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ball:
+    """A rigid ball on flesh."""
+
+    radius_mm: float
+
+    def __post_init__(self) -> None:
+        require_positive("radius", self.radius_mm, "give the ball's")
+
+    @property
+    def tool(self) -> str:
+        """What moves."""
+        return "ball"
+
+    @property
+    def said(self) -> str:
+        """For reports."""
+        return f"ball of radius {self.radius_mm:g} mm"
+
+    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "BallOnSlab":
+        """Hertz and Sneddon, on a slab Dimitriadis."""
+        return BallOnSlab.tabulate(
+            radius_mm=self.radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BallOnSlab:
     """Force per unit modulus (N/MPa) over depth (mm); `thickness_mm` None is a half-space."""
 
@@ -72,6 +103,45 @@ class BallOnSlab:
             over_hertz=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, ratio * slab]),
             slab_spline=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, slab]),
         )
+
+    @property
+    def length_mm(self) -> float:
+        """The radius: strains go with (a/R)^2 = d/R."""
+        return self.radius_mm
+
+    @property
+    def field(self) -> Field:
+        """Hertz's."""
+        return "hertz"
+
+    @property
+    def yield_depth_mm(self) -> float | None:
+        """Flow spreads with the contact."""
+        return None
+
+    @property
+    def without(self) -> Mapping[str, str]:
+        """Every effect has its law under a ball."""
+        return {}
+
+    @property
+    def shape_sd(self) -> float:
+        """The slab agrees with finite elements to a hundredth (tests/fem/test_indenter_contact.py)."""
+        return 0.01
+
+    def notes(self, deepest_mm: float) -> tuple[str, ...]:
+        """Depth beyond small strain; a half-space that nobody stated."""
+        found = []
+        if deepest_mm > DEEP * self.radius_mm:
+            found.append(
+                f"The ball went {deepest_mm / self.radius_mm:.1f} of its radii deep, where small strain has "
+                "ended: stiffening may be the geometry's in part."
+            )
+        if self.thickness_mm is None:
+            found.append(
+                "No thickness was given: a half-space was assumed, and a thin specimen looks stiffer."
+            )
+        return tuple(found)
 
     def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """What a strain energy density under the ball grows with: d/R, times the slab's factor squared.

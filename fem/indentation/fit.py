@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float
 from fem.indentation.contact_law import Law
 from fem.indentation.rig_error import rig_error
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
+from fem.indentation.trace_noise import NoContactNoise, TraceNoise, joint_clock
 
 #: Gauss-Newton steps at most, and the fall of the misfit below which they stop
 STEPS, ENOUGH = 40, 0.02
@@ -86,7 +86,7 @@ def noise_with(
 ) -> TraceNoise:
     """White noise and, besides, `share` of the measured force (of a twentieth of its peak at least)."""
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
-    clock = model_clock(trace.time_s, trace.force_N, white_N=no_contact.white_N)
+    clock = joint_clock(trace, white_N=no_contact.white_N)
     return TraceNoise(white_N=no_contact.slow_N, wander_N=share * size[frames], clock=clock[frames])
 
 

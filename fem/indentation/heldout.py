@@ -15,6 +15,10 @@ from fem.indentation.trace_noise import NoContactNoise
 BLOCKS = 10
 #: a compliant machine's force and the law's have settled where they change by so small a share of the peak
 MOST_ROUNDS, STILL = 60, 1e-3
+#: recordings from which on whole ones are left out
+FEWEST_WHOLE = 3
+#: share of a recording's peak force up to which its frames stay, to say where it begins; frames in the air
+FIRST, STAYS = 0.1, 3
 #: of each round's change: less than all of it, so that a machine softer than the specimen settles as well
 TAKEN = 0.5
 
@@ -35,8 +39,10 @@ class Prediction:
 def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
     """What is predicted from the past: all from the start of unloading, else the second half of the hold.
 
-    Where the ball never stands still, the last third.
+    Where the ball never stands still, the last third. Of several recordings, of each.
     """
+    if len(trace.parts) > 1:
+        return np.concatenate([future_frames(part) for part in trace.parts])
     phases = np.array(trace.phases)
     frames = np.arange(len(phases))
     deepest = int(np.argmax(trace.travel_mm >= trace.travel_mm.max() * (1 - 1e-3)))
@@ -72,10 +78,32 @@ class LawPrediction:
         return self.end_share < keeps * other.end_share or self.blocks_share < keeps * other.blocks_share
 
 
+def whole_recordings(trace: IndenterTrace) -> list[Bool[np.ndarray, " t"]]:
+    """For each recording in turn its frames from where its force has risen by FIRST of its peak.
+
+    What comes before stays in the fit: it says where this recording's first touch and zero are, which no
+    other one knows.
+    """
+    masks = []
+    for frames, part in zip(trace.slices, trace.parts, strict=True):
+        risen = part.force_N - float(np.median(part.force_N[:STAYS]))
+        above = np.flatnonzero(risen > FIRST * risen.max())
+        mask = np.zeros(len(trace.time_s), dtype=bool)
+        mask[frames.start + int(above[0]) : frames.stop] = True
+        masks.append(mask)
+    return masks
+
+
 def predict_law(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> LawPrediction:
-    """The law, refitted without the frames it predicts: the trace's end, and its blocks in turn."""
-    block = np.arange(len(trace.time_s)) * BLOCKS // len(trace.time_s) % 2 == 0
-    end = _left_out(known, trace, no_contact, [future_frames(trace)])
+    """The law, refitted without the frames it predicts: the trace's end, and its blocks in turn.
+
+    From FEWEST_WHOLE recordings on, whole recordings in turn take the place of the end.
+    """
+    block = np.concatenate(
+        [np.arange(len(part.time_s)) * BLOCKS // len(part.time_s) % 2 == 0 for part in trace.parts]
+    )
+    several = len(trace.parts) >= FEWEST_WHOLE
+    end = _left_out(known, trace, no_contact, whole_recordings(trace) if several else [future_frames(trace)])
     blocks = _left_out(known, trace, no_contact, [block, ~block])
     return LawPrediction(
         end_N=end,

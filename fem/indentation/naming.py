@@ -115,7 +115,7 @@ def named(
             names = tuple(dict.fromkeys(name for name in names if explains(best[name], best[NONE])))
             notes.append(
                 "The recording is one ramp, in which a drift of the load cell and a force of the flesh "
-                "cannot be told apart: leave the ball in the air for a while first, or hold it at the end."
+                "cannot be told apart: leave the indenter in the air first, or hold it at the end."
             )
         doubts = {name: _doubt(name, best, forecasts) for name in names}
         kept = tuple(name for name in names if not doubts[name])
@@ -141,8 +141,8 @@ def drift_apart(known: TraceFit, trace: IndenterTrace) -> float:
     a force; in a single ramp it does not.
     """
     value = known.law.values(known.scaled[None])
-    drift = value["newton_per_s"][0] * (trace.time_s - trace.time_s[0])
-    depth = np.maximum(trace.travel_mm - value["onset_mm"][0], 0.0)
+    drift = value["newton_per_s"][0] * trace.elapsed_s
+    depth = np.maximum(known.law.depth_mm(trace, known.scaled), 0.0)
     corners = np.unique(np.quantile(depth, np.linspace(0, 1, PIECES + 1)))
     basis = np.column_stack([np.interp(depth, corners, one) for one in np.eye(len(corners))])
     weighted = known.noise.solve(np.column_stack([drift, basis]))

@@ -17,7 +17,7 @@ Path = Callable[[float, float], tuple[list[float], list[float]]]
 
 #: words of each press, and its corners: times (s) and travels over the deepest, from ramp and hold
 PRESSES: dict[str, Path] = {
-    "the same press, then draw the ball back as fast as it went in and record two more minutes": (
+    "the same press, then draw the indenter back as fast as it went in and record two more minutes": (
         lambda ramp, hold: (
             [0, ramp, ramp + hold, 2 * ramp + hold, 2 * ramp + hold + 120],
             [0, 1, 1, 0, 0],
@@ -40,7 +40,7 @@ PRESSES: dict[str, Path] = {
     "the same press with a hold ten times as long": (
         lambda ramp, hold: ([0, ramp, ramp + 10 * hold], [0, 1, 1])
     ),
-    "leave the ball in the air for a minute before the same press": (
+    "leave the indenter in the air for a minute before the same press": (
         lambda ramp, hold: ([0, 60, 60 + ramp, 60 + ramp + hold], [-0.01, 0, 1, 1])
     ),
 }
@@ -73,7 +73,7 @@ def _press(times: list[float], shares: list[float], trace: IndenterTrace, deepes
     time_s = np.unique(np.r_[np.linspace(times[0], times[-1], FRAMES), times])
     travel = float(trace.travel_mm.min()) + deepest * np.interp(time_s, times, shares)
     return IndenterTrace(
-        time_s=time_s, force_N=np.zeros(len(time_s)), travel_mm=travel, radius_mm=trace.radius_mm
+        time_s=time_s, force_N=np.zeros(len(time_s)), travel_mm=travel, geometry=trace.geometry
     )
 
 
@@ -81,7 +81,7 @@ def _distance(truth: TraceFit, other: TraceFit, press: IndenterTrace, no_contact
     """How far `truth`'s forces are from all that `other` could bring forth nearby."""
     force = _own_force(truth.law, truth.scaled, press)
     recorded = IndenterTrace(
-        time_s=press.time_s, force_N=force, travel_mm=press.travel_mm, radius_mm=press.radius_mm
+        time_s=press.time_s, force_N=force, travel_mm=press.travel_mm, geometry=press.geometry
     )
     guess, slope = jacobian_N(other.law, recorded, other.scaled)
     frames = np.ones(len(force), dtype=bool)
@@ -98,7 +98,7 @@ def _own_force(law: Law, scaled: Float[np.ndarray, " k"], press: IndenterTrace) 
     force = np.zeros(len(press.time_s))
     for _ in range(8):
         at = IndenterTrace(
-            time_s=press.time_s, force_N=force, travel_mm=press.travel_mm, radius_mm=press.radius_mm
+            time_s=press.time_s, force_N=force, travel_mm=press.travel_mm, geometry=press.geometry
         )
         force = law.force_N(at, scaled[None])[0]
     return force

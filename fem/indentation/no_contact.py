@@ -30,6 +30,24 @@ def first_touch(trace: IndenterTrace) -> int:
     return touch
 
 
+def pooled_noise(trace: IndenterTrace) -> NoContactNoise:
+    """Of several recordings by one load cell: variances weighed by the frames that they are known from."""
+    each = [no_contact_noise(part, first_touch(part)) for part in trace.parts]
+    if len(each) == 1:
+        return each[0]
+    frames = np.array([one.frames for one in each])
+
+    def mean(values: list[float]) -> float:
+        return float(np.average(values, weights=np.maximum(frames, 1)))
+
+    return NoContactNoise(
+        white_N=mean([one.white_N**2 for one in each]) ** 0.5,
+        coloured_N=mean([one.coloured_N**2 for one in each]) ** 0.5,
+        fade=mean([one.fade for one in each]),
+        frames=int(frames.sum()),
+    )
+
+
 def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
     """White and coloured noise of the frames before `touch`, less a straight line through them.
 

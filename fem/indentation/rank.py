@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.special import logsumexp
 
+from fem.indentation.contact_law import OWN
 from fem.indentation.fit import TraceFit
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Modulus, Parameter
 
@@ -118,7 +119,7 @@ def parameters_of(one: TraceFit) -> dict[str, Parameter]:
     found: dict[str, Parameter] = {}
     at = 0
     for u in one.law.baseline:
-        if u.name in ("onset_mm", "zero_N"):
+        if u.name.startswith(OWN):
             found[u.name] = u.parameter(float(one.scaled[at]), float(one.sd[at]))
         at += 1
     for effect in one.law.effects:

@@ -22,6 +22,8 @@ def rig_error(trace: IndenterTrace) -> float:
     """
     if trace.rig_sd_mm is None:
         return 0.0
+    if len(trace.parts) > 1:
+        return max(rig_error(part) for part in trace.parts)
     peak = int(np.argmax(trace.force_N))
     below = np.flatnonzero(trace.force_N[: peak + 1] < AT_LEAST * trace.force_N[peak])
     start = int(below[-1]) if len(below) else 0

@@ -55,8 +55,11 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None) -> RigShare:
 
     Springs in series: 1/k = 1/k_o + 1/k_r, k the recorded slope, k_o the object's, k_r the rig's. Of a rig
     that was taken off, the error of 1/k_o is that of 1/k_r; of one that was not, its share k/k_r is what E is
-    too low by.
+    too low by. Of several recordings the one in which the rig gives the largest share.
     """
+    if len(trace.parts) > 1:
+        each = [rig_share(part, rig_N_per_mm=rig_N_per_mm) for part in trace.parts]
+        return max(each, key=lambda one: one.rig_mm_per_N / max(one.recorded_mm_per_N, 1e-12))
     recorded = trace.travel_mm if trace.rig_give_mm is None else trace.travel_mm + trace.rig_give_mm
     used = _upper_half(trace)
     slope = _slope(trace.force_N[used], recorded[used])

@@ -1,4 +1,4 @@
-"""Flesh that breaks under the ball: where the force falls suddenly although the ball is not drawn back."""
+"""Flesh that breaks: where the force falls suddenly although the indenter is not drawn back."""
 
 from dataclasses import dataclass, replace
 
@@ -41,7 +41,7 @@ class Rupture:
         """One sentence for people."""
         return (
             f"Rupture: at {self.time_s:.4g} s, {self.travel_mm:.3g} mm into the travel, the force falls from "
-            f"{self.before_N:.3g} to {self.after_N:.3g} N though the ball is not drawn back. What comes "
+            f"{self.before_N:.3g} to {self.after_N:.3g} N though the indenter is not drawn back. What comes "
             "after is left out."
         )
 

@@ -29,8 +29,10 @@ def candidate_fits(
     fits = [fit(linear, trace, no_contact, _starts(linear, [], rng))]
     singles: dict[str, list[TraceFit]] = {}
     for sought in TRACE_EFFECTS:
+        if sought.spec.name in linear.curve.without:
+            continue
         for effect in sought.forms(trace):
-            law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
+            law = Law(curve=linear.curve, baseline=linear.baseline, effects=(effect,))
             known = [fits[0], *singles.get(effect.name, [])[-1:]]
             singles.setdefault(effect.name, []).append(fit(law, trace, no_contact, _starts(law, known, rng)))
     fits += [one for group in singles.values() for one in group]
@@ -47,7 +49,7 @@ def candidate_fits(
         for one in chosen[0]:
             for other in chosen[1]:
                 law = Law(
-                    ball=linear.ball, baseline=linear.baseline, effects=one.law.effects + other.law.effects
+                    curve=linear.curve, baseline=linear.baseline, effects=one.law.effects + other.law.effects
                 )
                 fits.append(fit(law, trace, no_contact, _starts(law, [one, other], rng), follow=1))
     return fits

@@ -1,11 +1,14 @@
-"""What a bare ball indenter recorded: force over travel and time, checked."""
+"""What a bare indenter recorded: force over travel and time, checked."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.contact_curve import Geometry
 
 #: fewest frames that a fit with a dozen unknowns can be asked to explain
 FEWEST_FRAMES = 20
@@ -15,9 +18,11 @@ STILL = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterTrace:
-    """Force that pushes the ball back (positive in contact) and how far the machine has driven it in.
+    """Force that pushes the tool back (positive in contact) and how far the machine has driven it in.
 
     `travel_mm` is the machine's own reading: contact may start later than travel, or before the first frame.
+    `starts`: first frames of the recordings of one specimen that are joined here, each from its own travel on
+    (`joined`); one trace alone has one.
     Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
     which all frames share.
     Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
@@ -26,7 +31,8 @@ class IndenterTrace:
     time_s: Float[np.ndarray, " t"]
     force_N: Float[np.ndarray, " t"]
     travel_mm: Float[np.ndarray, " t"]
-    radius_mm: float
+    geometry: Geometry
+    starts: tuple[int, ...] = (0,)
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
 
@@ -64,15 +70,75 @@ class IndenterTrace:
                 f"indenter trace: found time {self.time_s[first]:g} s after {self.time_s[first - 1]:g} s, "
                 "expected strictly increasing times: sort the frames.",
             )
-        if self.radius_mm <= 0:
-            raise FemFailure(
-                FemProblem.BAD_LOAD,
-                f"indenter trace: found radius {self.radius_mm:g} mm, expected more than 0: give the ball's.",
+
+    @cached_property
+    def parts(self) -> tuple["IndenterTrace", ...]:
+        """Each recording by itself."""
+        if len(self.starts) == 1:
+            return (self,)
+        return tuple(
+            IndenterTrace(
+                time_s=self.time_s[part],
+                force_N=self.force_N[part],
+                travel_mm=self.travel_mm[part],
+                geometry=self.geometry,
+                rig_give_mm=None if self.rig_give_mm is None else self.rig_give_mm[part],
+                rig_sd_mm=None if self.rig_sd_mm is None else self.rig_sd_mm[part],
             )
+            for part in self.slices
+        )
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """Frames of each recording."""
+        ends = (*self.starts[1:], len(self.time_s))
+        return tuple(slice(start, end) for start, end in zip(self.starts, ends, strict=True))
+
+    @property
+    def elapsed_s(self) -> Float[np.ndarray, " t"]:
+        """Time since each recording's own first frame."""
+        return np.concatenate([part.time_s - part.time_s[0] for part in self.parts])
 
     @property
     def phases(self) -> tuple[str, ...]:
         """Per frame "load" (driven in), "hold" (standing) or "unload" (drawn back)."""
+        if len(self.starts) > 1:
+            return tuple(phase for part in self.parts for phase in part.phases)
         rate = np.gradient(self.travel_mm, self.time_s)
         limit = STILL * float(np.max(np.abs(rate)))
         return tuple("load" if v > limit else "unload" if v < -limit else "hold" for v in rate)
+
+
+def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
+    """Recordings of one specimen as one trace of several parts, in their order.
+
+    Time runs on from one to the next; how long it was between them is not known and nothing asks: every
+    recording is taken to meet flesh that has come back (`fem.indentation.contact_law`).
+    """
+    starts = np.cumsum([0, *(len(one.time_s) for one in traces)])[:-1]
+    times, end = [], 0.0
+    for one in traces:
+        step = float(np.median(np.diff(one.time_s)))
+        times.append(one.time_s - one.time_s[0] + end)
+        end = float(times[-1][-1]) + step
+    if len(traces) == 1:
+        return traces[0]
+    return IndenterTrace(
+        time_s=np.concatenate(times),
+        force_N=np.concatenate([one.force_N for one in traces]),
+        travel_mm=np.concatenate([one.travel_mm for one in traces]),
+        geometry=traces[0].geometry,
+        starts=tuple(int(k) for k in starts),
+        rig_give_mm=_together([one.rig_give_mm for one in traces], traces),
+        rig_sd_mm=_together([one.rig_sd_mm for one in traces], traces),
+    )
+
+
+def _together(
+    each: Sequence[Float[np.ndarray, " t"] | None], traces: Sequence[IndenterTrace]
+) -> Float[np.ndarray, " t"] | None:
+    """What was taken off for the rig, nothing where it was not; None where it was of none."""
+    if all(one is None for one in each):
+        return None
+    known = zip(each, traces, strict=True)
+    return np.concatenate([np.zeros(len(of.time_s)) if one is None else one for one, of in known])

@@ -1,4 +1,4 @@
-"""All effects that are looked for in a bare ball's trace: those of the files in effects/, one each."""
+"""All effects that are looked for in a bare indenter's trace: those of the files in effects/, one each."""
 
 import pkgutil
 from importlib import import_module

@@ -16,8 +16,9 @@ def checks(
 ) -> tuple[Check, ...]:
     """Measured, and by both laws; sd from white noise on the second law's trace."""
     noise = after.noise.white_N * rng.standard_normal((COPIES, len(trace.time_s)))
-    copies = [_numbers(trace, after.force_N + one) for one in noise]
-    measured, first, second = (_numbers(trace, f) for f in (trace.force_N, before.force_N, after.force_N))
+    copies = [_all_numbers(trace, after.force_N + one) for one in noise]
+    forces = (trace.force_N, before.force_N, after.force_N)
+    measured, first, second = (_all_numbers(trace, force) for force in forces)
     units = {"loop area": "N mm"}
     return tuple(
         Check(
@@ -26,10 +27,19 @@ def checks(
             before=first[name],
             after=second[name],
             sd=float(np.std([one[name] for one in copies])),
-            unit=units.get(name, "1"),
+            unit=units.get(name.split(",")[0], "1"),
         )
         for name in measured
     )
+
+
+def _all_numbers(trace: IndenterTrace, force_N: Float[np.ndarray, " t"]) -> dict[str, float]:
+    """Of each recording, with its number where there are several."""
+    found: dict[str, float] = {}
+    for k, (part, frames) in enumerate(zip(trace.parts, trace.slices, strict=True)):
+        where = f", recording {k + 1}" if len(trace.parts) > 1 else ""
+        found |= {name + where: value for name, value in _numbers(part, force_N[frames]).items()}
+    return found
 
 
 def _numbers(trace: IndenterTrace, force_N: Float[np.ndarray, " t"]) -> dict[str, float]:

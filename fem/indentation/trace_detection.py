@@ -10,7 +10,7 @@ from scipy.stats import chi2
 from fem.indentation.fit import TraceFit
 from fem.indentation.rig_error import rig_error
 from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_noise import NoContactNoise, model_clock
+from fem.indentation.trace_noise import NoContactNoise, joint_clock
 
 #: share of the force by which the tool itself errs: springs and tables against the exact integrals
 TOOL = 2e-3
@@ -47,7 +47,7 @@ def detect(
     The smaller of the two p-values counts, doubled for having chosen.
     """
     size = np.maximum(np.abs(trace.force_N), 0.05 * np.abs(trace.force_N).max())
-    clock = model_clock(trace.time_s, trace.force_N, white_N=no_contact.white_N)
+    clock = joint_clock(trace, white_N=no_contact.white_N)
     tool = (
         max(TOOL, rig_error(trace)) ** 2
         * np.outer(size, size)
@@ -86,11 +86,12 @@ def detect(
 
 
 def _stretches(trace: IndenterTrace) -> list[np.ndarray]:
-    """Frames of each phase, cut into stretches of ten frames at least."""
-    phases = np.array(trace.phases)
+    """Frames of each recording's phases, cut into stretches of ten frames at least."""
     groups = []
-    for phase in ("load", "hold", "unload"):
-        frames = np.flatnonzero(phases == phase)
-        if len(frames):
-            groups += np.array_split(frames, max(1, min(STRETCHES, len(frames) // 10)))
+    for start, part in zip(trace.starts, trace.parts, strict=True):
+        phases = np.array(part.phases)
+        for phase in ("load", "hold", "unload"):
+            frames = start + np.flatnonzero(phases == phase)
+            if len(frames):
+                groups += np.array_split(frames, max(1, min(STRETCHES, len(frames) // 10)))
     return groups

@@ -1,4 +1,4 @@
-"""What an effect is to the finder in a bare ball's trace: its unknowns, and how it changes the force.
+"""What an effect is to the finder in a bare indenter's trace: its unknowns, and how it changes the force.
 
 Every file of fem/indentation/effects holds one TraceEffectSpec as EFFECT. Names, units, words and scope are
 those of the same effect between pads (fem.mismatch.effects), said there once.
@@ -11,7 +11,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.ball import BallOnSlab
+from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.unknowns import Unknown
 from fem.mismatch.effect_spec import EffectSpec
@@ -40,12 +40,14 @@ class TraceEffect:
     arms: int = 0
     error: float = 4e-4
     give_mm: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
-    stress_factor: Callable[[Values, BallOnSlab, np.ndarray], Float[np.ndarray, "p n"]] | None = None
-    slack_mm: Callable[[Values, BallOnSlab, np.ndarray, np.ndarray], Float[np.ndarray, "p t n"]] | None = None
-    relaxation: Callable[[Values], tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]] | None = None
-    force_factor: Callable[[Values, BallOnSlab, np.ndarray, np.ndarray], Float[np.ndarray, "p t"]] | None = (
+    stress_factor: Callable[[Values, ContactCurve, np.ndarray], Float[np.ndarray, "p n"]] | None = None
+    slack_mm: Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t n"]] | None = (
         None
     )
+    relaxation: Callable[[Values], tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]] | None = None
+    force_factor: (
+        Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t"]] | None
+    ) = None
     added_N: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
     parameters: Callable[[np.ndarray, np.ndarray], dict[str, Parameter]] | None = None
 

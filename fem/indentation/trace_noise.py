@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cholesky_banded, solveh_banded
 
+from fem.indentation.trace import IndenterTrace
+
 #: independent looks at a model's error per peak force passed, and per recording
 LOOKS = 20.0
 
@@ -69,6 +71,15 @@ class TraceNoise:
         banded, log_q = self._banded()
         log_det = 2 * np.log(cholesky_banded(banded)[-1]).sum() - log_q
         return float(-0.5 * (residual @ self.solve(residual) + log_det + len(residual) * np.log(2 * np.pi)))
+
+
+def joint_clock(trace: IndenterTrace, *, white_N: float) -> Float[np.ndarray, " t"]:
+    """`model_clock` of each recording, with what unties one from the next between them."""
+    clocks, end = [], 0.0
+    for part in trace.parts:
+        clocks.append(end + model_clock(part.time_s, part.force_N, white_N=white_N))
+        end = float(clocks[-1][-1]) + LOOKS
+    return np.concatenate(clocks)
 
 
 def model_clock(

@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from rich.console import Console
@@ -18,6 +18,38 @@ class Indenter(StrEnum):
     BALL = "ball"
     FLAT = "flat"
     FLAT_PLATE = "plate"
+    FLAT_PLATES = "plates"
+
+
+class SpecimenChoice(StrEnum):
+    """What is between plates."""
+
+    CYLINDER = "cylinder"
+    FRUIT = "fruit"
+
+
+class EndsChoice(StrEnum):
+    """Of a cylinder."""
+
+    BONDED = "bonded"
+    LUBRICATED = "lubricated"
+
+
+class AxisChoice(StrEnum):
+    """Along which of its diameters a fruit is compressed."""
+
+    A = "a"
+    B = "b"
+    C = "c"
+
+
+PRESSES: dict[Indenter, Literal["ball", "flat", "plate"]] = {
+    Indenter.BALL: "ball",
+    Indenter.FLAT: "flat",
+    Indenter.FLAT_PLATE: "plate",
+    Indenter.FLAT_PLATES: "plate",
+}
+"""What a recording says of each; one plate against a rigid base is two plates."""
 
 
 def convert(
@@ -38,7 +70,33 @@ def convert(
     ] = "unknown",
     category: Annotated[str, typer.Option(help="Kind of fruit, where SOURCE does not say.")] = "unknown",
     indenter: Annotated[Indenter | None, typer.Option(help="Of a bare load cell's trace.")] = None,
-    radius_mm: Annotated[float | None, typer.Option(min=0.001, help="The indenter's radius.")] = None,
+    radius_mm: Annotated[float | None, typer.Option(min=0.001, help="The ball's or punch's radius.")] = None,
+    thickness_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=200, help="Of a slab on a rigid base, under a ball or punch.")
+    ] = None,
+    specimen: Annotated[SpecimenChoice | None, typer.Option(help="What is between plates.")] = None,
+    height_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=500, help="Of a cylinder between plates, unloaded.")
+    ] = None,
+    diameter_mm: Annotated[
+        float | None, typer.Option(min=0.1, max=500, help="Of a cylinder between plates, unloaded.")
+    ] = None,
+    ends: Annotated[
+        EndsChoice | None, typer.Option(help="Of a cylinder: glued (or rough), or sliding on oil.")
+    ] = None,
+    diameters_mm: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(metavar="A B C", help="Of a fruit between plates: its three diameters."),
+    ] = None,
+    axis: Annotated[
+        AxisChoice | None, typer.Option(help="Which of a fruit's diameters is between the plates.")
+    ] = None,
+    pit_share: Annotated[
+        float | None,
+        typer.Option(
+            min=0, max=0.65, help="The pit's diameter over the fruit's; 0 for none (else the category's)."
+        ),
+    ] = None,
     columns: Annotated[
         str | None,
         typer.Option(
@@ -70,14 +128,25 @@ def convert(
         from pipeline.recordings.conversion import convert as convert_source
         from pipeline.recordings.trace_options import trace_words
         from pipeline.run.progress import StageLines
+        from tactile.io.specimen import PressedSpecimen
         from tactile.tactile_failure import TactileFailure
 
     wanted = ConvertRequest(
         sensor=sensor,
         fruit_id=fruit,
         category=category,
-        indenter=indenter.value if indenter else None,
+        indenter=None if indenter is None else PRESSES[indenter],
         radius_mm=radius_mm,
+        specimen=PressedSpecimen(
+            kind=None if specimen is None else specimen.value,
+            thickness_mm=thickness_mm,
+            height_mm=height_mm,
+            diameter_mm=diameter_mm,
+            ends=None if ends is None else ends.value,
+            diameters_mm=diameters_mm,
+            axis=None if axis is None else axis.value,
+            pit_share=pit_share,
+        ),
         trace=trace_words(columns, units, sheet),
         rig=rig,
     )

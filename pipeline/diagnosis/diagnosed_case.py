@@ -1,13 +1,14 @@
 """What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
 
 import difflib
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
+from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.layout import CaseFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.records import Given
@@ -17,9 +18,14 @@ from pipeline.problem import BatchRefused, Problem
 from pipeline.run.checking import implausible_fruit
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
+from tactile.io.specimen import PressedSpecimen
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
+
+
+Length = Annotated[float, Field(ge=0.1, le=500)]
+"""mm, of a specimen between plates."""
 
 
 class CaseSettings(Strict):
@@ -35,6 +41,27 @@ class CaseSettings(Strict):
     mesh_sd_mm: Annotated[float, Field(ge=1e-3, le=10)] | None = None
     thickness_mm: Annotated[float, Field(ge=0.1, le=200)] | None = None
     rig_N_per_mm: Annotated[float, Field(ge=0.01, le=1e6)] | None = None
+    specimen: Literal["cylinder", "fruit"] | None = None
+    height_mm: Length | None = None
+    diameter_mm: Length | None = None
+    ends: Literal["bonded", "lubricated"] | None = None
+    diameters_mm: tuple[Length, Length, Length] | None = None
+    axis: Literal["a", "b", "c"] | None = None
+    pit_share: Annotated[float, Field(ge=0, le=LARGEST_PIT)] | None = None
+
+    @property
+    def of_specimen(self) -> PressedSpecimen:
+        """What a bare indenter pressed on, as far as it is said here."""
+        return PressedSpecimen(
+            kind=self.specimen,
+            thickness_mm=self.thickness_mm,
+            height_mm=self.height_mm,
+            diameter_mm=self.diameter_mm,
+            ends=self.ends,
+            diameters_mm=self.diameters_mm,
+            axis=self.axis,
+            pit_share=self.pit_share,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +72,7 @@ class Case:
     task: FruitTask
     batch: Batch | None
     mesh_sd_mm: float | None = None
-    thickness_mm: float | None = None
+    specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     rig_N_per_mm: float | None = None
     notes: tuple[str, ...] = ()
 
@@ -128,7 +155,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         task=task,
         batch=None,
         mesh_sd_mm=said.mesh_sd_mm,
-        thickness_mm=said.thickness_mm,
+        specimen=said.of_specimen,
         rig_N_per_mm=said.rig_N_per_mm,
         notes=notes,
     )
@@ -159,7 +186,7 @@ def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
         near = difflib.get_close_matches(said.category.lower(), known_categories(), n=1, cutoff=0.75)
         hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known_categories())}."
         why = f", or name a known category: {hint}"
-    indented = said.thickness_mm is not None
+    indented = bool(said.of_specimen.stated) or not (folder.root / "fruit.ply").is_file()
     pit = indented or folder.pit_ply.is_file() or (prior is not None and prior.has_pit)
     ratio = said.poisson_ratio is not None or (prior is not None and prior.poisson_ratio is not None)
     missing = [what for what, there in (("pit.ply", pit), ("the key poisson_ratio", ratio)) if not there]

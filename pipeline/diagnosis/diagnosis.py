@@ -1,4 +1,4 @@
-"""One case through the finder: grasps of a fruit between gel pads, or the trace of a bare ball."""
+"""One case through the finder: grasps of a fruit between gel pads, or traces of a bare indenter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,6 +14,7 @@ from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
+from pipeline.diagnosis.bare_traces import BareTraces, bare_traces
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
 from pipeline.fruit.elasticity import fruit_modulus
@@ -21,10 +22,6 @@ from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.stage_log import StageLog
-from pipeline.problem import BatchRefused, Problem
-from tactile.io.recording import IndenterPad, read_recording
-from tactile.tactile_failure import TactileFailure
-from tactile.trace_thinning import thin
 
 TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
@@ -51,57 +48,9 @@ class Diagnosis:
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
-    bare = bare_trace(case)
+    bare = bare_traces(case)
     with threadpool_limits(1):
-        return _of_grasps(case, log, jobs) if bare is None else _of_trace(case, log, *bare)
-
-
-def bare_trace(case: Case) -> tuple[str, IndenterTrace, list[str]] | None:
-    """Name and trace where the case's recordings are those of a bare indenter, thinned where it is long, and
-    a note of that; None where pads have markers.
-
-    Raises BatchRefused for more than one such trace, or an indenter that is no ball.
-    """
-    bare = []
-    for path in case.task.folder.grasp_files():
-        try:
-            recording = read_recording(path)
-        except TactileFailure:
-            continue
-        pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
-        if len(pads) != len(recording.pads):
-            return None
-        bare += [(path, recording, pad) for pad in pads]
-    if not bare:
-        return None
-    path, recording, pad = bare[0]
-    if len(bare) > 1:
-        raise BatchRefused(
-            [
-                Problem(
-                    str(case.task.folder.root),
-                    f"holds {len(bare)} traces of a bare indenter; they are explained one at a time: make a "
-                    "case of each.",
-                )
-            ]
-        )
-    if pad.indenter != "ball":
-        raise BatchRefused(
-            [Problem(str(path), f'found indenter = "{pad.indenter}"; only the trace of a ball is explained.')]
-        )
-    closing = -1.0 if recording.loading == "grasp" else 1.0
-    travel = closing * recording.aperture_mm
-    thinned = thin(recording.time_s, travel, pad.force_z_N)
-    kept = np.arange(len(travel)) if thinned is None else thinned.kept
-    trace = IndenterTrace(
-        time_s=recording.time_s[kept],
-        force_N=pad.force_z_N[kept],
-        travel_mm=travel[kept] - travel[0],
-        radius_mm=pad.radius_mm,
-        rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
-        rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
-    )
-    return path.stem, trace, [] if thinned is None else [thinned.said(path.name)]
+        return _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, bare)
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
@@ -197,27 +146,24 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
     )
 
 
-def _of_trace(case: Case, log: StageLog, name: str, trace: IndenterTrace, said: list[str]) -> Diagnosis:
+def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
     with log.stage("explanation"):
         found = explain_trace(
-            trace,
-            thickness_mm=case.thickness_mm,
+            bare.trace,
+            thickness_mm=bare.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,
         )
-    deep = "case.toml has no thickness_mm, so the specimen is taken as thick against the dent."
-    assumed = [] if case.thickness_mm else [deep]
-    notes = dict.fromkeys([*found.notes, *said, *notes_on_trace(case), *case.notes, *assumed])
-    thick = f"{case.thickness_mm:g} mm" if case.thickness_mm else "thick against the dent"
+    notes = dict.fromkeys([*found.notes, *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),
-        grasps=(name,),
+        grasps=bare.names,
         facts=(
-            ("Indenter", f"ball of radius {trace.radius_mm:g} mm"),
-            ("Specimen", thick),
-            ("Rig", _rig_in_words(case, trace)),
+            ("Indenter", bare.trace.geometry.said),
+            *bare.facts,
+            ("Rig", _rig_in_words(case, bare.trace)),
             ("Poisson's ratio", f"{nu:g}"),
         ),
     )

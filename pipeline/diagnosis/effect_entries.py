@@ -36,4 +36,5 @@ def parameter_words(effect: str, name: str) -> str:
     specs = [SPECS[one] for one in ([part] if part else effect.split("+")) if one in SPECS]
     known = (spec.parameter(own) for spec in specs)
     words = next((parameter.words for parameter in known if parameter is not None), None)
-    return words or OF_A_TRACE.get(own) or name.replace("_", " ")
+    of_trace = next((said for one, said in OF_A_TRACE.items() if own.startswith(one)), None)
+    return words or of_trace or name.replace("_", " ")

@@ -8,9 +8,11 @@ from typing import Literal
 
 import h5py
 
+from fem.fem_failure import FemFailure
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.scratch import scratch
 from pipeline.files.whole_file import put
+from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import BatchRefused, Problem
 from tactile.contact import find_contact
 from tactile.contact_course import contact_course, said
@@ -24,6 +26,7 @@ from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
 from tactile.io.rig_file import read_rig
 from tactile.io.sensor_file import read_sensor
+from tactile.io.specimen import PressedSpecimen
 from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.io.tac3d_arrays import write_source
 from tactile.io.trace_columns import TraceWords
@@ -44,11 +47,14 @@ KINDS = (
 """What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
 
 
-NO_BALL = (
-    "--indenter {} is no ball: drupe explain, the one reader of a bare indenter's recording, has the laws of "
-    "a ball alone (Hertz, Sneddon), so nothing was written. A tip with a round end is --indenter ball."
+WHAT_PRESSED = (
+    "is a load cell's trace; give --indenter ball and --radius-mm (or flat and --radius-mm, or plates with "
+    "the specimen between them: docs/formats.md, A load cell)."
 )
-"""A flat punch's and a plate's own laws are not in fem/indentation."""
+
+
+ANY_RATIO = 0.45
+"""Poisson's, to see whether a geometry has a law at all; `drupe explain` takes that of the flesh."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +66,7 @@ class ConvertRequest:
     category: str = "unknown"
     indenter: Literal["ball", "flat", "plate"] | None = None
     radius_mm: float | None = None
+    specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     trace: TraceWords = field(default_factory=TraceWords)
     rig: Path | None = None
 
@@ -194,21 +201,29 @@ def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:
 
 
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:
-    """A load cell's trace; refuses an indenter that nothing infers E from."""
-    if wanted.indenter in ("flat", "plate"):
-        raise BatchRefused([Problem(str(source), NO_BALL.format(wanted.indenter))])
+    """A load cell's trace; refuses a geometry that nothing infers E from."""
+    round_tip = wanted.indenter != "plate"
     found = read_trace(
         source,
         fruit_id=wanted.fruit_id,
         category=wanted.category,
-        indenter="ball",
-        radius_mm=wanted.radius_mm or 1.0,
+        indenter=wanted.indenter or "ball",
+        radius_mm=(wanted.radius_mm or 1.0) if round_tip else None,
+        specimen=wanted.specimen,
         words=wanted.trace,
     )
-    if wanted.indenter is None or wanted.radius_mm is None:
-        raise BatchRefused(
-            [Problem(str(source), "is a load cell's trace; give --indenter ball and --radius-mm.")]
+    if wanted.indenter is None or (round_tip and wanted.radius_mm is None):
+        raise BatchRefused([Problem(str(source), WHAT_PRESSED)])
+    if not round_tip and wanted.radius_mm is not None:
+        said = "--radius-mm is a ball's or a punch's; leave it out, or give --indenter flat for a punch."
+        raise BatchRefused([Problem(str(source), said)])
+    try:
+        known = geometry_of(
+            wanted.indenter, wanted.radius_mm, wanted.specimen, source=str(source), name_of=OPTIONS
         )
+        known.geometry.curve(thickness_mm=known.thickness_mm, poisson_ratio=ANY_RATIO)
+    except FemFailure as failure:
+        raise BatchRefused([Problem(str(source), failure.detail)]) from None
     return found
 
 

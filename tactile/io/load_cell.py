@@ -14,6 +14,7 @@ from tactile.io.grasp_log import LARGEST, increasing
 from tactile.io.named_file import not_plain
 from tactile.io.pictures import unusable
 from tactile.io.recording import IndenterPad, Recording
+from tactile.io.specimen import PressedSpecimen
 from tactile.io.trace_columns import FORCE, UNITS, FoundColumns, TraceWords, columns_wanted, find_columns
 from tactile.trace_thinning import thin
 
@@ -59,7 +60,8 @@ def read_trace(
     fruit_id: str,
     category: str,
     indenter: Literal["ball", "flat", "plate"],
-    radius_mm: float,
+    radius_mm: float | None,
+    specimen: PressedSpecimen | None = None,
     words: TraceWords | None = None,
 ) -> Converted:
     """`time_s`, `travel_mm` and `force_N` of a press, positive when pressed; the pose is not known.
@@ -89,6 +91,7 @@ def read_trace(
         force_z_N=pushed,
         indenter=indenter,
         radius_mm=radius_mm,
+        specimen=specimen or PressedSpecimen(),
     )
     recording = Recording(
         fruit_id=fruit_id,

@@ -7,7 +7,7 @@ and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
 
@@ -19,6 +19,7 @@ from scipy.spatial import ConvexHull, QhullError, Voronoi
 from tactile.io.hdf5_texts import PATIENCE_S, texts_can_be_read
 from tactile.io.named_file import named_in_utf8, not_plain, size
 from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
+from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"
@@ -110,13 +111,16 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterPad:
-    """A bare indenter with a load cell: one normal force per frame, no markers."""
+    """A bare indenter with a load cell: one normal force per frame, no markers. `radius_mm` of a ball or a
+    flat punch, None of a plate; `specimen`: what is known of what it presses on.
+    """
 
     name: str
     pose: Float[np.ndarray, "t 4 4"]
     force_z_N: Float[np.ndarray, " t"]
     indenter: Literal["ball", "flat", "plate"]
-    radius_mm: float
+    radius_mm: float | None
+    specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +210,10 @@ def write_recording(path: Path, recording: Recording) -> None:
             if isinstance(pad, GelPad):
                 _write_gel(group, pad)
             else:
-                group.attrs.update({"indenter": pad.indenter, "radius_mm": pad.radius_mm})
+                group.attrs["indenter"] = pad.indenter
+                if pad.radius_mm is not None:
+                    group.attrs["radius_mm"] = pad.radius_mm
+                write_specimen(group.attrs, pad.specimen)
                 group["force_z_N"] = np.asarray(pad.force_z_N, dtype=np.float64)
 
 
@@ -248,14 +255,15 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, images: bool) -> GelP
     """One pad of a recording: a gel's fields, or the force of an indenter."""
     pose = pad.poses("pose", frames)
     if "force_z_N" in pad and "rest_mm" not in pad:
+        indenter = pad.choice("indenter", {"ball", "flat", "plate"})
+        of_radius = pad.optional_positive if indenter == "plate" else pad.positive
         return IndenterPad(
             name=name,
             pose=pose,
             force_z_N=pad.array("force_z_N", (frames,), limit=LOAD),
-            indenter=cast(
-                Literal["ball", "flat", "plate"], pad.choice("indenter", {"ball", "flat", "plate"})
-            ),
-            radius_mm=pad.positive("radius_mm", limit=RADIUS),
+            indenter=cast(Literal["ball", "flat", "plate"], indenter),
+            radius_mm=of_radius("radius_mm", limit=RADIUS),
+            specimen=read_specimen(pad),
         )
     rest_mm = pad.array("rest_mm", (None, 3), limit=REST)
     pad.refuse("rest_mm", _no_face(rest_mm))
@@ -329,9 +337,9 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         group.create_dataset(name, data=values.astype(np.float32), compression="gzip", shuffle=True)
     fields = {"certainty": pad.certainty, "reference_print": pad.reference_print}
     fields |= {"print_shown": pad.print_shown, "reference_sd_mm": pad.reference_sd_mm}
-    for field, said in fields.items():
+    for name, said in fields.items():
         if said is not None:
-            group[field] = np.asarray(said, dtype=np.float64)
+            group[name] = np.asarray(said, dtype=np.float64)
     optional = {"thickness_mm": pad.thickness_mm, "E_MPa": pad.gel_E_MPa, "nu": pad.gel_nu}
     group.attrs.update(
         {"gel_kn_MPa_per_mm": pad.gel_kn_MPa_per_mm, "gel_kt_MPa_per_mm": pad.gel_kt_MPa_per_mm}

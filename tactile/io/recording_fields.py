@@ -124,6 +124,14 @@ class GroupReader:
             raise self._refuse(f"attribute {name}", f"{number:g}", expected, "correct the sensor's constants")
         return number
 
+    def share(self, name: str) -> float:
+        """A numeric attribute from 0 up to less than 1."""
+        value = self._attribute(name)
+        number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+        if not 0 <= number < 1:
+            raise self._refuse(f"attribute {name}", _said(value), "a share, 0 to less than 1", "correct it")
+        return number
+
     def optional_positive(self, name: str, *, limit: Limit) -> float | None:
         """A numeric attribute above zero, or None where the file leaves it out."""
         return self.positive(name, limit=limit) if name in self.group.attrs else None

@@ -5,6 +5,7 @@ from injected_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, injecte
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation import fit as indenter_fit
 from fem.indentation import heldout
+from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
@@ -19,13 +20,15 @@ from fem.indentation.trace_noise import NoContactNoise, TraceNoise, model_clock
 
 def trace_of(columns):
     time_s, force_N, travel_mm = columns
-    return IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
+    return IndenterTrace(
+        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
+    )
 
 
 def fitted(trace, *effects, rng):
     no_contact = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
-    law = Law(ball=linear.ball, baseline=linear.baseline, effects=effects)
+    law = Law(curve=linear.curve, baseline=linear.baseline, effects=effects)
     mean, sd = (np.array([getattr(u, k) for u in law.unknowns]) for k in ("mean", "sd"))
     return fit(law, trace, no_contact, mean + 0.7 * sd * rng.standard_normal((16, len(mean))))
 

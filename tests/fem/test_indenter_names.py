@@ -8,6 +8,7 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.fem_failure import FemFailure
 from fem.indentation.account import account_for
+from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.fit import fit
 from fem.indentation.naming import DISTINCT, drift_apart
@@ -32,7 +33,7 @@ def ramp(rng, *, air_s=1.0, ramp_s=6.0, hold_s=0.0, depth_mm=0.8, rate_hz=25.0, 
 
 
 def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None):
-    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, radius_mm=radius_mm)
+    trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=radius_mm))
     return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0))
 
 
@@ -63,12 +64,15 @@ def test_a_drift_stands_apart_from_a_force_over_the_travel_only_where_time_passe
 ):
     time, travel, depth, noise = ramp(np.random.default_rng(3), air_s=air_s, hold_s=hold_s)
     trace = IndenterTrace(
-        time_s=time, force_N=hertz_N(depth) + 0.1 * time + noise, travel_mm=travel, radius_mm=RADIUS
+        time_s=time,
+        force_N=hertz_N(depth) + 0.1 * time + noise,
+        travel_mm=travel,
+        geometry=Ball(radius_mm=RADIUS),
     )
     no_contact = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
     drift = next(one for one in TRACE_EFFECTS if one.spec.name == "sensor_drift").forms(trace)
-    law = Law(ball=linear.ball, baseline=linear.baseline, effects=drift)
+    law = Law(curve=linear.curve, baseline=linear.baseline, effects=drift)
     truth = {"E_MPa": np.log(E_MPa), "onset_mm": -depth[0], "zero_N": 0.0, "bend": 0.0, "newton_per_s": 0.1}
     start = np.array([[truth[u.name] for u in law.unknowns]])
     assert (drift_apart(fit(law, trace, no_contact, start, follow=1), trace) > DISTINCT) == apart
@@ -115,7 +119,9 @@ def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before(
 def test_no_relaxation_and_no_way_back_is_taken_for_a_rupture(pressing):
     for seed in range(5):
         time, force, travel = injected(np.random.default_rng(seed), **pressing)
-        trace = IndenterTrace(time_s=time, force_N=force, travel_mm=travel, radius_mm=RADIUS_MM)
+        trace = IndenterTrace(
+            time_s=time, force_N=force, travel_mm=travel, geometry=Ball(radius_mm=RADIUS_MM)
+        )
         assert find_rupture(trace, noise_N=pressing.get("noise_N", 0.002)) is None
 
 
@@ -125,7 +131,9 @@ def test_a_quick_way_back_whose_travel_is_read_late_is_no_rupture(late):
     travel = np.interp(time, [0, 8, 8.8, 12], [0, 0.8, 0, 0])
     read = np.r_[np.full(late, travel[0]), travel[:-late]]
     noise = 0.003 * np.random.default_rng(6).standard_normal(len(time))
-    trace = IndenterTrace(time_s=time, force_N=hertz_N(travel) + noise, travel_mm=read, radius_mm=RADIUS)
+    trace = IndenterTrace(
+        time_s=time, force_N=hertz_N(travel) + noise, travel_mm=read, geometry=Ball(radius_mm=RADIUS)
+    )
     assert find_rupture(trace, noise_N=0.003) is None
 
 
@@ -135,7 +143,7 @@ def test_one_frame_that_reads_low_or_high_is_no_rupture():
     for factor in (0.4, 1.8):
         spiked = force.copy()
         spiked[120] *= factor
-        trace = IndenterTrace(time_s=time, force_N=spiked, travel_mm=travel, radius_mm=RADIUS)
+        trace = IndenterTrace(time_s=time, force_N=spiked, travel_mm=travel, geometry=Ball(radius_mm=RADIUS))
         assert find_rupture(trace, noise_N=0.003) is None
 
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 
+from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law
 from fem.indentation.effects.trace_damage import DAMAGE
 from fem.indentation.effects.trace_gripper_compliance import gripper_compliance
@@ -19,12 +20,14 @@ def short_ramp():
     rng = np.random.default_rng(3)
     press = Press(hold_s=0.5, unload=False)
     time_s, force_N, travel_mm = injected(rng, g=(0.3,), tau_s=(4.0,), press=press)
-    trace = IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, radius_mm=RADIUS_MM)
+    trace = IndenterTrace(
+        time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=Ball(radius_mm=RADIUS_MM)
+    )
     air = no_contact_noise(trace, first_touch(trace))
     linear = linear_law(trace, thickness_mm=THICK_MM, poisson_ratio=NU)
     fits = []
     for effect in (viscoelastic(1), DAMAGE, gripper_compliance(specimen_mm_per_N=0.5)):
-        law = Law(ball=linear.ball, baseline=linear.baseline, effects=(effect,))
+        law = Law(curve=linear.curve, baseline=linear.baseline, effects=(effect,))
         fits.append(fit(law, trace, air, np.array([[u.mean for u in law.unknowns]])))
     return trace, air, fits
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fem.fem_failure import FemFailure
+from fem.indentation.ball import Ball
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.rig_share import MOST_SHARE, SOFT_RIG_N_PER_MM, rig_share
 from fem.indentation.trace import IndenterTrace
@@ -26,7 +27,7 @@ def pressed(rig_N_per_mm, *, E_MPa=0.5, peak_N=4.0, taken_off=False, share=0.05,
         time_s=np.arange(len(force)) / 10,
         force_N=force + 0.004 * rng.standard_normal(len(force)),
         travel_mm=travel - give if taken_off else travel,
-        radius_mm=RADIUS_MM,
+        geometry=Ball(radius_mm=RADIUS_MM),
         rig_give_mm=give if taken_off else None,
         rig_sd_mm=share * give if taken_off else None,
     )
@@ -103,7 +104,7 @@ def test_a_give_that_is_no_number_a_frame_is_refused():
             time_s=np.arange(30.0),
             force_N=np.zeros(30),
             travel_mm=np.arange(30.0),
-            radius_mm=5.0,
+            geometry=Ball(radius_mm=5.0),
             rig_give_mm=np.zeros(30),
             rig_sd_mm=np.full(30, np.nan),
         )

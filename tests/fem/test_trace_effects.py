@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from fem.indentation.ball import Ball
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_catalogue import OF_THE_MACHINE, TRACE_EFFECTS
 from fem.indentation.trace_effect import TraceEffect, unknown
@@ -10,7 +11,7 @@ from fem.mismatch.catalogue import SPECS
 
 TIME_S = np.linspace(0.0, 20.0, 60)
 TRACE = IndenterTrace(
-    time_s=TIME_S, force_N=0.1 * TIME_S, travel_mm=np.minimum(TIME_S / 5, 2.0), radius_mm=5.0
+    time_s=TIME_S, force_N=0.1 * TIME_S, travel_mm=np.minimum(TIME_S / 5, 2.0), geometry=Ball(radius_mm=5.0)
 )
 
 

@@ -217,17 +217,6 @@ def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: tuple[s
     assert words in refused(tmp_path, tmp_path / "t.csv", *options)
 
 
-@pytest.mark.parametrize("indenter", ["flat", "plate"])
-def test_an_indenter_that_nothing_explains_is_refused_before_a_file_is_written(
-    tmp_path: Path, indenter: str
-) -> None:
-    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
-    code, said = run(tmp_path / "t.csv", tmp_path / "out.h5", "--indenter", indenter, "--radius-mm", "5")
-    assert code == 1
-    assert f"--indenter {indenter} is no ball" in said
-    assert not (tmp_path / "out.h5").exists()
-
-
 def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
     source = tmp_path / "t.txt"
     source.write_text(table("Time (s)  Force (N)  Pos (mm)", TIMES, PRESSED, GONE, mark="  "))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RectBivariateSpline
 
-from fem.indentation.ball import BallOnSlab
+from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import half_space, hertz_energy_density
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.damage import SPEC
@@ -29,7 +29,7 @@ def damage_share(
 ) -> Float[np.ndarray, "p t"]:
     """Force over the undamaged one where `left` of the largest depth is left of it.
 
-    `deepest_strain`: the energy strain there (BallOnSlab), depth/R on a half-space.
+    `deepest_strain`: the energy strain there (ContactCurve), depth/R on a half-space.
 
     Stress times 1 - dmax (1 - exp(-Wmax/W0)), Wmax Hertz's energy density at the deepest point and the force
     the work of that stress in Hertz's strains at the present one: a ball drawn back feels the worst damaged
@@ -69,14 +69,21 @@ def _lost_share(poisson_ratio: float) -> RectBivariateSpline:
 
 
 def _factor(
-    value: Values, ball: BallOnSlab, depth_mm: Float[np.ndarray, "p t"], deepest_mm: Float[np.ndarray, "p t"]
+    value: Values,
+    curve: ContactCurve,
+    depth_mm: Float[np.ndarray, "p t"],
+    deepest_mm: Float[np.ndarray, "p t"],
 ) -> Float[np.ndarray, "p t"]:
+    if curve.field == "uniform":  # all flesh is damaged equally, and strained as the plates demand
+        mu_over_W0 = 1 / (2 * (1 + curve.poisson_ratio) * value["W0_over_E"][:, None])
+        lost = -np.expm1(-mu_over_W0 * curve.energy_strain(deepest_mm))
+        return np.asarray(1 - value["dmax"][:, None] * lost)
     return damage_share(
         value["dmax"][:, None],
         value["W0_over_E"][:, None],
-        ball.energy_strain(deepest_mm),
+        curve.energy_strain(deepest_mm),
         depth_mm / deepest_mm,
-        poisson_ratio=ball.poisson_ratio,
+        poisson_ratio=curve.poisson_ratio,
     )
 
 

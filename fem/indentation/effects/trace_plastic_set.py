@@ -3,13 +3,15 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.indentation.ball import BallOnSlab
+from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.plastic_set import SPEC
 
 #: bound on the springs' mean pressure over the yield stress (hardness, with flesh piled up round the ball),
 #: and how sharply springs go over to it: both measured with finite elements
 HARDNESS, SHARP = 4.9, 1.7
+#: the same sharpness under a flat punch (tests/fem/test_flat_punch.py)
+RIM = 4.0
 
 
 def plastic_slack_mm(
@@ -36,16 +38,38 @@ def plastic_slack_mm(
     return np.asarray(over - over / (1 + (np.sqrt(over) / k[..., None]) ** SHARP) ** (1 / SHARP))
 
 
+def flowing_slack_mm(
+    limit_mm: Float[np.ndarray, "p 1"], deepest_mm: Float[np.ndarray, "p t"], *, sharp: bool
+) -> Float[np.ndarray, "p t"]:
+    """Set of flesh under a tool whose contact does not grow: what is pressed beyond `limit_mm`, where flesh
+    flows everywhere and the force stays (perfect plasticity).
+
+    An even field reaches it at once (`sharp`); under a punch flow starts at the rim and spreads: of the depth
+    m, m/(1 + (m/limit)^4)^(1/4) stays elastic. It follows finite elements to a fiftieth of the force down to
+    1.3 limits; at 2.6 they still rise and are a seventh above.
+    """
+    if sharp:
+        return np.asarray(np.maximum(deepest_mm - limit_mm, 0.0))
+    return np.asarray(deepest_mm - deepest_mm / (1 + (deepest_mm / limit_mm) ** RIM) ** (1 / RIM))
+
+
 def _slack_mm(
-    value: Values, ball: BallOnSlab, deepest_mm: Float[np.ndarray, "p t"], level_mm: Float[np.ndarray, "p n"]
+    value: Values,
+    curve: ContactCurve,
+    deepest_mm: Float[np.ndarray, "p t"],
+    level_mm: Float[np.ndarray, "p n"],
 ) -> Float[np.ndarray, "p t n"]:
+    if curve.yield_depth_mm is not None:
+        limit_mm = value["yield_over_E"][:, None] * curve.yield_depth_mm
+        slack = flowing_slack_mm(limit_mm, deepest_mm, sharp=curve.field == "uniform")
+        return np.broadcast_to(slack[:, :, None], (*slack.shape, level_mm.shape[1]))
     return plastic_slack_mm(
         value["yield_over_E"][:, None],
         deepest_mm,
         level_mm,
-        poisson_ratio=ball.poisson_ratio,
-        radius_mm=ball.radius_mm,
-        over_half_space=ball.over_half_space(deepest_mm),
+        poisson_ratio=curve.poisson_ratio,
+        radius_mm=curve.length_mm,
+        over_half_space=curve.over_half_space(deepest_mm),
     )
 
 

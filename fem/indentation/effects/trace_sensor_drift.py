@@ -20,7 +20,7 @@ def _added_N(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
 
 def _forms(trace: IndenterTrace) -> tuple[TraceEffect, ...]:
     peak = float(np.abs(trace.force_N).max())
-    duration = float(trace.time_s[-1] - trace.time_s[0])
+    duration = float(trace.elapsed_s.max())
     return (sensor_drift(force_N=peak, duration_s=duration),)
 
 

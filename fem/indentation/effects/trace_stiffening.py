@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.ball import BallOnSlab
+from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.energy_share import energy_classes, force_share
 from fem.indentation.trace_effect import TraceEffect, TraceEffectSpec, Values, unknown
 from fem.mismatch.effects.stiffening import SPEC
@@ -21,7 +21,7 @@ def stiffening_share(
     b: Float[np.ndarray, "p 1"], strain: Float[np.ndarray, "p n"], *, poisson_ratio: float
 ) -> Float[np.ndarray, "p n"]:
     """Force over the linear one where stress is exp(b W/mu) times linear; strain = (a/R)^2 = depth/R
-    on a half-space, BallOnSlab.energy_strain in general.
+    on a half-space, ContactCurve.energy_strain in general.
 
     In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound; the true field
     spreads from where flesh stiffens: (1 + e/0.19)^0.19 follows finite elements (the tests say how closely).
@@ -41,10 +41,13 @@ def _log_share(poisson_ratio: float) -> CubicSpline:
     return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])
 
 
-def _factor(value: Values, ball: BallOnSlab, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-    return stiffening_share(
-        value["b"][:, None], ball.energy_strain(level_mm), poisson_ratio=ball.poisson_ratio
-    )
+def _factor(
+    value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
+) -> Float[np.ndarray, "p n"]:
+    b, strain = value["b"][:, None], curve.energy_strain(level_mm)
+    if curve.field == "uniform":  # nowhere to escape to: the law itself
+        return np.asarray(np.exp(np.minimum(b * strain, LARGEST)))
+    return stiffening_share(b, strain, poisson_ratio=curve.poisson_ratio)
 
 
 STIFFENING = TraceEffect(

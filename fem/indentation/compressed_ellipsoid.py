@@ -1,0 +1,213 @@
+"""Elastic force of a fruit, an ellipsoid round a rigid pit, between two rigid plates."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import CubicSpline, RegularGridInterpolator
+
+from fem.fem_failure import FemFailure, FemProblem
+from fem.indentation.contact_curve import Field, require_no_thickness, require_positive
+from fem.solid.closed_forms import s368_parallel_plates_modulus_MPa
+
+TABLE = Path(__file__).parent / "tables" / "compressed_spheroid.csv"
+"""Force over Hertz's of neo-Hookean spheroids round a rigid pit, by axisymmetric finite elements
+(benchmarks/indentation_geometries.py --write): nu, pit's share, diameter between the plates over that across,
+approach over the diameter between them, ratio."""
+TRUSTED_SQUEEZE = 0.2
+"""Approach over the diameter up to which flesh is taken to follow the law."""
+LARGEST_PIT = 0.65
+"""Share of the diameter up to which the table goes."""
+CURVATURE_SD = 0.15
+"""Relative standard deviation of a fruit's radii of curvature about those of the ellipsoid with its diameters
+(set by hand: cheeks are flatter, shoulders steeper). E goes with the inverse root of their product's root."""
+PIT_SD = 0.1
+"""Relative standard deviation of the pit's share (set by hand: what shares scatter by within a cultivar)."""
+LONGEST = 1.6
+"""Largest of the diameters over the least: as far as the table goes."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipsoid:
+    """A fruit with three diameters, squeezed along one of them (`axis`, 0 to 2), by plates on both sides.
+
+    `pit_share`: the pit's diameter over the fruit's, the pit being a concentric ellipsoid of the same shape,
+    bonded to the flesh; 0 where there is none.
+    """
+
+    diameters_mm: tuple[float, float, float]
+    axis: int
+    pit_share: float
+
+    def __post_init__(self) -> None:
+        for one in self.diameters_mm:
+            require_positive("diameter", one, "give the fruit's three")
+        if max(self.diameters_mm) > LONGEST * min(self.diameters_mm):
+            said = " x ".join(f"{one:g}" for one in self.diameters_mm)
+            raise FemFailure(
+                FemProblem.BAD_LOAD,
+                f"indenter trace: found diameters of {said} mm, expected none more than {LONGEST:g} times "
+                "another: check them; of longer bodies cut a cylinder.",
+            )
+        if not 0 <= self.pit_share <= LARGEST_PIT:
+            raise FemFailure(
+                FemProblem.BAD_LOAD,
+                f"indenter trace: found a pit of {self.pit_share:g} of the fruit's diameter, expected 0 to "
+                f"{LARGEST_PIT:g}: give diameter over diameter.",
+            )
+
+    @property
+    def tool(self) -> str:
+        """What moves."""
+        return "plate"
+
+    @property
+    def said(self) -> str:
+        """For reports."""
+        size = " x ".join(f"{one:g}" for one in self.diameters_mm)
+        pit = f"a pit of {self.pit_share:.0%} of it" if self.pit_share else "no pit"
+        return f"plates on a fruit of {size} mm, squeezed along {self.along_mm:g} mm, with {pit}"
+
+    @property
+    def along_mm(self) -> float:
+        """The diameter between the plates."""
+        return self.diameters_mm[self.axis]
+
+    @property
+    def along_over_across(self) -> float:
+        """Over the geometric mean of the other two."""
+        others = [d for k, d in enumerate(self.diameters_mm) if k != self.axis]
+        return float(self.along_mm / np.sqrt(np.prod(others)))
+
+    @property
+    def radii_mm(self) -> tuple[float, float]:
+        """Principal radii of curvature where the plates touch: p^2/s of the semi-axes."""
+        p, q = (d / 2 for k, d in enumerate(self.diameters_mm) if k != self.axis)
+        return p**2 / (self.along_mm / 2), q**2 / (self.along_mm / 2)
+
+    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "CompressedEllipsoid":
+        """Hertz times the spheroids' table; raises FemFailure (bad-load) where a thickness is given."""
+        require_no_thickness(thickness_mm, "a fruit's is its diameter between the plates")
+        return CompressedEllipsoid(
+            fruit=self,
+            poisson_ratio=poisson_ratio,
+            over_hertz=spheroid_over_hertz(poisson_ratio, self.pit_share, self.along_over_across),
+        )
+
+
+@lru_cache(maxsize=1)
+def spheroid_table() -> RegularGridInterpolator:
+    """Logarithm of the ratio over -ln(1 - 2 nu), pit, ln of length over width, root of the squeeze."""
+    rows = np.genfromtxt(TABLE, delimiter=",", skip_header=1)
+    nus, pits, longs, squeezes = (np.unique(rows[:, k]) for k in range(4))
+    ratio = np.log(rows[:, 4].reshape(len(nus), len(pits), len(longs), len(squeezes)))
+    ratio = np.concatenate([np.zeros((*ratio.shape[:3], 1)), ratio], axis=3)
+    grid = (-np.log(1 - 2 * nus), pits, np.log(longs), np.r_[0.0, np.sqrt(squeezes)])
+    return RegularGridInterpolator(grid, ratio, method="cubic")
+
+
+@lru_cache(maxsize=64)
+def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_across: float) -> CubicSpline:
+    """Force over Hertz's against the root of approach over the diameter along it, 1 at no squeeze.
+
+    Poisson's ratios outside of the table take its first or last: less than a hundredth of the force.
+    """
+    table = spheroid_table()
+    at, _, _, roots = table.grid
+    nu = float(np.clip(-np.log(1 - 2 * poisson_ratio), at[0], at[-1]))
+    others = np.broadcast_to([nu, pit_share, np.log(along_over_across)], (len(roots), 3))
+    return CubicSpline(roots, np.exp(table(np.column_stack([others, roots]))))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompressedEllipsoid:
+    """Force per unit modulus over the approach of the plates, which both contacts share.
+
+    F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii where
+    the plates touch), times what a neo-Hookean spheroid with the same diameter along it and the same mean one
+    across, round its rigid pit, has over Hertz at the same squeeze: other side, large deformation, pit.
+    """
+
+    fruit: Ellipsoid
+    poisson_ratio: float
+    over_hertz: CubicSpline
+
+    @property
+    def length_mm(self) -> float:
+        """Twice the mean radius R: each contact takes half of the approach, (a/R)^2 = d/(2 R)."""
+        return 2 * float(np.sqrt(np.prod(self.fruit.radii_mm)))
+
+    @property
+    def field(self) -> Field:
+        """Hertz's, at either contact."""
+        return "hertz"
+
+    @property
+    def yield_depth_mm(self) -> float | None:
+        """Flow spreads with the contact."""
+        return None
+
+    @property
+    def without(self) -> Mapping[str, str]:
+        """Every effect has its law, that of either contact."""
+        return {}
+
+    @property
+    def hertz_per_MPa(self) -> float:
+        """Hertz's force over E d^(3/2)."""
+        radius_mm, other_mm = self.fruit.radii_mm
+        modulus = s368_parallel_plates_modulus_MPa(
+            force_N=1.0,
+            deformation_mm=1.0,
+            poisson_ratio=self.poisson_ratio,
+            radius_mm=radius_mm,
+            other_radius_mm=other_mm,
+        )
+        return 1 / modulus
+
+    @property
+    def shape_sd(self) -> float:
+        """Of curvature (CURVATURE_SD, E goes with its power 1/2 of two that scatter apart) and pit (PIT_SD),
+        at half the trusted squeeze.
+        """
+        curvature = CURVATURE_SD / np.sqrt(8)
+        root, share = np.sqrt(TRUSTED_SQUEEZE / 2), self.fruit.pit_share
+        if not share:
+            return float(curvature)
+        ratios = [
+            float(spheroid_over_hertz(self.poisson_ratio, one, self.fruit.along_over_across)(root))
+            for one in ((1 - PIT_SD) * share, min((1 + PIT_SD) * share, LARGEST_PIT))
+        ]
+        return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
+
+    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+        """phi(d): nothing out of contact."""
+        depth = np.asarray(np.maximum(depth_mm, 0.0))
+        return np.asarray(self.hertz_per_MPa * depth**1.5 * self.over_half_space(depth))
+
+    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+        """The spheroid's factor; beyond the table's end by its last slope."""
+        root, end = np.sqrt(np.maximum(depth_mm, 0.0) / self.fruit.along_mm), self.over_hertz.x[-1]
+        beyond = np.maximum(root - end, 0.0) * self.over_hertz(end, 1)
+        return np.asarray(self.over_hertz(np.minimum(root, end)) + beyond)
+
+    def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+        """(a/R)^2 of either contact, times the square of the factor on the pressure."""
+        depth = np.asarray(np.maximum(depth_mm, 0.0))
+        return np.asarray(depth / self.length_mm * self.over_half_space(depth) ** 2)
+
+    def notes(self, deepest_mm: float) -> tuple[str, ...]:
+        """Ranges left, and how uncertain the shape makes E."""
+        found = [
+            f"The fruit's shape (three diameters, its pit's size) leaves another ± {self.shape_sd:.0%} of E, "
+            "which its interval does not hold; it is common to all squeezes of this fruit."
+        ]
+        if deepest_mm > TRUSTED_SQUEEZE * self.fruit.along_mm:
+            found.append(
+                f"The fruit was squeezed by {deepest_mm / self.fruit.along_mm:.0%} of its diameter, beyond "
+                f"the {TRUSTED_SQUEEZE:.0%} that its law is held to."
+            )
+        return tuple(found)

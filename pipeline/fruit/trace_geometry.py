@@ -1,0 +1,141 @@
+"""Which geometry a bare indenter's trace has, from options, its recording's fields and case.toml's."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Literal, TypeAlias
+
+from fem.indentation.ball import Ball
+from fem.indentation.compressed_cylinder import Cylinder
+from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
+from fem.indentation.contact_curve import Geometry
+from fem.indentation.flat_punch import FlatPunch
+from pipeline.problem import BatchRefused, Problem
+from tactile.io.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
+
+Indenter: TypeAlias = Literal["ball", "flat", "plate"]
+
+OF_SLABS = frozenset({"thickness_mm"})
+OF_CYLINDERS = frozenset({"kind", "height_mm", "diameter_mm", "ends"})
+OF_FRUIT = frozenset({"kind", "diameters_mm", "axis", "pit_share"})
+NEEDED: dict[SpecimenKind, tuple[str, ...]] = {
+    "cylinder": ("height_mm", "diameter_mm", "ends"),
+    "fruit": ("diameters_mm", "axis"),
+}
+"""Fields of a specimen between plates without which no force follows."""
+KEYS = {f.name: f.name for f in fields(PressedSpecimen)} | {"kind": "specimen"}
+"""What case.toml calls each field of a PressedSpecimen."""
+OPTIONS = {name: f"--{key.replace('_', '-')}" for name, key in KEYS.items()}
+"""What `drupe convert` calls them."""
+EXAMPLES = {
+    "height_mm": "12",
+    "diameter_mm": "15",
+    "ends": "bonded|lubricated",
+    "diameters_mm": "61 60 58",
+    "axis": "a|b|c",
+}
+"""Values that show how each is given."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraceGeometry:
+    """The geometry, the slab's thickness under a ball or punch, and what must be known of both."""
+
+    geometry: Geometry
+    thickness_mm: float | None
+    notes: tuple[str, ...] = ()
+
+
+def combined(
+    recorded: PressedSpecimen, case: PressedSpecimen, *, source: str
+) -> tuple[PressedSpecimen, list[str]]:
+    """The recording's specimen with case.toml's fields in place of its own, and a note where they differ."""
+    own, said = recorded.stated, case.stated
+    notes = [
+        f"{source}: {KEYS[name]} is {own[name]} in the recording and {value} in case.toml, which is taken."
+        for name, value in said.items()
+        if name in own and own[name] != value
+    ]
+    return replace(recorded, **said), notes
+
+
+def geometry_of(
+    indenter: Indenter,
+    radius_mm: float | None,
+    specimen: PressedSpecimen,
+    *,
+    source: str,
+    name_of: Mapping[str, str],
+    pit_share: float | None = None,
+) -> TraceGeometry:
+    """What presses on what; `name_of` fields for the reader (OPTIONS or KEYS), `pit_share` of the category.
+
+    Raises BatchRefused that names what is missing or does not belong, and what to give.
+    """
+    if indenter in ("ball", "flat"):
+        _require_none(specimen, OF_SLABS, source, name_of, f"a {indenter} on a slab")
+        if radius_mm is None:
+            tip = "ball" if indenter == "ball" else "punch"
+            raise _refused(source, f"needs the {tip}'s radius; give --radius-mm.")
+        tool: Geometry = Ball(radius_mm=radius_mm) if indenter == "ball" else FlatPunch(radius_mm=radius_mm)
+        return TraceGeometry(geometry=tool, thickness_mm=specimen.thickness_mm)
+    kind = specimen.kind or _kind_of(specimen)
+    if kind is None:
+        ways = " or ".join(f"{name_of['kind']} {one} with {_ways(NEEDED[one], name_of)}" for one in NEEDED)
+        raise _refused(source, f"says not what is between the plates; give {ways}.")
+    _require_none(specimen, OF_CYLINDERS if kind == "cylinder" else OF_FRUIT, source, name_of, f"a {kind}")
+    missing = [name for name in NEEDED[kind] if name not in specimen.stated]
+    if missing:
+        ways = _ways(missing, name_of)
+        raise _refused(source, f"says not enough of the {kind} between the plates; give {ways}.")
+    if specimen.height_mm is not None and specimen.diameter_mm is not None and specimen.ends is not None:
+        size = {"diameter_mm": specimen.diameter_mm, "height_mm": specimen.height_mm}
+        return TraceGeometry(geometry=Cylinder(**size, ends=specimen.ends), thickness_mm=None)
+    return _fruit(specimen, pit_share, name_of)
+
+
+def _fruit(specimen: PressedSpecimen, pit_share: float | None, name_of: Mapping[str, str]) -> TraceGeometry:
+    """The pit's share is the specimen's own, else the category's, else none; which, is said."""
+    notes = []
+    share = specimen.pit_share
+    if share is None and pit_share is not None:
+        share = min(pit_share, LARGEST_PIT)
+        notes.append(
+            f"No {name_of['pit_share']} is given: the category's pit is taken, {share:.2f} of the fruit's "
+            "diameter."
+        )
+    elif share is None:
+        share = 0.0
+        notes.append(
+            f"No {name_of['pit_share']} is given, and the category has none: the fruit is taken as flesh "
+            "throughout; round a stone it looks stiffer."
+        )
+    geometry = Ellipsoid(
+        diameters_mm=specimen.diameters_mm or (0.0, 0.0, 0.0),
+        axis=DIAMETERS.index(specimen.axis or "a"),
+        pit_share=share,
+    )
+    return TraceGeometry(geometry=geometry, thickness_mm=None, notes=tuple(notes))
+
+
+def _kind_of(specimen: PressedSpecimen) -> SpecimenKind | None:
+    if specimen.diameters_mm is not None:
+        return "fruit"
+    return "cylinder" if specimen.height_mm is not None or specimen.diameter_mm is not None else None
+
+
+def _require_none(
+    specimen: PressedSpecimen, own: frozenset[str], source: str, name_of: Mapping[str, str], what: str
+) -> None:
+    strange = [name_of[name] for name in specimen.stated if name not in own]
+    if strange:
+        known = ", ".join(name_of[name] for name in name_of if name in own)
+        said = f"{', '.join(strange)} given of {what}, which has {known} alone; take it out."
+        raise _refused(source, said)
+
+
+def _ways(names: Sequence[str], name_of: Mapping[str, str]) -> str:
+    return ", ".join(f"{name_of[name]} {EXAMPLES[name]}" for name in names)
+
+
+def _refused(source: str, sentence: str) -> BatchRefused:
+    return BatchRefused([Problem(source, sentence)])

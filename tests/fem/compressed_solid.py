@@ -1,0 +1,217 @@
+"""Solids of revolution squeezed by a rigid flat tool, in axisymmetric finite elements at finite strain.
+
+Quadratic quadrilaterals in the undeformed shape (total Lagrangian), Newton's method, node-wise frictionless
+contact: the truth for spheres and cylinders between plates and for a flat punch. Nothing of fem is used. The
+flesh is a compressible neo-Hookean solid, P = mu (F - F^-T) + lambda ln J F^-T (Bonet and Wood, "Nonlinear
+Continuum Mechanics for Finite Element Analysis", 2nd ed., 2008, eq. 6.28), or linear at small strain.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from axisymmetric import lagrange
+from scipy.sparse import coo_array, csc_array
+from scipy.sparse.linalg import splu
+
+#: F as (rr, rz, zr, zz, tt): row and column in the 3 x 3 tensor with axes r, z, t
+ROW, COLUMN = np.array([0, 0, 1, 1, 2]), np.array([0, 1, 0, 1, 2])
+ONE = (ROW == COLUMN).astype(float)
+
+
+def lame(nu):
+    """For E = 1."""
+    return nu / ((1 + nu) * (1 - 2 * nu)), 1 / (2 * (1 + nu))
+
+
+def neo_hookean(change, nu):
+    """First Piola stress and its slope, from F - 1 (n, p, 5)."""
+    lam, mu = lame(nu)
+    F = np.zeros((*change.shape[:-1], 3, 3))
+    F[..., ROW, COLUMN] = change + ONE
+    J = np.linalg.det(F)
+    if not (J > 0).all():
+        return np.full_like(change, np.nan), None
+    G = np.linalg.inv(F)
+    GT = np.swapaxes(G, -1, -2)
+    log = np.log(J)[..., None]
+    P = mu * F + (lam * log - mu)[..., None] * GT
+    inverse_t = GT[..., ROW, COLUMN]
+    crossed = GT[..., ROW[:, None], COLUMN[None, :]] * GT[..., ROW[None, :], COLUMN[:, None]]
+    slope = (
+        mu * np.eye(5)
+        + (mu - lam * log)[..., None] * crossed
+        + lam * inverse_t[..., :, None] * inverse_t[..., None, :]
+    )
+    return P[..., ROW, COLUMN], slope
+
+
+def linear(change, nu):
+    """The same at small strain."""
+    lam, mu = lame(nu)
+    C = lam * np.outer(ONE, ONE) + mu * np.eye(5) + mu * np.eye(5)[[0, 2, 1, 3, 4]]
+    return change @ C, np.broadcast_to(C, (*change.shape, 5))
+
+
+@dataclass
+class CompressedSolid:
+    """A grid of nodes (2 m + 1, 2 n + 1, 2) of lengths r and z, E = 1.
+
+    `fixed` (like nodes): displacements that are zero. `tool`: numbers of the nodes that a flat tool, coming
+    down along z, can touch (or, with `bonded`, holds).
+    """
+
+    nodes: np.ndarray
+    fixed: np.ndarray
+    tool: np.ndarray
+    nu: float
+    law: object = neo_hookean
+    bonded: bool = False
+
+    def __post_init__(self):
+        across, up = self.nodes.shape[:2]
+        number = np.arange(across * up).reshape(across, up)
+        corner = number[:-2:2, :-2:2].reshape(-1, 1)
+        elements = corner + np.add.outer(np.arange(3) * up, np.arange(3)).ravel()
+        at, weight = np.polynomial.legendre.leggauss(3)
+        value, slope = lagrange(at)
+        shape = np.einsum("ip,jq->pqij", value, value).reshape(9, 9)
+        local = np.stack([np.einsum("ip,jq->pqij", slope, value), np.einsum("ip,jq->pqij", value, slope)])
+        place = self.nodes.reshape(-1, 2)[elements]
+        jacobian = np.einsum("dpa,eax->epdx", local.reshape(2, 9, 9), place)
+        gradient = np.einsum("epxd,dpa->epxa", np.linalg.inv(jacobian), local.reshape(2, 9, 9))
+        radius = np.einsum("pa,ea->ep", shape, place[:, :, 0])
+        self.volume = 2 * np.pi * radius * np.abs(np.linalg.det(jacobian)) * np.outer(weight, weight).ravel()
+        B = np.zeros((*gradient.shape[:2], 5, 9, 2))
+        B[:, :, 0, :, 0] = B[:, :, 2, :, 1] = gradient[:, :, 0]
+        B[:, :, 1, :, 0] = B[:, :, 3, :, 1] = gradient[:, :, 1]
+        B[:, :, 4, :, 0] = shape / radius[:, :, None]
+        self.B = B.reshape(*gradient.shape[:2], 5, 18)
+        self.dof = (2 * elements[:, :, None] + np.arange(2)).reshape(len(elements), 18)
+        self.pairs = (np.repeat(self.dof, 18, axis=1).ravel(), np.tile(self.dof, (1, 18)).ravel())
+        self.free = ~self.fixed.reshape(-1)
+        self.down = 2 * self.tool + 1
+        self.height = self.nodes.reshape(-1, 2)[self.tool, 1]
+        self.face = self.height.max()
+        self.u = np.zeros(self.nodes.size)
+        self.touching = np.full(len(self.tool), self.bonded)
+
+    def inner(self, u):
+        stress, slope = self.law(np.einsum("epij,ej->epi", self.B, u[self.dof], optimize=True), self.nu)
+        inner = np.einsum("ep,epij,epi->ej", self.volume, self.B, stress, optimize=True)
+        return np.bincount(self.dof.ravel(), inner.ravel(), len(u)), slope
+
+    def force_at(self, face_z, *, halvings=3):
+        """Force on the tool once its face is at this height; in smaller steps where one is too large."""
+        kept = self.u.copy(), self.touching.copy()
+        try:
+            return self._force_at(face_z)
+        except RuntimeError:
+            if not halvings:
+                raise
+        self.u, self.touching = kept
+        self.force_at((self.face + face_z) / 2, halvings=halvings - 1)
+        return self.force_at(face_z, halvings=halvings - 1)
+
+    def _force_at(self, face_z):
+        for turn in range(120):
+            inner, slope = self.inner(self.u)
+            held = self.down[self.touching]
+            jump = np.zeros(len(self.u))
+            jump[held] = (face_z - self.height - self.u[self.down])[self.touching]
+            free = self.free.copy()
+            free[held] = False
+            size = np.linalg.norm(inner[free])
+            balanced = size < 1e-7 * (1e-6 + np.abs(inner[self.down]).sum()) and np.abs(jump).max() < 1e-10
+            if balanced:
+                if self.bonded:
+                    break
+                above = self.height + self.u[self.down] - face_z
+                if turn > 60:  # nodes at the rim that come and go
+                    raise RuntimeError("the contact did not settle")
+                held_on = self.touching & (-inner[self.down] > -1e-12)
+                touching = held_on | (~self.touching & (above > 1e-10))
+                if (touching == self.touching).all():
+                    break
+                self.touching = touching
+                continue
+            blocks = np.einsum("ep,epki,epkl,eplj->eij", self.volume, self.B, slope, self.B, optimize=True)
+            K = csc_array(coo_array((blocks.ravel(), self.pairs), shape=(len(self.u),) * 2))
+            rhs = -inner - K @ jump
+            step = jump
+            step[free] = splu(K[free][:, free], permc_spec="MMD_AT_PLUS_A").solve(rhs[free])
+            for part in (1.0, 0.5, 0.25, 0.1, 0.03, 0.01, 0.003):
+                after = self.inner(self.u + part * step)[0]
+                if np.isfinite(after).all() and (
+                    np.abs(jump).max() > 1e-10 or np.linalg.norm(after[free]) < size
+                ):
+                    break
+            else:
+                raise RuntimeError("no step is short enough")
+            self.u = self.u + part * step
+        else:
+            raise RuntimeError("the solid did not settle")
+        self.face = face_z
+        return float(-inner[self.down].sum())
+
+
+def _between(corners):
+    """Corners of elements with their middles: (m + 1) -> (2 m + 1)."""
+    corners = np.asarray(corners)
+    return np.interp(np.arange(2 * len(corners) - 1) / 2, np.arange(len(corners)), corners)
+
+
+def spheroid(*, nu, across=1.0, along=1.0, pit_share=0.0, round_=28, out=14, law=neo_hookean):
+    """Half of a spheroid (radii `across` the axis and `along` it) round a rigid pit of the same shape.
+
+    The axis is that of the plates; z = 0 is the plane of symmetry. Without a pit a void of a fiftieth stands
+    in the middle, which 1e-5 of the force does not notice.
+    """
+    angle = np.pi / 2 * _between(np.linspace(0, 1, round_ + 1) ** 1.6)
+    inside = max(pit_share, 0.02)
+    size = inside + (1 - inside) * _between(1 - (1 - np.linspace(0, 1, out + 1)) ** 1.5)
+    r = across * np.outer(np.sin(angle), size)
+    z = along * np.outer(np.cos(angle), size)
+    r[0], z[-1] = 0.0, 0.0
+    fixed = np.zeros((*r.shape, 2), dtype=bool)
+    fixed[0, :, 0] = True
+    fixed[-1, :, 1] = True
+    if pit_share > 0:
+        fixed[:, 0] = True
+    number = np.arange(r.size).reshape(r.shape)
+    near = angle < 0.45 * np.pi
+    return CompressedSolid(nodes=np.stack([r, z], -1), fixed=fixed, tool=number[near, -1], nu=nu, law=law)
+
+
+def cylinder(*, nu, radius, height, bonded, across=12, up=12, law=neo_hookean):
+    """Half of a cylinder between plates to which its ends are bonded or on which they slide; z = 0 is the
+    middle. Elements are finer at the bonded edge.
+    """
+    r = radius * _between(1 - (1 - np.linspace(0, 1, across + 1)) ** 1.7)
+    z = height / 2 * _between(1 - (1 - np.linspace(0, 1, up + 1)) ** 1.7)
+    nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1)
+    fixed = np.zeros(nodes.shape, dtype=bool)
+    fixed[0, :, 0] = True
+    fixed[:, 0, 1] = True
+    if bonded:
+        fixed[:, -1, 0] = True
+    number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
+    return CompressedSolid(nodes=nodes, fixed=fixed, tool=number[:, -1], nu=nu, law=law, bonded=True)
+
+
+def punched_slab(*, nu, radius, thickness, wide, inside=14, outside=16, down=14, law=linear):
+    """A slab bonded to a rigid base under a frictionless flat-ended punch; elements shrink to its rim."""
+    rim = radius * (1 - (1 - np.linspace(0, 1, inside + 1)) ** 2.5)
+    first = rim[-1] - rim[-2]
+    # widths grow geometrically from the rim's
+    ratio = np.linspace(0, 1, outside + 1)
+    beyond = radius + first * (np.exp(ratio * np.log1p((wide - radius) / first)) - 1)
+    r = _between(np.r_[rim, beyond[1:]])
+    x = np.linspace(0, 1, down + 1)
+    z = thickness * _between(1 - (np.exp(3.5 * (1 - x)) - 1) / (np.exp(3.5) - 1))
+    nodes = np.stack(np.broadcast_arrays(r[:, None], z[None]), -1)
+    fixed = np.zeros(nodes.shape, dtype=bool)
+    fixed[0, :, 0] = True
+    fixed[:, 0] = True
+    number = np.arange(nodes[..., 0].size).reshape(nodes.shape[:2])
+    tool = number[r < radius * (1 + 1e-9), -1]
+    return CompressedSolid(nodes=nodes, fixed=fixed, tool=tool, nu=nu, law=law, bonded=True)

@@ -1,0 +1,69 @@
+import numpy as np
+import pytest
+from compressed_solid import cylinder, linear
+
+from fem.fem_failure import FemFailure
+from fem.indentation.compressed_cylinder import Cylinder
+
+
+def force(strain, *, ends, nu, height=1.0, diameter=1.0):
+    curve = Cylinder(diameter_mm=diameter, height_mm=height, ends=ends).curve(
+        thickness_mm=None, poisson_ratio=nu
+    )
+    return curve.force_N_per_MPa(np.array(strain * height))
+
+
+def test_sliding_ends_are_youngs_modulus_at_small_strain():
+    area = np.pi * 4.0**2 / 4
+    assert force(1e-4, ends="lubricated", nu=0.45, diameter=4.0) == pytest.approx(area * 1e-4, rel=1e-3)
+
+
+def test_incompressible_sliding_ends_are_the_neo_hookean_closed_form():
+    """Treloar's (1/l^2 - l)/3."""
+    strain = np.array([0.05, 0.1, 0.2, 0.3])
+    left = 1 - strain
+    found = force(strain, ends="lubricated", nu=0.4999) / (np.pi / 4)
+    assert found == pytest.approx((left**-2 - left) / 3, rel=1e-3)
+
+
+def test_sliding_ends_agree_with_finite_elements():
+    solid = cylinder(nu=0.4, radius=0.5, height=1.0, bonded=False, across=3, up=3)
+    strain = np.array([0.1, 0.2, 0.3])
+    truth = [solid.force_at(0.5 * (1 - e)) for e in strain]
+    assert force(strain, ends="lubricated", nu=0.4) == pytest.approx(truth, rel=1e-4)
+
+
+@pytest.mark.parametrize("slender", [0.1, 0.125, 0.2])
+def test_thin_bonded_discs_follow_gent_and_lindley(slender):
+    """1/Ea = 1/(E (1 + 2 S^2)) + 1/K, S = D/(4 H); of the finite elements, which reach thinner."""
+    nu = 0.495
+    solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=24, up=10, law=linear)
+    apparent = solid.force_at(slender / 2 * 0.999) / (np.pi / 4 * 0.001)
+    shape = 1 / (4 * slender)
+    bulk = 1 / (3 * (1 - 2 * nu))
+    assert apparent == pytest.approx(1 / (1 / (1 + 2 * shape**2) + 1 / bulk), rel=0.12)
+
+
+@pytest.mark.parametrize(("nu", "slender"), [(0.35, 0.8), (0.43, 0.27), (0.47, 1.2), (0.49, 0.6)])
+def test_bonded_ends_agree_with_finite_elements_between_the_tables_shapes(nu, slender):
+    """On another mesh than the table's, at 1 % to 20 % strain."""
+    solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=20, up=14)
+    strain = np.array([0.01, 0.07, 0.13, 0.2])
+    truth = [solid.force_at(slender / 2 * (1 - e)) for e in strain]
+    assert force(strain, ends="bonded", nu=nu, height=slender) == pytest.approx(truth, rel=0.01)
+
+
+def test_tall_specimens_do_not_know_their_ends():
+    bonded, sliding = (force(0.05, ends=e, nu=0.45, height=3.0) for e in ("bonded", "lubricated"))
+    assert bonded / sliding == pytest.approx(1.04, abs=0.03)
+
+
+def test_what_the_table_does_not_hold_is_refused():
+    with pytest.raises(FemFailure, match=r"height 0\.1 diameters, expected 0\.25 to 3"):
+        force(0.1, ends="bonded", nu=0.45, height=0.1)
+    with pytest.raises(FemFailure, match=r"Poisson's ratio 0\.499 of a bonded"):
+        force(0.1, ends="bonded", nu=0.499)
+    with pytest.raises(FemFailure, match="thickness 5 mm of a specimen between plates"):
+        Cylinder(diameter_mm=1.0, height_mm=1.0, ends="bonded").curve(thickness_mm=5.0, poisson_ratio=0.4)
+    with pytest.raises(FemFailure, match="height 0 mm"):
+        Cylinder(diameter_mm=1.0, height_mm=0.0, ends="bonded")

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+from compressed_solid import neo_hookean, punched_slab
+from pressed_slab import Linear, Plastic, PressedSlab
+
+from fem.fem_failure import FemFailure
+from fem.indentation.effects.trace_plastic_set import flowing_slack_mm
+from fem.indentation.flat_punch import FlatPunch
+
+
+def per_mm(thickness_mm, nu, radius_mm=1.0):
+    curve = FlatPunch(radius_mm=radius_mm).curve(thickness_mm=thickness_mm, poisson_ratio=nu)
+    return float(curve.force_N_per_MPa(np.array(1.0)))
+
+
+def test_on_a_thick_slab_it_is_boussinesqs():
+    assert per_mm(None, 0.3, radius_mm=2.0) == pytest.approx(2 * 2.0 / (1 - 0.3**2))
+    assert per_mm(1e4, 0.3, radius_mm=2.0) == pytest.approx(2 * 2.0 / (1 - 0.3**2), rel=1e-3)
+
+
+def test_force_is_linear_in_depth_and_nothing_in_the_air():
+    curve = FlatPunch(radius_mm=3.0).curve(thickness_mm=6.0, poisson_ratio=0.45)
+    tenth, four = curve.force_N_per_MPa(np.array([0.1, 0.4]))
+    assert four == pytest.approx(4 * tenth)
+    assert curve.force_N_per_MPa(np.array(-1.0)) == 0
+
+
+@pytest.mark.parametrize("nu", [0.3, 0.4, 0.45])
+@pytest.mark.parametrize("thickness_mm", [5.0, 2.2, 1.1, 0.6])
+def test_slabs_agree_with_finite_elements_within_a_hundredth(nu, thickness_mm):
+    slab = punched_slab(
+        nu=nu, radius=1, thickness=thickness_mm, wide=8 + 4 * thickness_mm, inside=16, outside=20, down=16
+    )
+    force = slab.force_at(thickness_mm - 0.01) / 0.01
+    assert per_mm(thickness_mm, nu) == pytest.approx(force, rel=0.01)
+
+
+def test_finite_strain_moves_the_force_by_a_fiftieth_at_most_in_the_trusted_range():
+    slab = punched_slab(nu=0.45, radius=1, thickness=2, wide=16, law=neo_hookean)
+    force = [slab.force_at(2 - d) for d in (0.05, 0.1, 0.2)]
+    assert per_mm(2.0, 0.45) * np.array([0.05, 0.1, 0.2]) == pytest.approx(force, rel=0.02)
+
+
+def test_a_slab_too_thin_for_the_table_is_refused_with_the_way_out():
+    with pytest.raises(FemFailure, match=r"radius 5 mm on 2 mm .* --specimen cylinder"):
+        FlatPunch(radius_mm=5.0).curve(thickness_mm=2.0, poisson_ratio=0.45)
+    with pytest.raises(FemFailure, match="radius -1 mm"):
+        FlatPunch(radius_mm=-1.0)
+
+
+class FlatPressedSlab(PressedSlab):
+    """The slab under a flat end of 0.98 `radius_mm`, at whose rim a node lies."""
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.gap = np.zeros(len(self.top))
+        self.touching = np.ones(len(self.top), dtype=bool)
+
+
+@pytest.mark.parametrize(("yield_MPa", "deepest_mm"), [(0.05, 0.4), (0.1, 0.8)])
+def test_flow_under_a_punch_follows_finite_elements_within_a_fiftieth(yield_MPa, deepest_mm):
+    """Of the largest force; E = 1 MPa. The elements' own elastic force is taken out of the comparison."""
+    depth = deepest_mm * np.array([0.1, 0.25, 0.5, 0.75, 1.0])
+    laws = Plastic(nu=0.45, yield_MPa=yield_MPa), Linear(nu=0.45)
+    plastic, linear = (
+        np.array([slab.force_at(d) for d in depth])
+        for slab in (
+            FlatPressedSlab(2.0002 / 0.98, 15.0, 60.0, 2.0 / 1.6, law, across=20, down=12) for law in laws
+        )
+    )
+    curve = FlatPunch(radius_mm=2.0).curve(thickness_mm=15.0, poisson_ratio=0.45)
+    limit_mm = np.array([[yield_MPa * curve.yield_depth_mm]])
+    elastic = depth - flowing_slack_mm(limit_mm, depth[None], sharp=False)[0]
+    share = curve.force_N_per_MPa(elastic) / curve.force_N_per_MPa(depth)
+    assert share * linear == pytest.approx(plastic, abs=0.02 * plastic.max())
+
+
+def test_flesh_that_flows_carries_shields_pressure():
+    curve = FlatPunch(radius_mm=2.0).curve(thickness_mm=None, poisson_ratio=0.45)
+    deep = np.array([[50.0]])
+    elastic = deep - flowing_slack_mm(np.array([[0.01 * curve.yield_depth_mm]]), deep, sharp=False)
+    pressure = curve.force_N_per_MPa(elastic)[0, 0] / (np.pi * 2.0**2)
+    assert pressure / 0.01 == pytest.approx(5.69 / 2, rel=1e-3)
