@@ -63,6 +63,7 @@ def bare_traces(case: Case) -> BareTraces | None:
                     )
                 ]
             )
+    _require_one_rig(found)
     notes = [note for one in known for note in one.notes]
     traces = []
     for path, recording, pad in found:
@@ -79,10 +80,19 @@ def bare_traces(case: Case) -> BareTraces | None:
         trace=joined(traces),
         thickness_mm=thick,
         notes=tuple(dict.fromkeys(notes)),
-        facts=(("PressedSpecimen", f"{thick:g} mm" if thick else "thick against the dent"),)
-        if of_slab
-        else (),
+        facts=(("Specimen", f"{thick:g} mm" if thick else "thick against the dent"),) if of_slab else (),
     )
+
+
+def _require_one_rig(found: list[tuple[Path, Recording, IndenterPad]]) -> None:
+    """Refuses traces of which some have the rig's own travel taken off and others not."""
+    without = [path for path, recording, _ in found if recording.rig_give_mm is None]
+    if 0 < len(without) < len(found):
+        said = (
+            "has the rig's own travel in it, but other recordings of the case have not: convert all of them "
+            "with the same --rig, or none."
+        )
+        raise BatchRefused([Problem(str(without[0]), said)])
 
 
 def _one_of(path: Path, pads: list[IndenterPad]) -> IndenterPad:
