@@ -10,7 +10,7 @@ from fem.indentation.fit import TraceFit, fit
 from fem.indentation.heldout import Prediction, predictions
 from fem.indentation.naming import Forecasts, named, with_bound, with_rig_spread
 from fem.indentation.next_trace import next_press
-from fem.indentation.no_contact import first_touch, no_contact_noise, pooled_noise
+from fem.indentation.no_contact import pooled_noise, require_force
 from fem.indentation.rank import log_odds_of_any, modulus_of, ranking, verdict_of
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
 from fem.indentation.rupture import Rupture, before_rupture, find_rupture
@@ -152,14 +152,7 @@ def account_for(
 
 def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]:
     """One recording, cut where its flesh breaks; raises FemFailure (no-load) where no force stands out."""
-    touch = first_touch(trace)
-    no_contact = no_contact_noise(trace, touch)
-    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
-        raise FemFailure(
-            FemProblem.NO_LOAD,
-            f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
-            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
-        )
+    no_contact = require_force(trace)
     found = find_rupture(trace, noise_N=no_contact.slow_N)
     return (trace if found is None else before_rupture(trace, found)), found
 

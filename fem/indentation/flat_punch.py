@@ -32,8 +32,8 @@ RIM = (
 def slab_factor_of_punch(over_thickness: float, *, poisson_ratio: float) -> float:
     """How much stiffer a slab bonded to a rigid base is than a half-space, under a smooth punch.
 
-    `over_thickness`: the punch's radius over the slab's thickness; the factor has no unit. Solves the Fredholm
-    equation for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
+    `over_thickness`: the punch's radius over the slab's thickness; the factor has no unit. Solves the
+    Fredholm equation for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
     K = 2 a/(pi h) integral of (1 - L(x)) cos(x t a/h) cos(x s a/h) dx and the layer's
     L = (2 k sinh 2x - 4x)/(2 k cosh 2x + 4x^2 + 1 + k^2), k = 3 - 4 nu; the factor is the mean of phi.
     Source: Lebedev and Ufliand, "Axisymmetric contact problem for an elastic layer", J. Appl. Math. Mech. 22,
@@ -71,7 +71,7 @@ class FlatPunch:
         return f"flat punch of radius {self.radius_mm:g} mm"
 
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "PunchOnSlab":
-        """Boussinesq's, on a slab Hayes's; raises FemFailure (bad-load) for less than half a radius of flesh."""
+        """Boussinesq's, on a slab Hayes's; raises FemFailure (bad-load) for under half a radius of flesh."""
         over = 0.0 if thickness_mm is None else self.radius_mm / thickness_mm
         if over > THINNEST:
             raise FemFailure(

@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float
 
+from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import NoContactNoise
 
@@ -28,6 +29,19 @@ def first_touch(trace: IndenterTrace) -> int:
             break
         level = float(np.median(force[: touch - 1]))
     return touch
+
+
+def require_force(trace: IndenterTrace) -> NoContactNoise:
+    """The noise of one recording; raises FemFailure (no-load) where no force stands out from it."""
+    touch = first_touch(trace)
+    no_contact = no_contact_noise(trace, touch)
+    if trace.force_N.max() - np.median(trace.force_N[: max(touch, 1)]) < 10 * no_contact.slow_N:
+        raise FemFailure(
+            FemProblem.NO_LOAD,
+            f"indenter trace: found a largest force of {trace.force_N.max():.3g} N in noise of "
+            f"{no_contact.slow_N:.2g} N, expected ten times the noise: press deeper.",
+        )
+    return no_contact
 
 
 def pooled_noise(trace: IndenterTrace) -> NoContactNoise:

@@ -9,14 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
+from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.problem import BatchRefused, Problem
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.plain_file import NotReadable, not_plain, printable, read_text
 from tactile.io.decimal_number import decimal_number, meant
+from tactile.io.specimen import DIAMETERS as AXES
+from tactile.io.specimen import Axis
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
-MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm")
+DIAMETERS = ("diameter_a_mm", "diameter_b_mm", "diameter_c_mm")
+MEASURES = ("height_mm", "mass_g", "shore_oo", "diameter_mm", *DIAMETERS)
 REFERENCE_E_MPA = (0.0005, 60.0)
 """What a reference body's modulus can be: as phantoms' (recon/pit/priors/phantom.toml), from hydrogels to
 cast polyurethane."""
@@ -24,8 +28,8 @@ REFERENCE_SD = (1e-4, 0.5)
 """Its standard deviation as a share of it: at a half nothing is known any more, and no tensile test is better
 than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
-COLUMNS = ("fruit_id", *MEASURES, "notes", "reference", *REFERENCE_MEASURES)
-NUMBERS = frozenset((*MEASURES, *REFERENCE_MEASURES))
+COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
+NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SAFE_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,79}")
 
@@ -39,6 +43,13 @@ class FruitRow:
     mass_g: float | None = None
     shore_oo: float | None = None
     diameter_mm: float | None = None
+    diameter_a_mm: float | None = None
+    diameter_b_mm: float | None = None
+    diameter_c_mm: float | None = None
+    axis: Axis | None = None
+    """The diameter along which plates squeeze it."""
+    pit_share: float | None = None
+    """Diameter of its pit over its own."""
     notes: str = ""
     reference: bool = False
     """Whether this is no fruit but a body of known modulus."""
@@ -47,6 +58,11 @@ class FruitRow:
     reference_poisson_ratio: float | None = None
     unreadable: tuple[str, ...] = ()
     """Measures that were written, but are no numbers."""
+
+    @property
+    def diameters(self) -> tuple[float | None, ...]:
+        """Of DIAMETERS, in their order."""
+        return self.diameter_a_mm, self.diameter_b_mm, self.diameter_c_mm
 
 
 def read_fruits(path: Path) -> tuple[tuple[FruitRow, ...], list[Problem]]:
@@ -238,9 +254,47 @@ def _row(path: Path, line: int, record: dict[str, str], problems: list[Problem])
             continue
         measures[name] = value
     notes = printable(record.get("notes") or "").strip()
+    pressed = _pressed(path, line, fruit_id, record, problems)
     said = _reference(path, line, fruit_id, record, problems)
-    known: dict[str, Any] = {**measures, **said}
+    known: dict[str, Any] = {**measures, **pressed, **said}
     return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+
+
+def _pressed(
+    path: Path,
+    line: int,
+    fruit_id: str,
+    record: dict[str, str],
+    problems: list[Problem],
+) -> dict[str, Any]:
+    """How plates squeeze the fruit; every fault is a problem."""
+
+    def wrong(sentence: str) -> None:
+        problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
+
+    cells = {name: (record.get(name) or "").strip() for name in (*DIAMETERS, "axis", "pit_share")}
+    missing = [name for name in DIAMETERS if not cells[name]]
+    if 0 < len(missing) < len(DIAMETERS):
+        wrong(
+            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters, or none: measure "
+            "the fruit."
+        )
+    axis = cells["axis"].lower()
+    if axis not in ("", *AXES):
+        wrong(f'axis is "{cells["axis"][:40]}"; expected a, b or c, the diameter between the plates.')
+    text, share = cells["pit_share"], decimal_number(cells["pit_share"])
+    if text and (share is None or not 0 <= share <= LARGEST_PIT):
+        percent = "; is it in percent?" if share is not None and share > 1 else meant(text)
+        wrong(
+            f"pit_share is \"{text[:40]}\"; expected the pit's diameter over the fruit's, 0 (no pit) to "
+            f"{LARGEST_PIT:g}{percent}."
+        )
+        share = None
+    return {"axis": axis if axis in AXES else None, "pit_share": share if text else None}
+
+
+def _are_empty(names: list[str]) -> str:
+    return "is empty" if len(names) == 1 else "are empty"
 
 
 def _reference(

@@ -9,6 +9,7 @@ from pipeline.files.manifest import claim, enter, is_claimed, is_ours, json_in, 
 from pipeline.files.whole_file import put, sweep
 from recon.cameras.photos import photo_paths
 from tactile.io.raw_grasp import files_of
+from tactile.io.recording import is_of_bare_indenter
 
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep, of this version and of earlier ones."""
@@ -75,6 +76,13 @@ class FruitFolder:
         ready = {path.stem for path in self.grasp_files()}
         folders = (p for p in (self.root / "grasps").glob("[!.]*") if p.is_dir())
         return tuple(sorted((p for p in folders if p.name not in ready), key=in_order))
+
+    def without_shape(self) -> bool:
+        """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
+        if _stands(self.fruit_ply) or _stands(self.photos) or self.raw_grasp_folders():
+            return False
+        recordings = self.grasp_files()
+        return bool(recordings) and all(map(is_of_bare_indenter, recordings))
 
     def input_files(self) -> tuple[Path, ...]:
         """Every file the fruit's result depends on."""

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from pipeline.batch.control_chart import chart_path, read_chart
 from pipeline.batch.fruits_table import FruitRow, read_fruits
-from pipeline.batch.layout import BatchFolder
+from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
@@ -248,9 +248,11 @@ def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
 
 
 def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
-    """Fruit that bring no pit of their own; reference bodies have none and need none."""
-    fruits = [row.fruit_id for row in rows or () if not row.reference]
-    return [fruit_id for fruit_id in fruits if not folder.fruit(fruit_id).pit_ply.is_file()]
+    """Fruit that bring no pit of their own and need one; reference bodies have none, and of a fruit without a
+    mesh its size alone is assumed.
+    """
+    fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
+    return [one.root.name for one in fruits if not one.pit_ply.is_file() and not one.without_shape()]
 
 
 def _effects_without_pit(
@@ -315,7 +317,7 @@ def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
 
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
     """Without a mat, at least one photographed fruit must have a height; single gaps cost single fruit."""
-    photographed = [row for row in rows if not folder.fruit(row.fruit_id).fruit_ply.is_file()]
+    photographed = [row for row in rows if shape_from_photos(folder.fruit(row.fruit_id), row)]
     if not photographed or any(_has_height(row) for row in photographed):
         return []
     return [
@@ -325,6 +327,14 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
             "the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json.",
         )
     ]
+
+
+def shape_from_photos(folder: FruitFolder, row: FruitRow) -> bool:
+    """Whether photos are to give the fruit's shape: it has no mesh, and is none of diameters and plates."""
+    if folder.fruit_ply.is_file() or folder.without_shape():
+        return False
+    empty = not (folder.photos.exists() or folder.grasp_files() or folder.raw_grasp_folders())
+    return not (empty and any(row.diameters))
 
 
 def _has_height(row: FruitRow) -> bool:

@@ -36,6 +36,10 @@ class Outcome(Enum):
         "E would be {}, which no flesh of this category has: look for a unit or a factor in forces, "
         "displacements and meshes.",
     )
+    WITHHELD_MODULUS = (
+        "withheld-modulus",
+        "E is not given: {}. `drupe explain` says what the recordings show.",
+    )
     CRASHED = (
         "crashed",
         "The process working on this fruit died ({}); the other fruit are not touched. Run the same command "

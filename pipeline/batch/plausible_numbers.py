@@ -10,7 +10,7 @@ import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from pipeline.batch.fruits_table import MEASURES, FruitRow
+from pipeline.batch.fruits_table import DIAMETERS, MEASURES, FruitRow
 from pipeline.batch.settings import Grading
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, Plausible
 
@@ -32,14 +32,20 @@ MODULUS_SLIPS: Slips = (
 """The same into MPa; 1 psi is 0.006895 MPa."""
 SHORE_SLIPS: Slips = ((0.1, POINT), (100, "is it a share of 1"))
 """The same into degrees of Shore hardness, which end at 100."""
+LENGTHS = ("height_mm", "diameter_mm", *DIAMETERS)
 SLIPS: dict[str, Slips] = {
-    "height_mm": LENGTH_SLIPS,
-    "diameter_mm": LENGTH_SLIPS,
+    **dict.fromkeys(LENGTHS, LENGTH_SLIPS),
     "mass_g": MASS_SLIPS,
     "shore_oo": SHORE_SLIPS,
 }
-UNITS = {"height_mm": "mm", "diameter_mm": "mm", "mass_g": "g", "shore_oo": ""}
-WORDS = {"height_mm": "high", "diameter_mm": "wide", "mass_g": "in mass", "shore_oo": "on the Shore OO scale"}
+UNITS = {**dict.fromkeys(LENGTHS, "mm"), "mass_g": "g", "shore_oo": ""}
+WORDS = {
+    "height_mm": "high",
+    "diameter_mm": "wide",
+    "mass_g": "in mass",
+    "shore_oo": "on the Shore OO scale",
+    **dict.fromkeys(DIAMETERS, "in size"),
+}
 FLATTER = 1.8
 """Ratio, no unit: how far height over diameter may go beyond the category's longest over shortest side.
 Assumed, nothing was measured: flat peaches are about 2.3 times as wide as high, and 1.8 times a stone fruit's
@@ -76,6 +82,14 @@ class PlausibleRange:
     ranges: Plausible
     body: PitBody
 
+    def of(self, measure: str) -> tuple[float, float] | None:
+        """The range of one of MEASURES; a diameter that may be any is between least and most of all sides."""
+        if measure not in DIAMETERS:
+            known: tuple[float, float] | None = getattr(self.ranges, measure)
+            return known
+        sides = [one for one in (self.ranges.height_mm, self.ranges.diameter_mm) if one is not None]
+        return (FLATTEST * min(s[0] for s in sides), max(s[1] for s in sides)) if sides else None
+
     @property
     def a_fruit(self) -> str:
         """The category with its article."""
@@ -111,7 +125,7 @@ def table_doubts(rows: Sequence[FruitRow], kind: PlausibleRange) -> dict[str, st
     rows = [row for row in rows if not row.reference]
     for name in MEASURES:
         values = [value for row in rows if (value := getattr(row, name)) is not None]
-        limits = getattr(kind.ranges, name)
+        limits = kind.of(name)
         if limits is None or len(values) < 2 or not (max(values) < limits[0] or min(values) > limits[1]):
             continue
         slip = _meant(statistics.median(values), SLIPS[name], limits, UNITS[name])
@@ -132,7 +146,7 @@ def row_doubts(row: FruitRow, rows: Sequence[FruitRow], kind: PlausibleRange) ->
         return
     wrong = {name for name in table_doubts(rows, kind) if name in own}
     for name, value in own.items():
-        limits = getattr(kind.ranges, name)
+        limits = kind.of(name)
         if name not in wrong and limits is not None and not _within(value, limits):
             wrong.add(name)
             slip = _meant(value, SLIPS[name], limits, UNITS[name], like=_middle(name, row, rows))
@@ -172,7 +186,7 @@ def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: Plausible
 
 
 def _range(name: str, kind: PlausibleRange) -> str:
-    low, high = getattr(kind.ranges, name)
+    low, high = kind.of(name) or (0.0, math.inf)
     unit = f" {UNITS[name]}" if UNITS[name] else ""
     return f"{kind.a_fruit} is {low:g} to {high:g}{unit} {WORDS[name]}"
 
@@ -203,8 +217,8 @@ def _meant(
 def _exchanged(own: Mapping[str, float], kind: PlausibleRange) -> str:
     """A sentence where two numbers fit each other's column, and one fits its own in no unit."""
     for a, b in itertools.combinations(own, 2):
-        of_a, of_b = getattr(kind.ranges, a), getattr(kind.ranges, b)
-        if of_a is None or of_b is None or {a, b} == {"height_mm", "diameter_mm"}:
+        of_a, of_b = kind.of(a), kind.of(b)
+        if of_a is None or of_b is None or {a, b} <= set(LENGTHS):
             continue
         lost = not (_in_some_unit(a, own[a], of_a) and _in_some_unit(b, own[b], of_b))
         if lost and _within(own[a], of_b) and _within(own[b], of_a):

@@ -7,6 +7,7 @@ from typing import Literal, Self, TypeVar
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError, model_serializer
 
+from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import write_whole
 from recon.checks.quality import ReconQuality
 from recon.plain_file import not_plain
@@ -26,12 +27,24 @@ class Given(_Record):
     mass_g: float | None = None
     shore_oo: float | None = None
     diameter_mm: float | None = None
+    diameter_a_mm: float | None = None
+    diameter_b_mm: float | None = None
+    diameter_c_mm: float | None = None
+    axis: Literal["a", "b", "c"] | None = None
+    """The diameter along which plates squeeze it."""
+    pit_share: float | None = None
+    """Diameter of its pit over its own."""
     notes: str = ""
     reference: bool = False
     """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
     reference_E_MPa: float | None = None
     reference_E_sd_MPa: float | None = None
     reference_poisson_ratio: float | None = None
+
+
+def given_of(row: FruitRow) -> Given:
+    """What a row of fruits.csv says."""
+    return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 class OrientationRecord(_Record):
@@ -114,6 +127,20 @@ class CurveRecord(_Record):
     pad: str
     travel_mm: list[float]
     force_N: list[float]
+
+
+class PressedRecord(_Record):
+    """A fruit of which there is no mesh, only its diameters (mm) and plates that squeezed it along the first
+    of `squeezed_along`; `pit_share`: the pit's diameter over the fruit's, said by `pit_source`.
+
+    `shape_sd`: standard deviation of ln E because three diameters are not the shape.
+    """
+
+    diameters_mm: tuple[float, float, float]
+    squeezed_along: tuple[Literal["a", "b", "c"], ...]
+    pit_share: float
+    pit_source: str
+    shape_sd: float
 
 
 class GraspRecord(_Record):
@@ -237,6 +264,7 @@ class FruitRecord(_Record):
     given: Given
     mesh: MeshRecord | None = None
     pit: PitRecord | None = None
+    pressed: PressedRecord | None = None
     flesh: FleshRecord | None = None
     grasps: tuple[GraspRecord, ...] = ()
     modulus: ModulusRecord | None = None

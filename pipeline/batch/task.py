@@ -7,7 +7,7 @@ from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.confirmed_effects import effects_on, keyed
 from pipeline.batch.layout import FruitFolder, FruitResults, Results
 from pipeline.batch.opening import Batch, reference_ratio
-from pipeline.batch.records import Given
+from pipeline.batch.records import Given, given_of
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import NO_PIT, PitSettings, Settings
@@ -78,13 +78,13 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
             settings.model_dump(mode="json", exclude=IN_THE_REPORT_ALONE | {"mismatch"}),
             keyed(own),
             row.height_mm,
+            *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),
             category,
             repr(body),
             repr(prior),
         ],
         rooms=ROOMS,
     )
-    given = Given(**{name: getattr(row, name) for name in Given.model_fields})
     return FruitTask(
         fruit_id=fruit_id,
         folder=FruitFolder(folder.root.absolute()),
@@ -95,7 +95,7 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
         category=category,
         body=body,
         prior=prior,
-        given=given,
+        given=given_of(row),
         key=key,
         batch_fruits=frozenset(one.fruit_id for one in batch.rows),
         screen=screen,

@@ -1,7 +1,7 @@
 """What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
 
 import difflib
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,6 +14,7 @@ from pipeline.batch.opening import Batch, as_named, open_batch
 from pipeline.batch.records import Given
 from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
 from pipeline.batch.task import FruitTask, fruit_task
+from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
 from pipeline.problem import BatchRefused, Problem
 from pipeline.run.checking import implausible_fruit
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
@@ -71,8 +72,8 @@ class Case:
     name: str
     task: FruitTask
     batch: Batch | None
+    stated: Stated
     mesh_sd_mm: float | None = None
-    specimen: PressedSpecimen = field(default_factory=PressedSpecimen)
     rig_N_per_mm: float | None = None
     notes: tuple[str, ...] = ()
 
@@ -155,7 +156,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
         task=task,
         batch=None,
         mesh_sd_mm=said.mesh_sd_mm,
-        specimen=said.of_specimen,
+        stated=Stated(specimen=said.of_specimen, where="case.toml", name_of=KEYS),
         rig_N_per_mm=said.rig_N_per_mm,
         notes=notes,
     )
@@ -215,7 +216,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
         notes = (_SETTINGS_LEFT_ASIDE.format(", ".join(dict.fromkeys(one.effect for one in held))),)
     task = fruit_task(batch, fruit_id, Results(out or batch.folder.default_results))
     task = replace(task, settings=task.settings.model_copy(update={"mismatch": ()}))
-    return Case(name=fruit_id, task=task, batch=batch, notes=notes)
+    return Case(name=fruit_id, task=task, batch=batch, stated=stated_in_table(task.given), notes=notes)
 
 
 _SETTINGS_LEFT_ASIDE = (

@@ -14,9 +14,9 @@ from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.result import Explanation, Modulus
-from pipeline.diagnosis.bare_traces import BareTraces, bare_traces
 from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.diagnosis.notes import notes_on, notes_on_trace, notes_on_verdict
+from pipeline.fruit.bare_traces import BareTraces, bare_recordings, bare_traces
 from pipeline.fruit.elasticity import fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
@@ -48,9 +48,11 @@ class Diagnosis:
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
-    bare = bare_traces(case)
+    bare = bare_recordings(case.task.folder.grasp_files())
     with threadpool_limits(1):
-        return _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, bare)
+        if bare is None:
+            return _of_grasps(case, log, jobs)
+        return _of_traces(case, log, bare_traces(bare, case.stated, case.task.prior))
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
@@ -151,7 +153,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
     with log.stage("explanation"):
         found = explain_trace(
             bare.trace,
-            thickness_mm=bare.thickness_mm,
+            thickness_mm=bare.known.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,

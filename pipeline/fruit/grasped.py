@@ -154,7 +154,7 @@ def _placed(
                     faults=jaw_faults(task.settings.mismatch, rig),
                     sd_mm=shape.sd_mm,
                     checked=replace(_checked(task, shape), rig=rig),
-                    admit=partial(_admitted, owner, log, strangers, name=name, field=field),
+                    admit=partial(admitted, owner, log, strangers, name=name, field=field),
                 )
                 refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))
                 placed.append(grasp)
@@ -170,7 +170,7 @@ def owner_of(task: FruitTask) -> Owner:
     return Owner(fruit_id=task.fruit_id, category=category, batch_fruits=task.batch_fruits)
 
 
-def _admitted(
+def admitted(
     owner: Owner,
     log: StageLog,
     strangers: dict[str, bool],

@@ -13,7 +13,7 @@ from pipeline.batch.records import PitFoundRecord
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
-from tactile.checks.finding import Field, FindingKind
+from tactile.checks.finding import Field, Finding, FindingKind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
 """A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
@@ -152,16 +152,21 @@ class Doubt:
 
 def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
     """The doubts of the recordings that are used; each counts by its recording's share of them."""
+    return of_findings([(grasp.name, grasp.findings) for grasp in grasps])
+
+
+def of_findings(recordings: Sequence[tuple[str, Sequence[Finding]]]) -> list[Doubt]:
+    """The same of each recording's name and findings."""
     return [
         Doubt(
-            sentence=f"{grasp.name}: {finding.sentence}.",
-            relative_sd=finding.relative_sd / len(grasps),
+            sentence=f"{name}: {finding.sentence}.",
+            relative_sd=finding.relative_sd / len(recordings),
             kind=finding.kind,
             field=finding.field,
             pads=finding.pads,
         )
-        for grasp in grasps
-        for finding in grasp.findings
+        for name, findings in recordings
+        for finding in findings
         if not finding.remark
     ]
 

@@ -11,6 +11,7 @@ from pipeline.batch.records import (
     MeshRecord,
     ModulusRecord,
     PitRecord,
+    PressedRecord,
     ScreenRecord,
 )
 
@@ -21,6 +22,7 @@ class FruitFacts:
 
     mesh: MeshRecord | None = None
     pit: PitRecord | None = None
+    pressed: PressedRecord | None = None
     flesh: FleshRecord | None = None
     grasps: tuple[GraspRecord, ...] = ()
     modulus: ModulusRecord | None = None

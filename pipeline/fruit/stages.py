@@ -2,6 +2,8 @@
 
 photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus
        -> screen for missing physics -> record
+
+A fruit with neither photos nor mesh, squeezed between bare plates, goes another way (pressed_fruit.py).
 """
 
 import resource
@@ -26,6 +28,7 @@ from pipeline.fruit.input_doubts import causes_alone, of_a_pit_found, relative_s
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, touched_by_pad
+from pipeline.fruit.pressed_fruit import grade_pressed
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.mesh_picture import mesh_picture
@@ -41,7 +44,12 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     task.results.forget()
     with threadpool_limits(1):
         try:
-            _grade(task, log)
+            if task.folder.without_shape():
+                grade_pressed(task, log)
+                if log.facts.modulus is not None:
+                    _refuse_implausible(task, log.facts.modulus.E_MPa)
+            else:
+                _grade(task, log)
         except ReconFailure as failure:
             outcome, reason = failure.problem.value, failure.detail + _drawn(task, failure)
         except (TactileFailure, FemFailure) as failure:
@@ -62,6 +70,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
         given=task.given,
         mesh=facts.mesh,
         pit=facts.pit,
+        pressed=facts.pressed,
         flesh=facts.flesh,
         grasps=facts.grasps,
         modulus=facts.modulus,

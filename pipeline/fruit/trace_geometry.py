@@ -1,4 +1,4 @@
-"""Which geometry a bare indenter's trace has, from options, its recording's fields and case.toml's."""
+"""Which geometry a bare indenter's trace has: options, its recording's fields, case.toml or fruits.csv."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -9,6 +9,7 @@ from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
 from fem.indentation.contact_curve import Geometry
 from fem.indentation.flat_punch import FlatPunch
+from pipeline.batch.records import Given
 from pipeline.problem import BatchRefused, Problem
 from tactile.io.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
 
@@ -24,6 +25,12 @@ NEEDED: dict[SpecimenKind, tuple[str, ...]] = {
 """Fields of a specimen between plates without which no force follows."""
 KEYS = {f.name: f.name for f in fields(PressedSpecimen)} | {"kind": "specimen"}
 """What case.toml calls each field of a PressedSpecimen."""
+COLUMNS = KEYS | {
+    "diameters_mm": "columns diameter_a_mm, diameter_b_mm, diameter_c_mm",
+    "axis": "column axis",
+    "pit_share": "column pit_share",
+}
+"""What fruits.csv calls them; other specimens than fruit it has no columns for."""
 OPTIONS = {name: f"--{key.replace('_', '-')}" for name, key in KEYS.items()}
 """What `drupe convert` calls them."""
 EXAMPLES = {
@@ -38,20 +45,54 @@ EXAMPLES = {
 
 @dataclass(frozen=True, kw_only=True)
 class TraceGeometry:
-    """The geometry, the slab's thickness under a ball or punch, and what must be known of both."""
+    """The geometry, the slab's thickness under a ball or punch, and what must be known of both; `assumed`:
+    what nobody stated and the category says.
+    """
 
     geometry: Geometry
     thickness_mm: float | None
     notes: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def of_slab(self) -> bool:
+        """Whether a ball or punch presses on it, so that its thickness counts."""
+        return self.geometry.tool != "plate"
+
+    def same_as(self, other: "TraceGeometry") -> bool:
+        """Whether one law holds for both."""
+        return (self.geometry, self.thickness_mm) == (other.geometry, other.thickness_mm)
 
 
-def combined(
-    recorded: PressedSpecimen, case: PressedSpecimen, *, source: str
-) -> tuple[PressedSpecimen, list[str]]:
-    """The recording's specimen with case.toml's fields in place of its own, and a note where they differ."""
-    own, said = recorded.stated, case.stated
+@dataclass(frozen=True, kw_only=True)
+class Stated:
+    """What the user says of the specimen, in the file `where`, which calls its fields `name_of`."""
+
+    specimen: PressedSpecimen
+    where: str
+    name_of: Mapping[str, str]
+
+
+def stated_in_table(given: Given) -> Stated:
+    """What fruits.csv says of a fruit that plates squeeze."""
+    diameters = tuple(
+        one for one in (given.diameter_a_mm, given.diameter_b_mm, given.diameter_c_mm) if one is not None
+    )
+    specimen = PressedSpecimen(
+        kind="fruit" if diameters else None,
+        diameters_mm=(diameters[0], diameters[1], diameters[2]) if len(diameters) == 3 else None,
+        axis=given.axis,
+        pit_share=given.pit_share,
+    )
+    return Stated(specimen=specimen, where="fruits.csv", name_of=COLUMNS)
+
+
+def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple[PressedSpecimen, list[str]]:
+    """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
+    own, said = recorded.stated, stated.specimen.stated
     notes = [
-        f"{source}: {KEYS[name]} is {own[name]} in the recording and {value} in case.toml, which is taken."
+        f"{source}: {KEYS[name]} is {own[name]} in the recording and {value} in {stated.where}, which is "
+        "taken."
         for name, value in said.items()
         if name in own and own[name] != value
     ]
@@ -95,26 +136,27 @@ def geometry_of(
 
 def _fruit(specimen: PressedSpecimen, pit_share: float | None, name_of: Mapping[str, str]) -> TraceGeometry:
     """The pit's share is the specimen's own, else the category's, else none; which, is said."""
-    notes = []
+    notes: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
     share = specimen.pit_share
     if share is None and pit_share is not None:
         share = min(pit_share, LARGEST_PIT)
-        notes.append(
+        assumed = (
             f"No {name_of['pit_share']} is given: the category's pit is taken, {share:.2f} of the fruit's "
-            "diameter."
+            "diameter.",
         )
     elif share is None:
         share = 0.0
-        notes.append(
+        notes = (
             f"No {name_of['pit_share']} is given, and the category has none: the fruit is taken as flesh "
-            "throughout; round a stone it looks stiffer."
+            "throughout; round a stone it looks stiffer.",
         )
     geometry = Ellipsoid(
         diameters_mm=specimen.diameters_mm or (0.0, 0.0, 0.0),
         axis=DIAMETERS.index(specimen.axis or "a"),
         pit_share=share,
     )
-    return TraceGeometry(geometry=geometry, thickness_mm=None, notes=tuple(notes))
+    return TraceGeometry(geometry=geometry, thickness_mm=None, notes=notes, assumed=assumed)
 
 
 def _kind_of(specimen: PressedSpecimen) -> SpecimenKind | None:

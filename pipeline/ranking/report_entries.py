@@ -144,7 +144,7 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         class_withheld=place is not None and place.maturity is not None and bool(record.doubts),
         p_softer_than_next=place.p_softer_than_next if place else None,
         height_mm=mesh.height_mm if mesh else record.given.height_mm,
-        volume_mm3=mesh.volume_mm3 if mesh else None,
+        volume_mm3=_volume_mm3(record),
         grasps=sum(g.failure is None for g in record.grasps),
         mismatch=record.mismatch or _explained(record, files),
         mismatch_taken=record.mismatch is not None,
@@ -167,6 +167,13 @@ def _fruit_entry(record: FruitRecord, place: Rank | None, results: Results) -> F
         seconds=record.seconds,
         peak_memory_MiB=record.peak_memory_MiB,
     )
+
+
+def _volume_mm3(record: FruitRecord) -> float | None:
+    """Of the mesh, or of the ellipsoid with the fruit's diameters."""
+    if record.mesh is not None:
+        return record.mesh.volume_mm3
+    return None if record.pressed is None else np.pi / 6 * float(np.prod(record.pressed.diameters_mm))
 
 
 def _uncorrected_MPa(record: FruitRecord) -> float | None:
@@ -255,6 +262,11 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         facts.append(("Pit", f"{box} mm, from {pit.source}"))
         facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
+    if (pressed := record.pressed) is not None:
+        size = " × ".join(f"{side:g}" for side in pressed.diameters_mm)
+        along = " and ".join(pressed.squeezed_along)
+        facts.append(("Diameters (a × b × c)", f"{size} mm, squeezed along {along}; there is no mesh"))
+        facts.append(("Pit", f"{pressed.pit_share:.2f} of the diameter, from {pressed.pit_source}"))
     if (flesh := record.flesh) is not None:
         facts.append(("Finite elements", f"{flesh.tets} quadratic tetrahedra, {flesh.nodes} nodes"))
         facts.append(

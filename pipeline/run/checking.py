@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float, Int
 
+from fem.fem_failure import FemFailure
 from pipeline.batch.confirmed_effects import effects_on, pit_found
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Batch, Survey, survey
+from pipeline.batch.opening import Batch, Survey, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
@@ -20,12 +21,15 @@ from pipeline.batch.plausible_numbers import (
     row_doubts,
     table_doubts,
 )
+from pipeline.batch.records import given_of
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
+from pipeline.fruit.pressed_fruit import squeezed_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
+from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from recon.cameras.photos import SUFFIXES, read_photo, require_enough
 from recon.pit.placement import embed_pit, place_pit, require_closed
@@ -35,7 +39,7 @@ from recon.surface.mesh_file import read_mesh
 from tactile.checks.finding import Finding
 from tactile.correction import corrected
 from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import read_recording
+from tactile.io.recording import Recording, read_recording
 from tactile.io.recording_fields import first_line
 from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
@@ -114,7 +118,10 @@ def fruit_problems(batch: Survey, row: FruitRow, read: Read) -> Iterator[Problem
     yield from broken
     if mesh is not None:
         yield from _ready_mesh_problems(batch, row, folder, kind, mesh)
-    elif not broken:
+    elif not broken and folder.without_shape():
+        yield from _pressed_problems(batch, row, folder, read)
+        return
+    elif not broken and shape_from_photos(folder, row):
         yield from _photo_problems(batch, row, folder)
     grasps, raw = folder.grasp_files(), folder.raw_grasp_folders()
     if not grasps and not raw:
@@ -151,6 +158,31 @@ def _recording_problems(
     yield from _tried(row, path, lambda: found.extend(_findings(path, batch, row, mesh, kind, read)))
     for one in found:
         if not one.remark:
+            yield _doubted(row, path, f"{path.name}: {one.sentence}.")
+
+
+def _pressed_problems(batch: Survey, row: FruitRow, folder: FruitFolder, read: Read) -> Iterator[Problem]:
+    """The same of the recordings of a fruit that has its diameters for a shape."""
+    found: list[Finding] = []
+
+    def admit(recording: Recording) -> list[Finding]:
+        said = recording.fruit_id, recording.category
+        return owner_findings(*said, _owner(batch, row), source="", field="attribute fruit_id")
+
+    def squeezed(path: Path) -> None:
+        stated, rig = stated_in_table(given_of(row)), None
+        if batch.settings is not None:
+            rig = batch_rig(batch.folder.root, batch.settings)
+        one = squeezed_trace(path, stated=stated, prior=batch.prior, rig=rig, admit=admit)
+        same = read.setdefault(one.digest, [])
+        refuse_copy(path.name, next((other.name for own, other in same if own == row), None))
+        same.append((row, path))
+        found.extend(one.findings)
+
+    for path in folder.grasp_files():
+        found.clear()
+        yield from _tried(row, path, partial(squeezed, path))
+        for one in found:
             yield _doubted(row, path, f"{path.name}: {one.sentence}.")
 
 
@@ -345,7 +377,7 @@ def _tried(row: FruitRow, path: Path, read: Callable[[], object]) -> Iterator[Pr
     """What is wrong with the file at `path`; whatever comes of it, the files after it are read too."""
     try:
         read()
-    except (ReconFailure, TactileFailure) as failure:
+    except (ReconFailure, TactileFailure, FemFailure) as failure:
         yield _at(row, path, failure.detail)
     except MemoryError:
         yield _at(row, path, "needs more memory than there is; expected a file of usual size.")

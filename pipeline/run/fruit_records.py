@@ -93,7 +93,7 @@ def kept_records(tasks: Mapping[str, FruitTask]) -> Iterator[tuple[str, FruitRec
             continue
         if any((named_row(name, tasks) is not None) != was for name, was in record.strangers.items()):
             continue
-        if record.graded and not task.results.fruit_ply.is_file():
+        if record.graded and record.mesh is not None and not task.results.fruit_ply.is_file():
             continue
         if record.graded and task.screen and (record.screen is None or record.screen.again):
             continue

@@ -266,8 +266,7 @@ def _jobs(todo: Sequence[FruitTask], jobs: int, console: Console) -> int:
     free_MiB = free_memory_MiB()
     if not todo or free_MiB is None:
         return jobs
-    kinds = ("mesh" if task.folder.fruit_ply.is_file() else "photos" for task in todo)
-    need_MiB = max(PER_FRUIT_MIB[kind] for kind in kinds)
+    need_MiB = max(PER_FRUIT_MIB[_kind(task)] for task in todo)
     if free_MiB < LEAST_MIB:
         sentence = (
             f"has {free_MiB:.0f} MiB of memory left, and one fruit needs about {need_MiB:.0f} MiB; "
@@ -283,6 +282,13 @@ def _jobs(todo: Sequence[FruitTask], jobs: int, console: Console) -> int:
             highlight=False,
         )
     return fit
+
+
+def _kind(task: FruitTask) -> str:
+    """What a fruit's memory goes by."""
+    if task.folder.fruit_ply.is_file():
+        return "mesh"
+    return "traces" if task.folder.without_shape() else "photos"
 
 
 def _work(

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0}
+PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0, "traces": 500.0}
 """Peak of one fruit's process: 1.3 GiB of 36 photos and 0.89 GiB of ready meshes (README; in record.json,
 `peak_memory_MiB`), and a tenth on top."""
 LEAST_MIB = 750.0

@@ -246,6 +246,19 @@ def opened(path: Path) -> Iterator[Any]:
             raise _damaged(path, cause) from cause
 
 
+def is_of_bare_indenter(path: Path) -> bool:
+    """Whether the pads of the file at `path`, which may be no recording, have one force and no markers."""
+    try:
+        with opened(path) as file:
+            pads = file.get("pads")
+            held = list(pads.values()) if isinstance(pads, h5py.Group) else []
+            return bool(held) and all(
+                isinstance(pad, h5py.Group) and "force_z_N" in pad and "rest_mm" not in pad for pad in held
+            )
+    except TactileFailure:
+        return False
+
+
 def _damaged(path: Path, cause: Exception) -> TactileFailure:
     found = "no readable HDF5" if isinstance(cause, KeyError) else f"no readable HDF5 ({first_line(cause)})"
     return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)

@@ -1,0 +1,212 @@
+"""The traces of a bare indenter on one specimen: read, held against its geometry, joined under one law."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.fem_failure import FemFailure
+from fem.indentation.trace import IndenterTrace, joined
+from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
+from pipeline.problem import BatchRefused, Problem
+from recon.pit.priors import PitPrior
+from tactile.io.recording import IndenterPad, Recording, read_recording
+from tactile.tactile_failure import TactileFailure
+from tactile.trace_thinning import thin
+
+MOST_FRAMES = 1200
+"""Of all traces of a specimen together, as of one (tactile/trace_thinning.py): time grows with them."""
+FEWEST_KEPT = 60
+"""Of each of many traces (set by hand: three times what a fit asks for)."""
+DEEP = "No thickness_mm is given (in case.toml, or to drupe convert): the specimen is taken as thick."
+
+
+@dataclass(frozen=True, kw_only=True)
+class BareRecording:
+    """A recording whose only pad is a bare indenter; of two plates one with their mean force.
+
+    `source`: what sentences call it.
+    """
+
+    source: str
+    recording: Recording
+
+    @property
+    def pad(self) -> IndenterPad:
+        """What pressed."""
+        pad = self.recording.pads[0]
+        if not isinstance(pad, IndenterPad):
+            raise TypeError(pad)
+        return pad
+
+
+@dataclass(frozen=True, kw_only=True)
+class BareTraces:
+    """`trace`: all of them joined (`fem.indentation.trace.joined`); `facts` for the page."""
+
+    names: tuple[str, ...]
+    trace: IndenterTrace
+    known: TraceGeometry
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """What the page says of a slab."""
+        thick = self.known.thickness_mm
+        if not self.known.of_slab:
+            return ()
+        return (("Specimen", f"{thick:g} mm" if thick else "thick against the dent"),)
+
+
+def bare_recordings(paths: Iterable[Path]) -> list[BareRecording] | None:
+    """Every readable recording of a case, or None where one has pads with markers, or none can be read.
+
+    Raises BatchRefused for two bare pads that are not two plates.
+    """
+    found = []
+    for path in paths:
+        try:
+            recording = read_recording(path)
+        except TactileFailure:
+            continue
+        if not is_bare(recording):
+            return None
+        found.append(bare_recording(recording, source=str(path)))
+    return found or None
+
+
+def is_bare(recording: Recording) -> bool:
+    """Whether every pad of it is a bare indenter's."""
+    return all(isinstance(pad, IndenterPad) for pad in recording.pads)
+
+
+def bare_recording(recording: Recording, *, source: str) -> BareRecording:
+    """The pad, or of two bare jaws round one specimen one with the mean of both forces."""
+    pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
+    if len(pads) == 1:
+        return BareRecording(source=source, recording=recording)
+    if any(pad.indenter != "plate" for pad in pads):
+        said = " and ".join(pad.indenter for pad in pads)
+        raise BatchRefused(
+            [Problem(source, f"has two bare pads, {said}; only two plates squeeze one specimen by a law.")]
+        )
+    mean = np.mean([pad.force_z_N for pad in pads], axis=0)
+    both = replace(pads[0], force_z_N=mean)
+    return BareRecording(source=source, recording=replace(recording, pads=(both,)))
+
+
+def known_geometry(one: BareRecording, stated: Stated, prior: PitPrior | None) -> TraceGeometry:
+    """What presses on what: the recording's own fields, with what the user stated in their place.
+
+    Raises BatchRefused that names what is missing, and where no law is known of the geometry.
+    """
+    specimen, notes = combined(one.pad.specimen, stated, source=Path(one.source).name)
+    try:
+        known = geometry_of(
+            one.pad.indenter,
+            one.pad.radius_mm,
+            specimen,
+            source=one.source,
+            name_of=stated.name_of,
+            pit_share=_pit_share(prior),
+        )
+    except FemFailure as failure:
+        raise BatchRefused([Problem(one.source, failure.detail)]) from None
+    return replace(known, notes=(*notes, *known.notes))
+
+
+def bare_traces(found: Sequence[BareRecording], stated: Stated, prior: PitPrior | None) -> BareTraces:
+    """All recordings as one trace, thinned where they are long.
+
+    Raises BatchRefused where they are of different geometries, or one's is not known.
+    """
+    known = [known_geometry(one, stated, prior) for one in found]
+    for one, own in zip(found[1:], known[1:], strict=True):
+        if not own.same_as(known[0]):
+            raise BatchRefused(
+                [
+                    Problem(
+                        one.source,
+                        f"is of {own.geometry.said}, but {Path(found[0].source).name} of "
+                        f"{known[0].geometry.said}; a case holds one specimen under one tool: make a case of "
+                        "each, or correct the fields.",
+                    )
+                ]
+            )
+    return joined_traces(found, known)
+
+
+def joined_traces(found: Sequence[BareRecording], known: Sequence[TraceGeometry]) -> BareTraces:
+    """The recordings, all of one geometry, as one; raises BatchRefused where a rig is off some alone."""
+    _require_one_rig(found)
+    notes = [note for one in known for note in (*one.notes, *one.assumed)]
+    most = max(MOST_FRAMES // len(found), FEWEST_KEPT) if len(found) > 1 else None
+    traces = []
+    for one in found:
+        trace, said = _trace(one, known[0], most=most)
+        traces.append(trace)
+        notes += said
+    if known[0].of_slab and known[0].thickness_mm is None:
+        notes.append(DEEP)
+    return BareTraces(
+        names=tuple(Path(one.source).stem for one in found),
+        trace=joined(traces),
+        known=known[0],
+        notes=tuple(dict.fromkeys(notes)),
+    )
+
+
+def _require_one_rig(found: Sequence[BareRecording]) -> None:
+    """Refuses traces of which some have the rig's own travel taken off and others not."""
+    without = [one for one in found if one.recording.rig_give_mm is None]
+    if 0 < len(without) < len(found):
+        said = (
+            "has the rig's own travel in it, but other recordings of the fruit have not: convert all of them "
+            "with the same --rig, or none."
+        )
+        raise BatchRefused([Problem(without[0].source, said)])
+
+
+def _pit_share(prior: PitPrior | None) -> float | None:
+    """Of the fruit's diameter, the geometric mean over the axes; None where the category says none."""
+    if prior is None or prior.axis_ratios is None:
+        return None
+    return float(np.cbrt(np.prod(prior.axis_ratios)))
+
+
+def _trace(one: BareRecording, known: TraceGeometry, *, most: int | None) -> tuple[IndenterTrace, list[str]]:
+    recording, name = one.recording, Path(one.source).name
+    closing = -1.0 if recording.loading == "grasp" else 1.0
+    travel = closing * recording.aperture_mm
+    thinned = thin(recording.time_s, travel, one.pad.force_z_N)
+    kept = np.arange(len(travel)) if thinned is None else thinned.kept
+    said = [] if thinned is None else [thinned.said(name)]
+    if most is not None and len(kept) > most:
+        said.append(
+            f"{name}: {most} of {len(kept)} frames are used beside the other traces, spread over time, force "
+            "and travel equally."
+        )
+        kept = kept[_spread(recording.time_s[kept], travel[kept], one.pad.force_z_N[kept], most)]
+    trace = IndenterTrace(
+        time_s=recording.time_s[kept],
+        force_N=one.pad.force_z_N[kept],
+        travel_mm=travel[kept] - travel[0],
+        geometry=known.geometry,
+        rig_give_mm=None if recording.rig_give_mm is None else recording.rig_give_mm[kept],
+        rig_sd_mm=None if recording.rig_sd_mm is None else recording.rig_sd_mm[kept],
+    )
+    return trace, said
+
+
+def _spread(
+    time_s: Float[np.ndarray, " t"],
+    travel_mm: Float[np.ndarray, " t"],
+    force_N: Float[np.ndarray, " t"],
+    most: int,
+) -> Int[np.ndarray, " k"]:
+    """Frames at equal steps of the path that time, travel and force go together, in shares of each."""
+    steps = [np.abs(np.diff(one)) for one in (time_s, travel_mm, force_N)]
+    path = np.r_[0.0, np.cumsum(sum(step / max(float(step.sum()), 1e-300) for step in steps))]
+    return np.unique(np.searchsorted(path, np.linspace(0, path[-1], most)).clip(0, len(path) - 1))

@@ -1,0 +1,349 @@
+"""A fruit without photos or mesh: its diameters, and plates that squeezed it, to its modulus.
+
+recordings -> one law for all traces along a diameter -> E of linear elasticity -> what they show beyond it
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fem.elements.assembly import LARGEST_POISSON_RATIO
+from fem.estimation.sensitivity import POISSON_RATIO
+from fem.fem_failure import FemFailure
+from fem.indentation.compressed_ellipsoid import Ellipsoid
+from fem.indentation.explain_trace import explain_trace
+from fem.indentation.linear_modulus import linear_modulus
+from fem.indentation.no_contact import require_force
+from fem.mismatch.result import NONE, Explanation, Modulus
+from pipeline.batch.outcome import FruitEnded, Outcome
+from pipeline.batch.records import CurveRecord, GraspRecord, ModulusRecord, PressedRecord, ScreenRecord
+from pipeline.batch.rig_setting import batch_rig
+from pipeline.batch.task import FruitTask
+from pipeline.fruit.bare_traces import (
+    BareRecording,
+    BareTraces,
+    bare_recording,
+    is_bare,
+    joined_traces,
+    known_geometry,
+)
+from pipeline.fruit.elasticity import DOUBTED
+from pipeline.fruit.flesh_model import poisson_ratio
+from pipeline.fruit.grasped import admitted, owner_of, said_once
+from pipeline.fruit.input_doubts import Doubt, of_findings, relative_sd
+from pipeline.fruit.same_recording import refuse_copy
+from pipeline.fruit.stage_log import StageLog
+from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
+from pipeline.problem import BatchRefused
+from recon.pit.priors import PitPrior
+from recon.plain_file import printable
+from tactile.checks.finding import Finding
+from tactile.io.recording import Recording, read_recording
+from tactile.io.specimen import DIAMETERS
+from tactile.recording_digest import recording_digest
+from tactile.rig.rig_correction import without_rig
+from tactile.rig.rig_curve import RigCurve
+from tactile.tactile_failure import TactileFailure, TactileProblem
+
+TRACE_SEED = 20261120
+"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+SHAPE, RECORDINGS = "shape from three diameters", "recordings"
+"""Parts of the error bar, beside Poisson's ratio."""
+APART = 3.0
+"""Standard deviations between E along two diameters, shape included, from which it is said (set by hand)."""
+TYPICAL = 0.7
+"""Share of the deepest squeeze at which E's dependence on Poisson's ratio is taken (set by hand: the upper
+half of the force rules E, and force goes with the power 1.5)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SqueezedTrace:
+    """A recording that can be used, with the law of its geometry and what is doubted of it.
+
+    `path`: its file; `digest` as in tactile.recording_digest.
+    """
+
+    path: Path
+    bare: BareRecording
+    known: TraceGeometry
+    fruit: Ellipsoid
+    digest: str
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def name(self) -> str:
+        """What records call it."""
+        return printable(self.path.stem)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _AlongOne:
+    """All recordings along one diameter under one law: what they say, and E by each alone."""
+
+    recordings: tuple[SqueezedTrace, ...]
+    traces: BareTraces
+    found: Explanation
+    alone: tuple[Modulus, ...]
+
+    @property
+    def fruit(self) -> Ellipsoid:
+        """Its diameters and pit."""
+        return self.recordings[0].fruit
+
+
+def grade_pressed(task: FruitTask, log: StageLog) -> None:
+    """E of a fruit that plates squeezed, its parts and what else is known, told to `log`.
+
+    Raises TactileFailure, FemFailure or FruitEnded where there is none.
+    """
+    facts = log.facts
+    nu, nu_sd, _ = poisson_ratio(task.settings, task.prior)
+    with log.stage("contact"):
+        used = _recordings(task, log)
+        doubts = of_findings([(one.name, one.findings) for one in used])
+        facts.doubts = tuple(doubt.sentence for doubt in doubts)
+        log.warnings[:0] = facts.doubts
+    with log.stage("modulus"):
+        found = [_explained(group, nu) for group in _by_diameter(used)]
+        facts.pressed = _pressed_record(found, task, nu)
+        records = [record for one in found for record in _grasp_records(one)]
+        facts.grasps = tuple(sorted([*facts.grasps, *records], key=lambda record: record.grasp))
+        withheld = [one.found.withheld for one in found if one.found.withheld is not None]
+        if withheld:
+            raise FruitEnded(Outcome.WITHHELD_MODULUS, "; ".join(dict.fromkeys(withheld)))
+        facts.modulus = _modulus_record(found, facts.pressed.shape_sd, nu, nu_sd, doubts)
+        log.warnings += _warnings(found, facts.pressed.shape_sd)
+        if task.settings.mismatch:
+            names = ", ".join(dict.fromkeys(one.effect for one in task.settings.mismatch))
+            log.warnings.append(f"Confirmed effects ({names}) are not in E: they need a fruit's mesh.")
+    if task.screen:
+        facts.screen = _screen_record(found)
+
+
+def _recordings(task: FruitTask, log: StageLog) -> list[SqueezedTrace]:
+    """Those that can be used; why others cannot goes to `log`. Raises FruitEnded where none can."""
+    used: list[SqueezedTrace] = []
+    failures: dict[str, TactileFailure | FemFailure] = {}
+    stated, rig = stated_in_table(task.given), batch_rig(task.batch_root, task.settings)
+    admit = partial(admitted, owner_of(task), log, log.facts.strangers, field="attribute fruit_id")
+    for path in task.folder.grasp_files():
+        name = printable(path.stem)
+        try:
+            one = squeezed_trace(
+                path, stated=stated, prior=task.prior, rig=rig, admit=partial(admit, name=name)
+            )
+            refuse_copy(name, next((other.name for other in used if other.digest == one.digest), None))
+            used.append(one)
+            log.warnings += [note for note in one.notes if note not in log.warnings]
+        except (TactileFailure, FemFailure) as failure:
+            failures[name] = failure
+            log.warnings.append(f"not used: {failure.detail}")
+    log.facts.grasps = tuple(GraspRecord(grasp=name, failure=one.detail) for name, one in failures.items())
+    if used:
+        return used
+    if len(failures) == 1:
+        raise next(iter(failures.values()))
+    raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures.values()]))
+
+
+def squeezed_trace(
+    path: Path,
+    *,
+    stated: Stated,
+    prior: PitPrior | None,
+    rig: RigCurve | None,
+    admit: Callable[[Recording], Sequence[Finding]],
+) -> SqueezedTrace:
+    """One recording of plates round the fruit, the travel of the batch's rig taken off.
+
+    `stated`: what fruits.csv says of the fruit, which comes before what the recording says; `admit` says what
+    is doubted of a recording's being this fruit's. Raises TactileFailure or FemFailure.
+    """
+    recording = read_recording(path)
+    if not is_bare(recording):
+        raise _unfit(path, "pads with markers", "those of plates: a gel's recording needs a mesh or photos")
+    findings = tuple(admit(recording))
+    digest = recording_digest(recording)
+    try:
+        bare = bare_recording(recording, source=str(path))
+        known = known_geometry(bare, stated, prior)
+    except BatchRefused as refused:
+        said = " ".join(problem.sentence for problem in refused.problems)
+        raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: {said}") from None
+    if not isinstance(known.geometry, Ellipsoid):
+        expected = "plates on a fruit; drupe explain takes the others"
+        raise _unfit(path, known.geometry.said, expected)
+    bare, notes = _without_rig(bare, rig, path)
+    require_force(joined_traces([bare], [known]).trace)
+    return SqueezedTrace(
+        path=path,
+        bare=bare,
+        known=known,
+        fruit=known.geometry,
+        digest=digest,
+        findings=findings,
+        notes=(*notes, *known.notes),
+    )
+
+
+def _unfit(path: Path, found: str, expected: str) -> TactileFailure:
+    said = f"{path.name}: found {found}, expected of a fruit without photos or mesh {expected}."
+    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, said)
+
+
+def _without_rig(
+    bare: BareRecording, rig: RigCurve | None, path: Path
+) -> tuple[BareRecording, tuple[str, ...]]:
+    """The recording less what the batch's rig gives, unless `drupe convert --rig` took one off before."""
+    if rig is None or bare.recording.rig_give_mm is not None:
+        return bare, ()
+    done = without_rig(bare.recording, rig, source=path.name, named="the batch's rig")
+    return replace(bare, recording=done.recording), done.notes
+
+
+def _by_diameter(used: Sequence[SqueezedTrace]) -> list[list[SqueezedTrace]]:
+    """Recordings along the same diameter together, in the order of the first of each."""
+    groups: list[list[SqueezedTrace]] = []
+    for one in used:
+        same = next((group for group in groups if group[0].known.same_as(one.known)), None)
+        if same is None:
+            groups.append([one])
+        else:
+            same.append(one)
+    return groups
+
+
+def _explained(group: Sequence[SqueezedTrace], nu: float) -> _AlongOne:
+    """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
+    try:
+        traces = joined_traces([one.bare for one in group], [one.known for one in group])
+    except BatchRefused as refused:
+        said = " ".join(problem.sentence for problem in refused.problems)
+        raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None
+    found = explain_trace(
+        traces.trace, thickness_mm=None, poisson_ratio=nu, rng=np.random.default_rng(TRACE_SEED)
+    )
+    alone: tuple[Modulus, ...] = (found.before,)
+    if len(group) > 1:
+        alone = tuple(
+            linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts
+        )
+    return _AlongOne(recordings=tuple(group), traces=traces, found=found, alone=alone)
+
+
+def _pressed_record(found: Sequence[_AlongOne], task: FruitTask, nu: float) -> PressedRecord:
+    fruit = found[0].fruit
+    own = found[0].recordings[0].bare.pad.specimen.pit_share
+    source = "fruits.csv" if task.given.pit_share is not None else "the recording"
+    if task.given.pit_share is None and own is None:
+        source = "none given" if not fruit.pit_share else f"prior for {task.category}"
+    curves = [one.fruit.curve(thickness_mm=None, poisson_ratio=nu) for one in found]
+    return PressedRecord(
+        diameters_mm=fruit.diameters_mm,
+        squeezed_along=tuple(DIAMETERS[one.fruit.axis] for one in found),
+        pit_share=fruit.pit_share,
+        pit_source=source,
+        shape_sd=float(np.mean([curve.shape_sd for curve in curves])),
+    )
+
+
+def _grasp_records(one: _AlongOne) -> list[GraspRecord]:
+    """What each recording gave by itself; travel and force from its first frame."""
+    records = []
+    for trace, recording, own in zip(one.traces.trace.parts, one.recordings, one.alone, strict=True):
+        force = trace.force_N
+        records.append(
+            GraspRecord(
+                grasp=recording.name,
+                digest=recording.digest,
+                E_MPa=own.value,
+                E_sd_MPa=own.sd,
+                E_least_squares_MPa=own.value,
+                E_least_squares_sd_MPa=own.sd,
+                peak_force_N=float(force.max()),
+                travel_mm=float(np.ptp(trace.travel_mm)),
+                frames_used=len(force),
+                curves=[
+                    CurveRecord(
+                        pad="plates",
+                        travel_mm=np.round(trace.travel_mm, 4).tolist(),
+                        force_N=np.round(force, 4).tolist(),
+                    )
+                ],
+            )
+        )
+    return records
+
+
+def _modulus_record(
+    found: Sequence[_AlongOne], shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
+) -> ModulusRecord:
+    """The weighted mean of ln E over the diameters; shape and Poisson's ratio are common to all of them."""
+    relative = np.array([one.found.before.sd / one.found.before.value for one in found])
+    weights = relative**-2 / np.sum(relative**-2)
+    E_MPa = float(np.exp(weights @ np.log([one.found.before.value for one in found])))
+    of_ratio = abs(float(weights @ [_per_ratio(one, nu, nu_sd) for one in found]))
+    parts = {
+        RECORDINGS: E_MPa * float(np.sum(relative**-2) ** -0.5),
+        SHAPE: E_MPa * shape_sd,
+        POISSON_RATIO: E_MPa * of_ratio,
+        DOUBTED: E_MPa * relative_sd(doubts),
+    }
+    return ModulusRecord(
+        E_MPa=E_MPa,
+        E_sd_MPa=float(np.linalg.norm(list(parts.values()))),
+        common_sd_MPa=parts[POISSON_RATIO],
+        parts_sd_MPa={name: sd for name, sd in parts.items() if sd},
+    )
+
+
+def _per_ratio(one: _AlongOne, nu: float, nu_sd: float) -> float:
+    """Change of ln E over one standard deviation of Poisson's ratio."""
+    if not nu_sd:
+        return 0.0
+    depth = np.array(TYPICAL * float(np.ptp(one.traces.trace.travel_mm)))
+    low, high = max(nu - nu_sd, 0.0), min(nu + nu_sd, LARGEST_POISSON_RATIO)
+    forces = [
+        float(one.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
+        for ratio in (low, high)
+    ]
+    return float(np.log(forces[0] / forces[1]) * nu_sd / (high - low))
+
+
+def _screen_record(found: Sequence[_AlongOne]) -> ScreenRecord:
+    """What the traces show beyond linear elasticity, the likeliest names first."""
+    names = [
+        name
+        for one in found
+        for name in ([one.found.verdict] if isinstance(one.found.verdict, str) else one.found.verdict)
+        if name != NONE
+    ]
+    p_value = min(1.0, len(found) * min(one.found.p_value for one in found))
+    return ScreenRecord(p_value=p_value, names=tuple(dict.fromkeys(names)))
+
+
+def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
+    """What changes E: effects that move it, diameters that do not agree."""
+    said = []
+    for one in found:
+        before, after = one.found.before, one.found.after
+        if one.found.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
+            said.append(
+                f"With what the traces show beyond linear elasticity E is {after.value:.3g} ± {after.sd:.2g} "
+                "MPa (drupe explain); the ranking keeps that of linear elasticity, which all fruit have in "
+                "common."
+            )
+    values = [one.found.before for one in found]
+    for first, second in pairwise(values):
+        sd = np.linalg.norm([first.sd / first.value, second.sd / second.value, np.sqrt(2) * shape_sd])
+        if abs(np.log(first.value / second.value)) > APART * sd:
+            said.append(
+                f"E along two diameters is {first.value:.3g} and {second.value:.3g} MPa, further apart than "
+                "recordings and shape explain: check diameters and axes."
+            )
+    return said
