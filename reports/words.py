@@ -12,7 +12,9 @@ SMALLEST_P = 0.001
 """p-values are not told apart below this: so far out the null reference has no recordings."""
 
 _ADVICE = {
-    "withheld-modulus": "Squeeze the fruit again, at one speed and deeper; drupe convert --rig takes off what the rig gives.",
+    "withheld-modulus": (
+        "Squeeze the fruit again, deeper and at one speed; drupe convert --rig takes off what the rig gives."
+    ),
     "no-shape": "Put the photos of this fruit into its photos folder, or a ready mesh as fruit.ply.",
     "too-few-views": "Take more photos, all the way round and from two heights, each overlapping the next.",
     "no-overlap": "Take more photos, all the way round and from two heights, each overlapping the next.",

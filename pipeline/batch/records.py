@@ -131,13 +131,13 @@ class CurveRecord(_Record):
 
 class PressedRecord(_Record):
     """A fruit of which there is no mesh, only its diameters (mm) and plates that squeezed it along the first
-    of `squeezed_along`; `pit_share`: the pit's diameter over the fruit's, said by `pit_source`.
+    of `compressed_along`; `pit_share`: the pit's diameter over the fruit's, said by `pit_source`.
 
     `shape_sd`: standard deviation of ln E because three diameters are not the shape.
     """
 
     diameters_mm: tuple[float, float, float]
-    squeezed_along: tuple[Literal["a", "b", "c"], ...]
+    compressed_along: tuple[Literal["a", "b", "c"], ...]
     pit_share: float
     pit_source: str
     shape_sd: float

@@ -61,7 +61,7 @@ half of the force rules E, and force goes with the power 1.5)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SqueezedTrace:
+class CompressionTrace:
     """A recording that can be used, with the law of its geometry and what is doubted of it.
 
     `path`: its file; `digest` as in tactile.recording_digest.
@@ -85,7 +85,7 @@ class SqueezedTrace:
 class _AlongOne:
     """All recordings along one diameter under one law: what they say, and E by each alone."""
 
-    recordings: tuple[SqueezedTrace, ...]
+    recordings: tuple[CompressionTrace, ...]
     traces: BareTraces
     found: Explanation
     alone: tuple[Modulus, ...]
@@ -125,16 +125,16 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         facts.screen = _screen_record(found)
 
 
-def _recordings(task: FruitTask, log: StageLog) -> list[SqueezedTrace]:
+def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
     """Those that can be used; why others cannot goes to `log`. Raises FruitEnded where none can."""
-    used: list[SqueezedTrace] = []
+    used: list[CompressionTrace] = []
     failures: dict[str, TactileFailure | FemFailure] = {}
     stated, rig = stated_in_table(task.given), batch_rig(task.batch_root, task.settings)
     admit = partial(admitted, owner_of(task), log, log.facts.strangers, field="attribute fruit_id")
     for path in task.folder.grasp_files():
         name = printable(path.stem)
         try:
-            one = squeezed_trace(
+            one = compression_trace(
                 path, stated=stated, prior=task.prior, rig=rig, admit=partial(admit, name=name)
             )
             refuse_copy(name, next((other.name for other in used if other.digest == one.digest), None))
@@ -151,14 +151,14 @@ def _recordings(task: FruitTask, log: StageLog) -> list[SqueezedTrace]:
     raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures.values()]))
 
 
-def squeezed_trace(
+def compression_trace(
     path: Path,
     *,
     stated: Stated,
     prior: PitPrior | None,
     rig: RigCurve | None,
     admit: Callable[[Recording], Sequence[Finding]],
-) -> SqueezedTrace:
+) -> CompressionTrace:
     """One recording of plates round the fruit, the travel of the batch's rig taken off.
 
     `stated`: what fruits.csv says of the fruit, which comes before what the recording says; `admit` says what
@@ -180,7 +180,7 @@ def squeezed_trace(
         raise _unfit(path, known.geometry.said, expected)
     bare, notes = _without_rig(bare, rig, path)
     require_force(joined_traces([bare], [known]).trace)
-    return SqueezedTrace(
+    return CompressionTrace(
         path=path,
         bare=bare,
         known=known,
@@ -206,9 +206,9 @@ def _without_rig(
     return replace(bare, recording=done.recording), done.notes
 
 
-def _by_diameter(used: Sequence[SqueezedTrace]) -> list[list[SqueezedTrace]]:
+def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace]]:
     """Recordings along the same diameter together, in the order of the first of each."""
-    groups: list[list[SqueezedTrace]] = []
+    groups: list[list[CompressionTrace]] = []
     for one in used:
         same = next((group for group in groups if group[0].known.same_as(one.known)), None)
         if same is None:
@@ -218,7 +218,7 @@ def _by_diameter(used: Sequence[SqueezedTrace]) -> list[list[SqueezedTrace]]:
     return groups
 
 
-def _explained(group: Sequence[SqueezedTrace], nu: float) -> _AlongOne:
+def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
     """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
     try:
         traces = joined_traces([one.bare for one in group], [one.known for one in group])
@@ -245,7 +245,7 @@ def _pressed_record(found: Sequence[_AlongOne], task: FruitTask, nu: float) -> P
     curves = [one.fruit.curve(thickness_mm=None, poisson_ratio=nu) for one in found]
     return PressedRecord(
         diameters_mm=fruit.diameters_mm,
-        squeezed_along=tuple(DIAMETERS[one.fruit.axis] for one in found),
+        compressed_along=tuple(DIAMETERS[one.fruit.axis] for one in found),
         pit_share=fruit.pit_share,
         pit_source=source,
         shape_sd=float(np.mean([curve.shape_sd for curve in curves])),

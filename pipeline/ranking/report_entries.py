@@ -264,7 +264,7 @@ def _facts(record: FruitRecord, place: Rank | None) -> list[tuple[str, str]]:
         facts.append(("Thinnest flesh", f"{pit.thinnest_flesh_mm:.1f} mm"))
     if (pressed := record.pressed) is not None:
         size = " × ".join(f"{side:g}" for side in pressed.diameters_mm)
-        along = " and ".join(pressed.squeezed_along)
+        along = " and ".join(pressed.compressed_along)
         facts.append(("Diameters (a × b × c)", f"{size} mm, squeezed along {along}; there is no mesh"))
         facts.append(("Pit", f"{pressed.pit_share:.2f} of the diameter, from {pressed.pit_source}"))
     if (flesh := record.flesh) is not None:

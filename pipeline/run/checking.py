@@ -26,7 +26,7 @@ from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
-from pipeline.fruit.pressed_fruit import squeezed_trace
+from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
 from pipeline.fruit.trace_geometry import stated_in_table
@@ -169,11 +169,11 @@ def _pressed_problems(batch: Survey, row: FruitRow, folder: FruitFolder, read: R
         said = recording.fruit_id, recording.category
         return owner_findings(*said, _owner(batch, row), source="", field="attribute fruit_id")
 
-    def squeezed(path: Path) -> None:
+    def read_one(path: Path) -> None:
         stated, rig = stated_in_table(given_of(row)), None
         if batch.settings is not None:
             rig = batch_rig(batch.folder.root, batch.settings)
-        one = squeezed_trace(path, stated=stated, prior=batch.prior, rig=rig, admit=admit)
+        one = compression_trace(path, stated=stated, prior=batch.prior, rig=rig, admit=admit)
         same = read.setdefault(one.digest, [])
         refuse_copy(path.name, next((other.name for own, other in same if own == row), None))
         same.append((row, path))
@@ -181,7 +181,7 @@ def _pressed_problems(batch: Survey, row: FruitRow, folder: FruitFolder, read: R
 
     for path in folder.grasp_files():
         found.clear()
-        yield from _tried(row, path, partial(squeezed, path))
+        yield from _tried(row, path, partial(read_one, path))
         for one in found:
             yield _doubted(row, path, f"{path.name}: {one.sentence}.")
 
