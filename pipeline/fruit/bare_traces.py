@@ -8,11 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure
+from fem.indentation.compressed_ellipsoid import Ellipsoid
+from fem.indentation.contact_curve import Geometry
 from fem.indentation.trace import IndenterTrace, joined
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
 from pipeline.problem import BatchRefused, Problem
-from recon.pit.priors import PitPrior
+from recon.pit.priors import PitBody, PitPrior
 from tactile.io.recording import IndenterPad, Recording, read_recording
+from tactile.io.specimen import DIAMETERS
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import thin
 
@@ -20,6 +23,13 @@ MOST_FRAMES = 1200
 """Of all traces of a specimen together, as of one (tactile/trace_thinning.py): time grows with them."""
 FEWEST_KEPT = 60
 """Of each of many traces (set by hand: three times what a fit asks for)."""
+ALONG_STEM = (
+    "plates along diameter c, from stem to tip, where they meet the rim of the stem's hollow and E would be "
+    "1.7 to 2 times too large; expected them across the cheeks (axis b) or from suture to back (axis a). If "
+    "the diameters are in another order, write them as a (suture to back), b (across the cheeks), c (stem to "
+    "tip)"
+)
+"""Of a stone fruit; the factor is that of benchmarks/diameter_shapes.py."""
 DEEP = "No thickness_mm is given (in case.toml, or to drupe convert): the specimen is taken as thick."
 
 
@@ -114,7 +124,14 @@ def known_geometry(one: BareRecording, stated: Stated, prior: PitPrior | None) -
         )
     except FemFailure as failure:
         raise BatchRefused([Problem(one.source, failure.detail)]) from None
-    return replace(known, notes=(*notes, *known.notes))
+    body = None if prior is None else prior.body
+    stem = [f"Found {ALONG_STEM}."] if body is not None and is_along_stem(known.geometry, body) else []
+    return replace(known, notes=(*notes, *stem, *known.notes))
+
+
+def is_along_stem(geometry: Geometry, body: PitBody) -> bool:
+    """Whether plates compress a fruit with stem and suture from stem to tip."""
+    return isinstance(geometry, Ellipsoid) and body.stem_and_suture and DIAMETERS[geometry.axis] == "c"
 
 
 def bare_traces(found: Sequence[BareRecording], stated: Stated, prior: PitPrior | None) -> BareTraces:

@@ -24,9 +24,11 @@ from pipeline.batch.records import CurveRecord, GraspRecord, ModulusRecord, Pres
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.bare_traces import (
+    ALONG_STEM,
     BareRecording,
     BareTraces,
     bare_recording,
+    is_along_stem,
     is_bare,
     joined_traces,
     known_geometry,
@@ -39,7 +41,7 @@ from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, stated_in_table
 from pipeline.problem import BatchRefused
-from recon.pit.priors import PitPrior
+from recon.pit.priors import PitBody, PitPrior
 from recon.plain_file import printable
 from tactile.checks.finding import Finding
 from tactile.io.recording import Recording, read_recording
@@ -51,6 +53,9 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
 """Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+ALONG_SUTURE_SD = 0.15
+"""Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
+forces on whole skins are 1.14 to 1.16 times those on ellipsoids (benchmarks/diameter_shapes.py)."""
 SHAPE, RECORDINGS = "shape from three diameters", "recordings"
 """Parts of the error bar, beside Poisson's ratio."""
 APART = 3.0
@@ -135,7 +140,12 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
         name = printable(path.stem)
         try:
             one = compression_trace(
-                path, stated=stated, prior=task.prior, rig=rig, admit=partial(admit, name=name)
+                path,
+                stated=stated,
+                prior=task.prior,
+                body=task.body,
+                rig=rig,
+                admit=partial(admit, name=name),
             )
             refuse_copy(name, next((other.name for other in used if other.digest == one.digest), None))
             used.append(one)
@@ -156,6 +166,7 @@ def compression_trace(
     *,
     stated: Stated,
     prior: PitPrior | None,
+    body: PitBody,
     rig: RigCurve | None,
     admit: Callable[[Recording], Sequence[Finding]],
 ) -> CompressionTrace:
@@ -178,6 +189,8 @@ def compression_trace(
     if not isinstance(known.geometry, Ellipsoid):
         expected = "plates on a fruit; drupe explain takes the others"
         raise _unfit(path, known.geometry.said, expected)
+    if is_along_stem(known.geometry, body):
+        raise TactileFailure(TactileProblem.UNREADABLE_RECORDING, f"{path.name}: found {ALONG_STEM}.")
     bare, notes = _without_rig(bare, rig, path)
     require_force(joined_traces([bare], [known]).trace)
     return CompressionTrace(
@@ -242,14 +255,20 @@ def _pressed_record(found: Sequence[_AlongOne], task: FruitTask, nu: float) -> P
     source = "fruits.csv" if task.given.pit_share is not None else "the recording"
     if task.given.pit_share is None and own is None:
         source = "none given" if not fruit.pit_share else f"prior for {task.category}"
-    curves = [one.fruit.curve(thickness_mm=None, poisson_ratio=nu) for one in found]
     return PressedRecord(
         diameters_mm=fruit.diameters_mm,
         compressed_along=tuple(DIAMETERS[one.fruit.axis] for one in found),
         pit_share=fruit.pit_share,
         pit_source=source,
-        shape_sd=float(np.mean([curve.shape_sd for curve in curves])),
+        shape_sd=float(np.mean([_shape_sd(one, task.body, nu) for one in found])),
     )
+
+
+def _shape_sd(one: _AlongOne, body: PitBody, nu: float) -> float:
+    """Of ln E along one diameter."""
+    of_ellipsoid = one.fruit.curve(thickness_mm=None, poisson_ratio=nu).shape_sd
+    of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[one.fruit.axis] == "a" else 0.0
+    return float(np.hypot(of_ellipsoid, of_suture))
 
 
 def _grasp_records(one: _AlongOne) -> list[GraspRecord]:

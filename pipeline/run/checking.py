@@ -173,7 +173,9 @@ def _pressed_problems(batch: Survey, row: FruitRow, folder: FruitFolder, read: R
         stated, rig = stated_in_table(given_of(row)), None
         if batch.settings is not None:
             rig = batch_rig(batch.folder.root, batch.settings)
-        one = compression_trace(path, stated=stated, prior=batch.prior, rig=rig, admit=admit)
+        one = compression_trace(
+            path, stated=stated, prior=batch.prior, body=kind_of(batch.category).body, rig=rig, admit=admit
+        )
         same = read.setdefault(one.digest, [])
         refuse_copy(path.name, next((other.name for own, other in same if own == row), None))
         same.append((row, path))

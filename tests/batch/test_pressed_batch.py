@@ -58,7 +58,7 @@ def record(folder: Path, name: str, fruit: str, force_of, *, seed: int, deepest_
     np.savetxt(source, rows, delimiter=",", header="time_s,travel_mm,force_N", comments="")
     made = folder / "batch" / "fruits" / fruit / "grasps" / f"{name}.h5"
     made.parent.mkdir(parents=True, exist_ok=True)
-    sizes = ("--diameters-mm", "60", "60", "57", "--axis", "c")
+    sizes = ("--diameters-mm", "60", "57", "60", "--axis", "b")
     assert run("convert", source, made, *OF_A_FRUIT, *sizes, "--fruit", fruit)[0] == 0
     return made
 
@@ -80,9 +80,9 @@ def batch(tmp_path_factory, force_per_MPa):
     write_recording(bare, replace(held, pads=(replace(pad, specimen=specimen),)))
     own = record(folder, "squeeze-1", "mixed", lambda d: 0.5 * force_per_MPa(d), seed=51)
     record(folder, "other", "firm", lambda d: 1.1 * force_per_MPa(d), seed=52).rename(own.parent / "other.h5")
-    rows = [f"{fruit},60,60,57,c" for fruit in ("firm", "soft", "grams", "mixed")]
+    rows = [f"{fruit},60,57,60,b" for fruit in ("firm", "soft", "grams", "mixed")]
     root = folder / "batch"
-    (root / "fruits.csv").write_text("\n".join([HEADER, *rows, "unmeasured,,,,c"]))
+    (root / "fruits.csv").write_text("\n".join([HEADER, *rows, "unmeasured,,,,b"]))
     (root / "batch.toml").write_text('category = "nectarine"\n')
     return root
 
@@ -115,7 +115,7 @@ def test_the_error_bar_says_that_the_shape_is_three_diameters(graded):
     assert parts["shape from three diameters"] > 3 * parts["recordings"]
     assert np.linalg.norm(list(parts.values())) == pytest.approx(modulus["E_sd_MPa"])
     assert modulus["common_sd_MPa"] == pytest.approx(parts["Poisson's ratio"])
-    assert "60 × 60 × 57 mm, squeezed along c; there is no mesh" in page
+    assert "60 × 57 × 60 mm, squeezed along b; there is no mesh" in page
     assert "0.44 of the diameter, from prior for nectarine" in page
 
 
@@ -146,14 +146,23 @@ def test_explain_takes_the_diameters_of_the_table(batch, tmp_path):
     assert found["E_MPa"]["after"]["value"] == pytest.approx(TRUE_MPA["soft"], rel=0.05)
 
 
+def test_plates_along_the_stem_are_refused_with_the_way_out(tmp_path, force_per_MPa):
+    record(tmp_path, "squeeze-1", "a", force_per_MPa, seed=1)
+    (tmp_path / "batch" / "batch.toml").write_text('category = "nectarine"\n')
+    (tmp_path / "batch" / "fruits.csv").write_text(f"{HEADER}\na,60,60,57,c\n")
+    said = run("check", tmp_path / "batch")[1]
+    assert "squeeze-1.h5: found plates along diameter c, from stem to tip" in said
+    assert "expected them across the cheeks (axis b)" in said
+
+
 @pytest.mark.parametrize(
     ("row", "said"),
     [
-        ("a,60,60,,c", "diameter_c_mm is empty; expected all three diameters"),
+        ("a,60,60,,b", "diameter_c_mm is empty; expected all three diameters"),
         ("a,6,6,5.7,c", "diameter_a_mm 6: a nectarine is 12.5 to 115 mm in size; is it in cm (60 mm)?"),
         ("a,60,60,57,z", 'axis is "z"; expected a, b or c'),
-        ("a,60,60,57,c,44", 'pit_share is "44"; expected the pit'),
-        ("a,60,60,57,c,44", "is it in percent?"),
+        ("a,60,57,60,b,44", 'pit_share is "44"; expected the pit'),
+        ("a,60,57,60,b,44", "is it in percent?"),
     ],
 )
 def test_a_slip_in_the_table_is_named(tmp_path, row, said):
