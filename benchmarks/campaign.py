@@ -65,7 +65,7 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             return said, "" if said else _digest_of_batch(root / "batch")
         if command == "case":
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
-            held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.thickness_mm)]
+            held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
             return [], _digest(held)
         source = root / ("sources/tac3d" if "tac3d" in path else path)
         wanted = ConvertRequest(sensor=root / "sources" / "sensor.toml")

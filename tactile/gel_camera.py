@@ -4,8 +4,11 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from tactile.gel.gel_sides import GelOutline
 from tactile.sensors import GelCamera
 
+DOME_STEPS = 6
+"""Of the fixed point where a ray meets a dome: each is nearer by the face's slope, a tenth or less."""
 UNDISTORT_STEPS = 50
 """Of OpenCV's fixed-point search, at most; it ends at 1e-12."""
 
@@ -47,6 +50,19 @@ def on_face(
     centre, direction = rays(camera, pixels)
     reach = (z_mm - centre[2]) / direction[:, 2:]
     return np.asarray(centre + reach * direction)
+
+
+def on_gel(
+    camera: GelCamera, pixels: Float[np.ndarray, "n 2"], outline: GelOutline | None
+) -> Float[np.ndarray, "n 3"]:
+    """Where each pixel's ray meets the undeformed face, which may be domed."""
+    points = on_face(camera, pixels)
+    centre = camera.gel_from_camera[:3, 3]
+    for _ in range(DOME_STEPS if outline is not None and outline.domed else 0):
+        height = outline.face_mm(points[:, 0], points[:, 1]) if outline is not None else 0.0
+        reach = (height - centre[2]) / (points[:, 2] - centre[2])
+        points = centre + reach[:, None] * (points - centre)
+    return points
 
 
 def mm_per_px(camera: GelCamera) -> float:

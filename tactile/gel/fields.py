@@ -296,16 +296,19 @@ def _needed(sensor: Sensor, camera: GelCamera | None, name: str) -> GelCamera:
 
 
 def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
-    """A slab's compliance is not a dome's."""
+    """The compliance of the face that is described is not another's."""
     if sensor.thickness_mm is None:
         return
     basis = np.column_stack([rest_mm[:, :2], np.ones(len(rest_mm))])
-    off = rest_mm[:, 2] - basis @ np.linalg.lstsq(basis, rest_mm[:, 2], rcond=None)[0]
+    face = 0.0 if sensor.outline is None else sensor.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
+    over = rest_mm[:, 2] - face
+    off = over - basis @ np.linalg.lstsq(basis, over, rcond=None)[0]
     if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
         raise _refusal(
             sensor,
-            f"its gel is a dome ({np.ptp(off):.2f} mm out of a plane, {sensor.thickness_mm:g} mm thick); "
-            'forces are computed for flat gels only: use the maker\'s own (kind = "fields")',
+            f"its gel is a dome ({np.ptp(off):.2f} mm out of the face described, {sensor.thickness_mm:g} mm "
+            "thick); give face_radius_mm and size_mm under [gel], or use the maker's own forces "
+            '(kind = "fields")',
         )
 
 

@@ -22,6 +22,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.linalg import cho_factor, cho_solve
 
+from tactile.gel.domed_bricks import domed_face_compliance
+
 PER_THICKNESS, LAYERS = 2.0, 2
 """Bricks per thickness along the face, and through it: within 2 % of what a fine mesh says that the sides
 change (`tests/tactile/test_gel_sides.py`)."""
@@ -44,12 +46,33 @@ Bases: TypeAlias = Sequence[np.ndarray]
 class GelOutline(NamedTuple):
     """A rectangular gel: size along x and y, its middle in the pad frame, and what its sides do.
 
-    Sides are `free`, or `bonded` to a frame as stiff as the back.
+    Sides are `free`, or `bonded` to a frame as stiff as the back. `face_radius_mm`: radii of a domed face
+    along x and y, infinite where it is flat; the thickness is then that in its middle.
     """
 
     size_mm: tuple[float, float]
     centre_mm: tuple[float, float] = (0.0, 0.0)
     sides: GelSides = "free"
+    face_radius_mm: tuple[float, float] = (np.inf, np.inf)
+
+    @property
+    def domed(self) -> bool:
+        """Whether its face is no plane."""
+        return not np.isinf(self.face_radius_mm).all()
+
+    @property
+    def lowest_mm(self) -> float:
+        """How far the face's corners lie below its middle."""
+        return float(
+            sum(size**2 / (8 * r) for size, r in zip(self.size_mm, self.face_radius_mm, strict=True))
+        )
+
+    def face_mm(
+        self, x_mm: Float[np.ndarray, "*n"], y_mm: Float[np.ndarray, "*n"]
+    ) -> Float[np.ndarray, "*n"]:
+        """Height of the untouched face, mm: 0 in its middle, negative beside it."""
+        (x0, y0), (along, across) = self.centre_mm, self.face_radius_mm
+        return np.asarray(-((x_mm - x0) ** 2) / (2 * along) - (y_mm - y0) ** 2 / (2 * across))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,17 +100,29 @@ class SideResponse:
 
 @lru_cache(maxsize=8)
 def side_response(thickness_mm: float, nu: float, outline: GelOutline) -> SideResponse:
-    """The response of a gel of E = 1 MPa with sides less that of one without."""
+    """The response of a gel of E = 1 MPa with sides and a domed face less that of an endless flat one."""
     nu = min(nu, MOST_NU)
     per_mm = PER_THICKNESS / thickness_mm
     cells = [int(np.clip(np.ceil(per_mm * size), LEAST_CELLS, MOST_CELLS)) for size in outline.size_mm]
     across = [size / count for size, count in zip(outline.size_mm, cells, strict=True)]
     through = _line(LAYERS, thickness_mm / LAYERS)
-    finite = _finite(cells, across, through, nu, bonded=outline.sides == "bonded")
+    bonded = outline.sides == "bonded"
     x_mm, y_mm = (
         middle + size * (np.arange(2 * count + 1) / 2 - count / 2)
         for middle, size, count in zip(outline.centre_mm, across, cells, strict=True)
     )
+    if outline.domed:
+        finite = domed_face_compliance(
+            x_mm,
+            y_mm,
+            thickness_mm=thickness_mm,
+            layers=LAYERS,
+            face_mm=outline.face_mm(*np.meshgrid(x_mm, y_mm, indexing="ij")),
+            nu=nu,
+            parted=[_even_and_odd(2 * count + 1, bonded=bonded) for count in cells],
+        )
+    else:
+        finite = _finite(cells, across, through, nu, bonded=bonded)
     return SideResponse(x_mm=x_mm, y_mm=y_mm, difference=finite - _endless(cells, across, through, nu))
 
 

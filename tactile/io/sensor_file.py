@@ -14,6 +14,7 @@ nu = 0.48
 size_mm = [26.0, 22.0]           # optional: a rectangular gel, x and y; without it its sides are far away
 centre_mm = [0.0, 0.0]           # optional, with size_mm: its middle
 sides = "free"                   # optional, with size_mm: free, or bonded to a stiff frame
+face_radius_mm = [189.0, 114.0]  # optional, with size_mm: of a domed face along x and y; flat without it
 gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
 gel_kt_MPa_per_mm = 0.02
 
@@ -59,12 +60,16 @@ TOP = {
     "calibration_sha256", "ambient", "gamma",
 }  # fmt: skip
 GEL = {
-    "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm",
+    "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "face_radius_mm", "gel_kn_MPa_per_mm",
+    "gel_kt_MPa_per_mm",
 }  # fmt: skip
 SIZE_MM = (1.0, 1000.0)
 """Of a gel's face, least and most."""
 FEWEST_LIGHTS = 3
 """Three brightnesses tell a face's two slopes and its albedo (photometric stereo)."""
+MOST_SAG = 0.6
+"""Of the thickness that a domed face's corners may lie below its middle. Set by hand: GelSight Mini's have a
+third."""
 FARTHEST_MM = 1e5
 """A pose's shift beyond 100 m is of no sensor."""
 GAMMA = Limit(10.0, "", least=0.1)
@@ -95,6 +100,7 @@ def read_sensor(path: Path) -> Sensor:
     if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
         found = f"{len(lights)} lights and no calibration_file"
         raise top.refusal("lights", found, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
+    outline = _outline(gel)
     return Sensor(
         kind=cast(SensorKind, kind),
         name=top.text("name"),
@@ -104,10 +110,10 @@ def read_sensor(path: Path) -> Sensor:
         thickness_mm=gel.within("thickness_mm", THICKNESS, needed=images),
         E_MPa=gel.within("E_MPa", MODULUS, needed=images),
         nu=gel.within("nu", RATIO, needed=images),
-        outline=_outline(gel),
+        outline=outline,
         gel_kn_MPa_per_mm=gel.within("gel_kn_MPa_per_mm", STIFFNESS, needed=False),
         gel_kt_MPa_per_mm=gel.within("gel_kt_MPa_per_mm", STIFFNESS, needed=False),
-        rest_mm=_rest(top.table("markers", needed=False)),
+        rest_mm=_rest(top.table("markers", needed=False), outline),
         lights=lights,
         ambient=_ambient(top),
         gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
@@ -119,7 +125,7 @@ def _outline(gel: Table) -> GelOutline | None:
     """The gel's size, middle and sides; None where its size is not given. Raises TactileFailure."""
     size = gel.numbers("size_mm", (2,), needed=False)
     if size is None:
-        for name in ("centre_mm", "sides"):
+        for name in ("centre_mm", "sides", "face_radius_mm"):
             if name in gel.values:
                 raise gel.refusal("size_mm", "none", f"the gel's size along x and y, mm, beside {name}")
         return None
@@ -129,11 +135,23 @@ def _outline(gel: Table) -> GelOutline | None:
         )
     centre = gel.numbers("centre_mm", (2,), needed=False)
     sides = gel.choice("sides", SIDES) if "sides" in gel.values else SIDES[0]
-    return GelOutline(
+    radius = gel.numbers("face_radius_mm", (2,), needed=False)
+    if radius is not None and not (radius >= size / 2).all():
+        expected = "two radii, mm, along x and y, each at least half of the gel's size"
+        raise gel.refusal("face_radius_mm", str(radius.tolist()), expected)
+    outline = GelOutline(
         size_mm=_two(size),
         centre_mm=(0.0, 0.0) if centre is None else _two(centre),
         sides=cast(GelSides, sides),
+        face_radius_mm=(np.inf, np.inf) if radius is None else _two(radius),
     )
+    thickness = gel.within("thickness_mm", THICKNESS, needed=False)
+    if thickness is not None and outline.lowest_mm > MOST_SAG * thickness:
+        found = (
+            f"{radius} of a gel {thickness:g} mm thick, whose corners lie {outline.lowest_mm:.3g} mm lower"
+        )
+        raise gel.refusal("face_radius_mm", found, f"corners at most {MOST_SAG:.0%} of the thickness lower")
+    return outline
 
 
 def look_up_of(path: Path) -> Path | None:
@@ -176,8 +194,10 @@ def _camera(table: Table) -> GelCamera | None:
     )
 
 
-def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
-    """The markers' rest positions (mm) as listed or as a grid; None where the description has neither."""
+def _rest(table: Table, outline: GelOutline | None) -> Float[np.ndarray, "n 3"] | None:
+    """The markers' rest positions (mm) as listed or as a grid, which lies on the face where that is domed;
+    None where the description has neither.
+    """
     if not table:
         return None
     if "rest_mm" in table.values:
@@ -190,12 +210,15 @@ def _rest(table: Table) -> Float[np.ndarray, "n 3"] | None:
         expected = f"two distances in mm, {LEAST_PITCH_MM:g} or more"
         raise table.refusal("pitch_mm", str(pitch.tolist()), expected)
     first = table.numbers("first_mm", (3,), needed=False)
-    return marker_grid(
+    grid = marker_grid(
         table.whole("rows"),
         table.whole("columns"),
         pitch_mm=_two(pitch),
         first_mm=None if first is None else (float(first[0]), float(first[1]), float(first[2])),
     )
+    if outline is not None:
+        grid[:, 2] += outline.face_mm(grid[:, 0], grid[:, 1])
+    return grid
 
 
 def _lights(top: Table) -> tuple[GelLight, ...]:

@@ -45,7 +45,14 @@ def tracked_markers(
     known = pad_reference(pad.sensor, view, camera, source=source)
     reference = known.markers
     rest_px = reference.lattice.rest_px
-    places = places_of(camera, rest_px, pad.sensor.rest_mm, shape=reference.shape, source=source)
+    places = places_of(
+        camera,
+        rest_px,
+        pad.sensor.rest_mm,
+        shape=reference.shape,
+        source=source,
+        outline=pad.sensor.outline,
+    )
     watch = Watch(source, reference.shape)
     count = len(view.pictures.numbers)
     rows: list[FrameMarkers] = []

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from tactile.gel_camera import on_face, project
+from tactile.gel.gel_sides import GelOutline
+from tactile.gel_camera import on_gel, project
 from tactile.markers.marker_detection import spacing_of
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -37,8 +38,10 @@ def places_of(
     *,
     shape: tuple[int, int],
     source: str,
+    outline: GelOutline | None = None,
 ) -> Places:
-    """Each marker's rest place: the described one whose projection it lies on, else its ray's on the face.
+    """Each marker's rest place: the described one whose projection it lies on, else its ray's on the face
+    (that of `outline`, a plane without).
 
     `offset_px` is the median distance to the described places (0 without a description). Raises
     TactileFailure (wrong-sensor) that says what does not agree: the image's size (height, width), or the
@@ -53,7 +56,7 @@ def places_of(
         )
     if rest_mm is None:
         every = np.arange(len(reference_px))
-        return Places(every, every, on_face(camera, reference_px), 0.0)
+        return Places(every, every, on_gel(camera, reference_px, outline), 0.0)
     expected_px = project(camera, rest_mm)
     away, which = cKDTree(expected_px).query(reference_px)
     spacing = spacing_of(reference_px)

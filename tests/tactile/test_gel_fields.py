@@ -101,7 +101,7 @@ def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
 def test_a_dome_is_refused_with_what_to_do() -> None:
     dome = replace(tracked(eye(0.0), 1), rest_mm=REST - np.outer((REST**2).sum(axis=1), [0, 0, 0.03]))
     mono = replace(SENSOR, kind="markers-mono", camera=eye(0.0), second_camera=None)
-    with pytest.raises(TactileFailure, match=r"stereo gel: its gel is a dome .* use the maker's own"):
+    with pytest.raises(TactileFailure, match=r"stereo gel: its gel is a dome .*give face_radius_mm"):
         fields_of(mono, dome)
 
 
